@@ -1,0 +1,58 @@
+"""What a law is: a frozen dataclass, declared once, from which case files, schema, tests and docs take it."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import pkgutil
+from collections.abc import Callable
+from typing import Any
+
+_LAWS: dict[str, dict[str, type]] = {}
+
+
+def law(kind: str, name: str) -> Callable[[type], type]:
+    """Class decorator: register a law of `kind` ("material", "adhesion", "protrusion", "shape", …) as `name`."""
+
+    def register(cls: type) -> type:
+        cls = dataclasses.dataclass(frozen=True)(cls)
+        cls.kind, cls.law = kind, name
+        _LAWS.setdefault(kind, {})[name] = cls
+        return cls
+
+    return register
+
+
+def laws(kind: str) -> dict[str, type]:
+    """All registered laws of a kind, by name."""
+    return dict(sorted(_LAWS.get(kind, {}).items()))
+
+
+def discover(package: Any) -> None:
+    """Import every module of `package`, so that its laws are registered: a new law is a new file."""
+    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        importlib.import_module(module.name)
+
+
+def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: float | None = None,
+             minimum: float | None = None, maximum: float | None = None) -> Any:
+    """A parameter with a unit: dataclass field whose value is a float in the code's units.
+
+    Parameters
+    ----------
+    unit : str -- the unit that users read and write, e.g. "kPa"; "" for a pure number [-].
+    doc : str -- one line: meaning, symbol.
+    default : str or float -- as in a case file ("10 nm"), or None if it may be absent.
+    above, minimum, maximum : float -- bounds in `unit` (exclusive, inclusive, inclusive).
+    """
+    return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum)
+
+
+def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> Any:
+    """A parameter of any other type (int, bool, str, tuple); `choices=(…)` lists what is allowed."""
+    from .units import number
+
+    unit = metadata.get("unit", "")
+    if isinstance(default, str) and unit:
+        default = number(default, unit)
+    return dataclasses.field(default=default, metadata={"doc": doc, **metadata})
