@@ -1,0 +1,74 @@
+"""Nucleus: modified Mooney-Rivlin solid, equations (8) and (9)."""
+
+from __future__ import annotations
+
+from numpy import cbrt, log, sqrt
+
+from ..case.registry import law, quantity
+
+
+@law("material", "mooney-rivlin")
+class MooneyRivlin:
+    r"""Hyperelastic solid with W = C1 (I1 - 3 I3^{1/3}) + C2 (I2 - 3 I3^{2/3}) + λ/2 (ln I3)².   (8)
+
+    Plane strain: the third principal stretch is 1, so I1 = C11 + C22 + 1, I2 = I3 + C11 + C22, I3 = det C.
+    At rest the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
+    """
+
+    density: float = quantity("kg/m^3", "mass density ρ0", "1000 kg/m^3", above=0)
+    C1: float = quantity("Pa", "first constant C1 of equation (8)", above=0)
+    C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
+    lame: float = quantity("Pa", "volumetric constant λ of equation (8)", above=0)
+    stabilisation: float = quantity("Pa s", "viscosity μs of the numerical stabilisation", "4 mPa s", minimum=0)
+
+    energy_column = "elastic"
+    viscosity = 0.0
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus at rest G = 2 (C1 + C2) [Pa]."""
+        return 2.0 * (self.C1 + self.C2)
+
+    @property
+    def bulk_modulus(self) -> float:
+        """Bulk modulus at rest K = 4 λ [Pa]."""
+        return 4.0 * self.lame
+
+    @property
+    def sound_speed(self) -> float:
+        """Speed of compression waves at rest, sqrt((K + 4G/3)/ρ) [µm/µs]."""
+        return float(sqrt((self.bulk_modulus + 4.0 / 3.0 * self.shear_modulus) / self.density))
+
+    def energy(self, F):
+        """Energy W per reference volume [Pa] (8); F is (2, 2, ...) or nested tuples."""
+        (F00, F01), (F10, F11) = F
+        c = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11
+        I3 = (F00 * F11 - F01 * F10) ** 2
+        a = cbrt(I3)
+        return (self.C1 * (c + 1.0 - 3.0 * a) + self.C2 * (I3 + c - 3.0 * a * a) + 0.5 * self.lame * log(I3) ** 2)
+
+    def stress(self, F):
+        """First Piola-Kirchhoff stress P = F S [Pa], with S of equation (9)."""
+        (F00, F01), (F10, F11) = F
+        J = F00 * F11 - F01 * F10
+        C00 = F00 * F00 + F10 * F10
+        C11 = F01 * F01 + F11 * F11
+        C01 = F00 * F01 + F10 * F11
+        I3 = J * J
+        a = cbrt(I3)
+        first = self.C1 + self.C2 * (C00 + C11 + 1.0)
+        third = (self.C1 * a + 2.0 * self.C2 * a * a - self.lame * log(I3)) / I3
+        S00 = 2.0 * (first - self.C2 * C00 - third * C11)
+        S11 = 2.0 * (first - self.C2 * C11 - third * C00)
+        S01 = 2.0 * (third - self.C2) * C01
+        return ((F00 * S00 + F01 * S01, F00 * S01 + F01 * S11),
+                (F10 * S00 + F11 * S01, F10 * S01 + F11 * S11))
+
+    def out_of_plane(self, F):
+        """Cauchy stress across the plane σ33 = S33 / J [Pa], needed by the effective stress."""
+        (F00, F01), (F10, F11) = F
+        J = F00 * F11 - F01 * F10
+        I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
+        I3 = J * J
+        a = cbrt(I3)
+        return 2.0 * (self.C1 + self.C2 * (I1 - 1.0) - (self.C1 * a + 2.0 * self.C2 * a * a - self.lame * log(I3))) / J

@@ -1,0 +1,110 @@
+"""Adhesion between surfaces: Seifert's potential, equations (3) to (6)."""
+
+from __future__ import annotations
+
+from numpy import where
+
+from ..case.registry import law, quantity
+
+
+@law("adhesion", "seifert")
+class Seifert:
+    r"""Bonds with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] each (3), N of them per reference area.
+
+    Two additions keep it integrable in time: below 0.8 ε the potential goes on as its quadratic Taylor polynomial
+    (twice differentiable), and it is lowered to reach zero with zero slope at the cutoff.
+    """
+
+    bonds: float = quantity("1/um^2", "bond density N", minimum=0)
+    energy: float = quantity("pN um", "depth of the well σ", minimum=0)
+    range: float = quantity("um", "equilibrium distance ε", above=0)
+    cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "0.5 um", above=0)
+
+    @property
+    def work(self) -> float:
+        """Work of adhesion w = N σ [pN/µm]."""
+        return self.bonds * self.energy
+
+    @property
+    def cap(self) -> float:
+        """Distance below which the potential is quadratic, 0.8 ε [µm]."""
+        return 0.8 * self.range
+
+    @property
+    def stiffness(self) -> float:
+        """Largest stiffness of the contact per area, N U''(0.8 ε) = 47 N σ/ε² [Pa/µm]."""
+        return self.bonds * self.cap_curvature
+
+    @property
+    def cap_potential(self) -> float:
+        """U at the cap [pN µm]."""
+        return float(self.pair(self.cap))
+
+    @property
+    def cap_slope(self) -> float:
+        """U' at the cap [pN]."""
+        return float(self.pair_slope(self.cap))
+
+    @property
+    def cap_curvature(self) -> float:
+        """U'' at the cap [pN/µm]."""
+        return self.energy / self.range**2 * (20.0 / 0.8**6 - 12.0 / 0.8**4)
+
+    @property
+    def cut_potential(self) -> float:
+        """U at the cutoff [pN µm]."""
+        return float(self.pair(self.cutoff))
+
+    @property
+    def cut_slope(self) -> float:
+        """U' at the cutoff [pN]."""
+        return float(self.pair_slope(self.cutoff))
+
+    @property
+    def cap_primitive(self) -> float:
+        """Primitive of the uncut potential at the cap [pN µm²]."""
+        return float(self.pair_primitive(self.cap))
+
+    @property
+    def cut_primitive(self) -> float:
+        """Primitive of the uncut potential at the cutoff [pN µm²]."""
+        return float(self.pair_primitive(self.cutoff))
+
+    def pair(self, r):
+        """Equation (3) as it stands [pN µm]."""
+        q = (self.range / r) ** 2
+        return self.energy * (q * q - 2.0 * q)
+
+    def pair_slope(self, r):
+        """dU/dr of equation (3), minus equation (4) [pN]."""
+        q = (self.range / r) ** 2
+        return -4.0 * self.energy * (q * q - q) / r
+
+    def pair_primitive(self, r):
+        """Primitive of equation (3), σ [2 ε²/r - ε⁴/(3 r³)] [pN µm²]."""
+        q = (self.range / r) ** 2
+        return self.energy * r * (2.0 * q - q * q / 3.0)
+
+    def potential(self, r):
+        """Energy of a bond of length r, with cap and cutoff [pN µm]."""
+        s = r - self.cap
+        inner = self.cap_potential + s * (self.cap_slope + 0.5 * s * self.cap_curvature)
+        uncut = where(r < self.cap, inner, self.pair(where(r < self.cap, self.cap, r)))
+        return where(r < self.cutoff, uncut - self.cut_potential - self.cut_slope * (r - self.cutoff), 0.0)
+
+    def slope(self, r):
+        """d(potential)/dr, minus the bond's force [pN]."""
+        inner = self.cap_slope + (r - self.cap) * self.cap_curvature
+        uncut = where(r < self.cap, inner, self.pair_slope(where(r < self.cap, self.cap, r)))
+        return where(r < self.cutoff, uncut - self.cut_slope, 0.0)
+
+    def primitive(self, r):
+        """Primitive Ψ of the potential, zero from the cutoff on [pN µm²]: integrates it along a surface exactly."""
+        s = r - self.cap
+        inner = self.cap_primitive + s * (
+            self.cap_potential + s * (0.5 * self.cap_slope + s * self.cap_curvature / 6.0)
+        )
+        uncut = where(r < self.cap, inner, self.pair_primitive(where(r < self.cap, self.cap, r)))
+        t = r - self.cutoff
+        cut = uncut - self.cut_primitive - t * (self.cut_potential + 0.5 * t * self.cut_slope)
+        return where(r < self.cutoff, cut, 0.0)
