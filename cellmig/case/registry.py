@@ -15,7 +15,7 @@ def law(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: register a law of `kind` ("material", "adhesion", "protrusion", "shape", …) as `name`."""
 
     def register(cls: type) -> type:
-        cls = dataclasses.dataclass(frozen=True)(cls)
+        cls = dataclasses.dataclass(frozen=True, kw_only=True)(cls)
         cls.kind, cls.law = kind, name
         _LAWS.setdefault(kind, {})[name] = cls
         return cls

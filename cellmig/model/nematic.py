@@ -13,7 +13,7 @@ class Nematic:
 
     The pressure is that of a slightly compressible fluid, p = -k (J - 1/J) / 2.  A run uses the *reduced* modulus
     for k: flow and shape depend on it no more than J departs from 1.  With h = (cos θ, sin θ) the η term is
-    -η g⊗g, g the current gradient of θ; its energy is η |g|² / 2 per reference volume.
+    -(η/J) g⊗g, g the current gradient of θ: the stress of the energy η |g|² / 2 per reference volume.
     """
 
     density: float = quantity("kg/m^3", "mass density ρ0", "1000 kg/m^3", above=0)
@@ -67,14 +67,14 @@ class Nematic:
         return 2.0 * self.viscosity * (F00 * F11 - F01 * F10) * (d00 * d00 + d11 * d11 + 2.0 * d01 * d01)
 
     def director_stress(self, F, gradient):
-        """P of -η g⊗g [Pa]: -η J g⊗(F⁻¹ g), with g = F⁻ᵀ ∇₀θ from the reference gradient ∇₀θ [1/µm]."""
+        """P = -η g⊗(F⁻¹ g) [Pa], from its energy, with g = F⁻ᵀ ∇₀θ from the reference gradient ∇₀θ [1/µm]."""
         (F00, F01), (F10, F11) = F
         a, b = gradient
         rJ = 1.0 / (F00 * F11 - F01 * F10)
         g0 = (F11 * a - F10 * b) * rJ
         g1 = (F00 * b - F01 * a) * rJ
-        k0 = -self.eta * (F11 * g0 - F01 * g1)
-        k1 = -self.eta * (F00 * g1 - F10 * g0)
+        k0 = -self.eta * rJ * (F11 * g0 - F01 * g1)
+        k1 = -self.eta * rJ * (F00 * g1 - F10 * g0)
         return (g0 * k0, g0 * k1), (g1 * k0, g1 * k1)
 
     def director_energy(self, F, gradient):
