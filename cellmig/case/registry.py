@@ -35,7 +35,8 @@ def discover(package: Any) -> None:
 
 
 def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: float | None = None,
-             minimum: float | None = None, maximum: float | None = None) -> Any:
+             minimum: float | None = None, maximum: float | None = None, shape: tuple = (),
+             words: tuple = ()) -> Any:
     """A parameter with a unit: dataclass field whose value is a float in the code's units.
 
     Parameters
@@ -44,15 +45,22 @@ def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: 
     doc : str -- one line: meaning, symbol.
     default : str or float -- as in a case file ("10 nm"), or None if it may be absent.
     above, minimum, maximum : float -- bounds in `unit` (exclusive, inclusive, inclusive).
+    shape : tuple of int -- () for one number, (2,) a vector, (None, 2) any number of vectors: nested tuples.
+    words : tuple of str -- what may stand in place of a number, e.g. ("auto",).
     """
-    return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum)
+    return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum, shape=shape, words=words)
 
 
 def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> Any:
-    """A parameter of any other type (int, bool, str, tuple); `choices=(…)` lists what is allowed."""
+    """A parameter of any other type (int, bool, str, tuple), with metadata that the case reader obeys.
+
+    `choices=(…)` lists what is allowed, `known=(…)` what is usual (near misses are refused, other names are not);
+    `above`, `minimum`, `maximum` bound an int; `items="cell"` makes a tuple one of cell names, "count" of counts;
+    `refers="material"` makes a string the name of a material.
+    """
     from .units import number
 
     unit = metadata.get("unit", "")
-    if isinstance(default, str) and unit:
+    if isinstance(default, str) and unit and default not in metadata.get("words", ()):
         default = number(default, unit)
     return dataclasses.field(default=default, metadata={"doc": doc, **metadata})

@@ -7,25 +7,29 @@ kg/m³ keeps its number.  Forces of the plane problem are per unit thickness: pN
 from __future__ import annotations
 
 import re
-from functools import lru_cache
+from functools import cache
 
 import pint
 
 _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*$")
+# No unit needs a number of two digits or a power of a power: and 9^9^9 would not come back.
+_NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|.{60}", re.DOTALL)
 
 
 class UnitError(ValueError):
     """A quantity that cannot be read, or has the wrong dimension; the message is for the user."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def _scale(unit: str) -> tuple[float, dict]:
     """Factor from `unit` to the code's units, and its dimension as a dict of exponents."""
     text = unit.strip()
     if text.startswith("/"):
         text = "1" + text
+    if _NO_UNIT.search(text):
+        raise UnitError(f"'{unit}' is not a unit")
     try:
         si = _UNITS.parse_expression(text or "1") * _UNITS.dimensionless
         factor = si.to_base_units()
@@ -67,9 +71,17 @@ def number(text: str, unit: str) -> float:
     scale, dimension = _scale(given or "")
     if dimension != _scale(unit)[1]:
         raise UnitError(f"'{text}' has the wrong dimension; expected one such as '{unit}'")
-    return float(f"{float(value) * scale:.15g}")
+    result = float(f"{float(value) * scale:.15g}")
+    if abs(result) == float("inf"):
+        raise UnitError(f"'{text}' is not a finite number")
+    return result
 
 
 def text(value: float, unit: str) -> str:
-    """Quantity in the code's units as text with `unit`, the inverse of `number`."""
-    return f"{float(f'{value / _scale(unit)[0]:.12g}'):g} {unit}".strip()
+    """Quantity in the code's units as text with `unit`: the shortest that `number` reads back as the same value."""
+    ratio = value / _scale(unit)[0]
+    for digits in (12, 15, 17):
+        written = f"{ratio:.{digits}g} {unit}".strip()
+        if number(written, unit) == value:
+            break
+    return written

@@ -1,0 +1,173 @@
+"""From a case file to a `Case`, or to all its mistakes at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from . import registry, values
+from .checks import check, expand
+from .messages import CaseError, show, suggest
+from .schema import Case, Cell, case_fields, case_path
+from .source import Source, read
+from .values import declared
+
+
+def load(path: str | os.PathLike, sets: Sequence[str] = ()) -> Case:
+    """Case in a file, with what it extends, under `sets` ("time.end=40 us", "cells.0.radius=4 um").
+
+    The laws that it names must have been discovered.  Raises CaseError, which holds all mistakes.
+    """
+    return _case(read(path, sets), os.fspath(path))
+
+
+def from_dict(data: Mapping[str, Any], path: str = "case") -> Case:
+    """Case from tables as `Case.resolved` gives them.  Raises CaseError."""
+    return _case(Source(data=dict(data), files=[path]), path)
+
+
+def _case(source: Source, path: str) -> Case:
+    reader = _Reader(source)
+    try:
+        found = reader.case()
+    except RecursionError:
+        source.wrong((), "is nested too deeply")
+    except ArithmeticError:
+        source.wrong((), "holds a number too large or too small to compute with")
+    if source.mistakes:
+        raise CaseError(source.sorted_mistakes())
+    return Case(**found, path=path)
+
+
+class _Reader:
+    """Walks the declarations of a case beside its tables and notes every mistake."""
+
+    def __init__(self, source: Source):
+        self.source, self.wrong = source, source.wrong
+        self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
+
+    def case(self) -> dict[str, Any]:
+        """Values of all fields; None where they have mistakes."""
+        data, fields = self.source.data, case_fields()
+        self.known_keys(data, (), {case_path(f) for f in fields.values()})
+        found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
+        found["cells"] = tuple(c for cell in found["cells"] for c in expand(self.source, *cell))
+        check(self.source, found, self.partial)
+        found["cells"] = tuple(cell for cell, _ in found["cells"])
+        return found
+
+    def find(self, path: tuple) -> Any:
+        """What stands at a path of tables, None if nothing."""
+        value: Any = self.source.data
+        for key in path:
+            value = value.get(key) if isinstance(value, dict) else None
+        return value
+
+    def known_keys(self, data: dict, path: tuple, known: set) -> None:
+        """Note the keys of `data` that begin none of the `known` paths below it."""
+        for key, value in data.items():
+            below = {p[1:] for p in known if p[0] == key}
+            if not below:
+                what = "section" if isinstance(value, dict) else "key"
+                self.wrong((*path, key), f"no such {what}{suggest(key, sorted({p[0] for p in known}))}")
+            elif () not in below and isinstance(value, dict):
+                self.known_keys(value, (*path, key), below)
+            elif () not in below:
+                self.wrong((*path, key), f"is a section: [{key}], not {show(value)}")
+
+    def part(self, f: Any, value: Any, path: tuple) -> Any:
+        """One field of the case."""
+        meta = f.metadata
+        if "section" in meta:
+            return self.record(meta["section"], {} if value is None else value, path)
+        if "items_of" in meta:
+            return self.cells(value, path)
+        if meta.get("many"):
+            if not isinstance(value, dict | None):
+                self.wrong(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
+                return {}
+            return {name: self.law(meta["kind"], item, (*path, name)) for name, item in (value or {}).items()}
+        if value is None:
+            if "unit" in meta and self.find(path[:-1]) == {}:
+                self.missing(path, f"{meta['doc']}, such as {path[-1]} = {values.example(f)}")
+            return f.default
+        if "kind" in meta:
+            return self.law(meta["kind"], value, path, meta["default_law"])
+        return self.value(f, value, path)
+
+    def cells(self, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
+        """Cells with their paths, those without mistakes; not yet repeated."""
+        if value is None or value == []:
+            self.missing(path, "a case has at least one cell, in a table [[cells]]")
+            return []
+        if not isinstance(value, list):
+            self.wrong(path, "is a list of tables: write [[cells]]")
+            return []
+        found = [(self.cell(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
+        return [cell for cell in found if cell[0] is not None]
+
+    def cell(self, data: Any, path: tuple) -> Cell | None:
+        """A cell's table holds its own keys and those of its shape."""
+        shape_class = self.choose("shape", data, path, "shape")
+        own = declared(Cell)
+        extra = set(declared(shape_class)) - set(own) if shape_class else None
+        if not isinstance(data, dict):
+            return self.record(Cell, data, path)
+        shape = shape_class and self.record(shape_class, {k: v for k, v in data.items() if k in extra}, path, own)
+        return self.record(Cell, data, path, extra, shape=shape)
+
+    def law(self, kind: str, data: Any, path: tuple, default: str | None = None) -> Any:
+        """Law of a kind from its table."""
+        cls = self.choose(kind, data, path, "law", default)
+        return cls and self.record(cls, data, path, ("law",))
+
+    def choose(self, kind: str, data: Any, path: tuple, key: str, default: str | None = None) -> type | None:
+        """The registered class that a table names."""
+        known = registry.laws(kind)
+        if not isinstance(data, dict):
+            if key == "law":
+                self.wrong(path, f"expects a table, not {show(data)}")
+            return None
+        name = data.get(key, default)
+        if name is None:
+            self.missing((*path, key), f"one of {', '.join(map(repr, known))}")
+        elif not isinstance(name, str) or name not in known:
+            self.wrong((*path, key), f"no {kind} {show(name)}{suggest(name, known)}")
+        else:
+            return known[name]
+        return None
+
+    def record(self, cls: type, data: Any, path: tuple, others: Any = (), **given: Any) -> Any:
+        """Instance of a declared class from a table, None if it has mistakes.
+
+        `others` are further keys that the table may hold, None if they are not known; `given` values are ready.
+        """
+        if not isinstance(data, dict):
+            self.wrong(path, f"expects a table, not {show(data)}")
+            return None
+        fields, found = declared(cls), dict(given)
+        for key, value in data.items():
+            if key in fields and key not in given:
+                found[key] = self.value(fields[key], value, (*path, key))
+            elif key not in fields and others is not None and key not in others:
+                self.wrong((*path, key), f"no such key{suggest(key, [*fields, *others])}")
+        for key, f in fields.items():
+            if key not in found and values.required(f):
+                self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")
+                found[key] = None
+        wrong = any(found[k] is None for k in found)
+        return None if wrong else cls(**found)
+
+    def value(self, f: Any, value: Any, path: tuple) -> Any:
+        """Value of one key, None if it has a mistake."""
+        try:
+            return values.read(f, value)
+        except ValueError as error:
+            self.wrong(path, str(error))
+            return None
+
+    def missing(self, path: tuple, what: str) -> None:
+        """Note a key that has to be there."""
+        if not self.partial:
+            self.wrong(path, f"missing: {what}")

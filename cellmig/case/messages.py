@@ -1,0 +1,57 @@
+"""What the user is told about a case: one line per mistake, with its place and the nearest word that would do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake: file (or the option that made it), line (None if it has none), key ("" if none), message."""
+
+    file: str
+    line: int | None
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        text = ": ".join(part for part in (place, self.key, self.message) if part)
+        return text.encode("utf-8", "backslashreplace").decode()
+
+
+class CaseError(ValueError):
+    """A case that cannot be used; `mistakes` holds them all, str() is the whole text for the user."""
+
+    def __init__(self, mistakes: Iterable[Mistake]):
+        self.mistakes = list(mistakes)
+        super().__init__(self.mistakes)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.mistakes))
+
+
+def nearest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
+    """The word among `words` nearest to `word`, whatever the case of its letters; None if none is near."""
+    lower = {w.lower(): w for w in words}
+    found = difflib.get_close_matches(str(word).lower()[:80], lower, n=1, cutoff=cutoff)
+    return lower[found[0]] if found else None
+
+
+def suggest(word: str, words: Iterable[str]) -> str:
+    """End of a message about an unknown word: the nearest one, or all there are."""
+    words = list(words)
+    if near := nearest(word, words):
+        return f"; did you mean '{near}'?"
+    return f"; there is {', '.join(map(repr, words[:20]))}" if words else "; there is none"
+
+
+def show(value: object) -> str:
+    """A value as a message shows it: short, and on one line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # integers of thousands of digits, tables nested a thousand times
+        return "that"
+    return text if len(text) <= 60 else text[:57] + "..."

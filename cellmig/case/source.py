@@ -1,0 +1,196 @@
+"""Where the values of a case come from: its file, the files that it extends, and `--set`."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from .lines import key_lines
+from .messages import Mistake, nearest, show, suggest
+
+LARGEST = 1 << 20  # bytes of a case file: what is larger is something else
+
+
+@dataclass
+class Source:
+    """Tables of a case as written, where each key stands, and what was wrong with the files.
+
+    data : dict -- merged tables.
+    places : dict -- path of a key (names, numbers of items) to (file, line).
+    files : list -- in the order in which mistakes are told.
+    """
+
+    data: dict = field(default_factory=dict)
+    places: dict = field(default_factory=dict)
+    files: list = field(default_factory=list)
+    mistakes: list = field(default_factory=list)
+
+    def place(self, path: tuple) -> tuple[str, int | None]:
+        """File and line of a key, or of the nearest table above it."""
+        for n in range(len(path), 0, -1):
+            if path[:n] in self.places:
+                return self.places[path[:n]]
+        return self.files[0], None
+
+    def wrong(self, path: tuple, message: str, key: str | None = None) -> None:
+        """Note a mistake at a key; `key` is what it is called where that is not its path."""
+        self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)) if key is None else key, message))
+
+    def sorted_mistakes(self) -> list[Mistake]:
+        """By file and line."""
+        order = {file: i for i, file in enumerate(self.files)}
+        return sorted(self.mistakes, key=lambda m: (order.get(m.file, len(order)), m.line or 0))
+
+    def forget(self, path: tuple) -> None:
+        """Drop the places of a value that is replaced."""
+        for known in [p for p in self.places if p[:len(path)] == path]:
+            del self.places[known]
+
+
+def read(path: str | os.PathLike, sets: Sequence[str] = ()) -> Source:
+    """Source of the case in a file, with everything that it extends, under `sets` ("a.b=value")."""
+    source, chain, seen = Source(), [], set()
+    file: str | None = os.fspath(path)
+    asked: tuple = (file, None)
+    while file is not None:
+        if os.path.realpath(file) in seen:
+            source.mistakes.append(Mistake(*asked, "extends", f"'{file}' extends this file: they go in a circle"))
+            break
+        source.files.append(file)
+        seen.add(os.path.realpath(file))
+        try:
+            data, lines = _read_file(file)
+        except _Unreadable as error:
+            mine, key = (asked, "extends") if error.line is None and chain else ((file, error.line), "")
+            source.mistakes.append(Mistake(*mine, key, f"'{file}' {error}" if key else str(error)))
+            break
+        chain.append((file, data, lines))
+        asked, file = (file, lines.get(("extends",))), _parent(source, file, data, lines)
+    for file, data, lines in reversed(chain):
+        _merge(source, source.data, data, ())
+        source.places.update({p: (file, line) for p, line in lines.items() if p})
+    for text in sets:
+        _set(source, text)
+    return source
+
+
+def _parent(source: Source, file: str, data: dict, lines: dict) -> str | None:
+    """Path of the file that this one extends."""
+    if "extends" not in data:
+        return None
+    parent = data.pop("extends")
+    if isinstance(parent, str) and parent and "\0" not in parent:
+        return os.path.normpath(os.path.join(os.path.dirname(file), parent))
+    source.mistakes.append(Mistake(file, lines.get(("extends",)), "extends",
+                                   f"expects the path of a case file, not {show(parent)}"))
+    return None
+
+
+class _Unreadable(Exception):
+    """A file that gives no tables; `line` where that has one."""
+
+    def __init__(self, message: str, line: int | None = None):
+        super().__init__(message)
+        self.line = line
+
+
+def _read_file(file: str) -> tuple[dict, dict]:
+    """Tables of a TOML file and the lines of its keys."""
+    text = _text(file)
+    try:
+        return tomllib.loads(text), key_lines(text)
+    except tomllib.TOMLDecodeError as error:
+        where = re.search(r" \(at line (\d+), column (\d+)\)$", str(error))
+        if where:
+            raise _Unreadable(f"not TOML: {str(error)[:where.start()]} (column {where[2]})", int(where[1])) from None
+        raise _Unreadable(f"not TOML: {error}", text.count("\n") + 1) from None
+    except RecursionError:
+        raise _Unreadable("is nested too deeply") from None
+    except ValueError as error:  # e.g. an integer of more digits than Python reads
+        raise _Unreadable(f"cannot be read: {error}") from None
+
+
+def _text(file: str) -> str:
+    """A file's text."""
+    try:
+        if os.path.isdir(file):
+            raise _Unreadable("is a directory, not a case file")
+        if not os.path.exists(file):
+            raise _Unreadable("no such file" + _near_file(file))
+        if not os.path.isfile(file):
+            raise _Unreadable("is not a regular file")
+        with open(file, "rb") as stream:
+            raw = stream.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        raise _Unreadable(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(raw) > LARGEST:
+        raise _Unreadable(f"is larger than {LARGEST >> 20} MiB: that is no case file")
+    try:
+        return raw.decode().replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise _Unreadable("is not UTF-8 text", raw[:error.start].count(b"\n") + 1) from None
+
+
+def _near_file(file: str) -> str:
+    folder, name = os.path.split(file)
+    try:
+        near = nearest(name, [f for f in os.listdir(folder or ".") if f.endswith(".toml")])
+    except OSError:
+        return ""
+    return f"; did you mean '{os.path.join(folder, near)}'?" if near else ""
+
+
+def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
+    """Lay `child` over `base`: tables are merged, everything else is replaced."""
+    for key, value in child.items():
+        if isinstance(value, dict) and isinstance(base.get(key), dict):
+            _merge(source, base[key], value, (*path, key))
+        else:
+            source.forget((*path, key))
+            base[key] = value
+
+
+def _set(source: Source, text: str) -> None:
+    """Apply one `a.b=value`."""
+    place = (f"--set {text}", None)
+    source.files.append(place[0])
+    name, equals, value = text.partition("=")
+    keys = [key.strip() for key in name.split(".")]
+    if not equals or not all(keys):
+        source.mistakes.append(Mistake(*place, "", "expects key=value, such as time.end='40 us'"))
+        return
+    where, path = source.data, ()
+    for key in keys:
+        if path:
+            where = where.setdefault(path[-1], {}) if isinstance(where, dict) else where[path[-1]]
+        path = (*path, _step(where, key))
+        if path[-1] is None:
+            names = [item.get("name", n) for n, item in enumerate(where)] if isinstance(where, list) else []
+            message = f"no such item{suggest(key, map(str, names))}" if names else "is not in a table"
+            source.mistakes.append(Mistake(*place, name, message))
+            return
+    where[path[-1]] = _value(value)
+    source.forget(path)
+    source.places[path] = place
+
+
+def _step(where: object, key: str) -> str | int | None:
+    """What `key` means in a table (itself) or a list of tables (a number or a name); None if nothing."""
+    if isinstance(where, dict):
+        return key
+    if isinstance(where, list):
+        named = [n for n, item in enumerate(where) if isinstance(item, dict) and item.get("name") == key]
+        if named or (key.isdecimal() and int(key[:9]) < len(where)):
+            return named[0] if named else int(key[:9])
+    return None
+
+
+def _value(text: str) -> object:
+    """A value on the command line: TOML if it is, else text."""
+    try:
+        return tomllib.loads(f"v = {text}")["v"] if "\n" not in text else text
+    except (ValueError, RecursionError):
+        return text

@@ -1,0 +1,146 @@
+"""One value of a case file against its declaration: read, checked, and written again."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+from . import units
+from .messages import nearest, show, suggest
+
+
+def declared(cls: type) -> dict[str, dataclasses.Field]:
+    """The fields of a declared class, by name."""
+    return {f.name: f for f in dataclasses.fields(cls)}
+
+
+def required(field: dataclasses.Field) -> bool:
+    """Whether a case has to give it."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def type_name(field: dataclasses.Field) -> str:
+    """First word of a field's type: float, int, bool, str, tuple …"""
+    return re.match(r"\w+", getattr(field.type, "__name__", str(field.type))).group()
+
+
+def read(field: dataclasses.Field, value: Any) -> Any:
+    """Value of a declared field, in the code's units, from what stands in the case.
+
+    Raises ValueError; its text is for the user.
+    """
+    meta = field.metadata
+    if isinstance(value, str) and value in meta.get("words", ()):
+        return value
+    if "unit" in meta:
+        return _nested(meta, meta.get("shape", ()), value, _quantity)
+    if "items" in meta:
+        return _nested(meta, (None,), value, _item)
+    return {"bool": _flag, "int": _count, "str": _word, "float": _quantity}[type_name(field)](meta, value)
+
+
+def write(field: dataclasses.Field, value: Any) -> Any:
+    """What a case file holds for a value: the inverse of `read`."""
+    if isinstance(value, tuple | list):
+        return [write(field, item) for item in value]
+    if isinstance(value, float) and field.metadata.get("unit"):
+        return units.text(value, field.metadata["unit"])
+    return value
+
+
+def example(field: dataclasses.Field) -> str:
+    """What could be written for a field, in TOML."""
+    meta = field.metadata
+    unit = meta.get("unit", "")
+    leaf = f'"1 {unit}"' if unit else {"str": '"text"', "bool": "true"}.get(type_name(field), "1")
+    if "items" in meta:
+        return '["Cell-1"]' if meta["items"] == "cell" else "[1]"
+    return _listed(leaf, meta.get("shape", ()))
+
+
+def _listed(leaf: str, shape: tuple) -> str:
+    for n in reversed(shape):
+        leaf = "[" + ", ".join([leaf] * (n or 1)) + "]"
+    return leaf
+
+
+def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
+    """Nested tuples of a shape, None for any length."""
+    if not shape:
+        return leaf(meta, value)
+    if not isinstance(value, list | tuple) or shape[0] not in (None, len(value)):
+        unit = meta.get("unit")
+        pattern = _listed(f'"1 {unit}"' if unit else "…", shape)
+        raise ValueError(f"expects a list such as {pattern}, not {show(value)}")
+    return tuple(_nested(meta, shape[1:], item, leaf) for item in value)
+
+
+def _quantity(meta: Any, value: Any) -> float:
+    """A number with its unit, or a pure number where there is none."""
+    unit = meta.get("unit", "")
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    or_word = "".join(f" or '{word}'" for word in meta.get("words", ()))
+    if unit and isinstance(value, str):
+        number = units.number(value, unit)
+    elif unit and plain:
+        raise ValueError(f'needs a unit: write "{show(value)} {unit}", say, for {show(value)}')
+    elif unit:
+        raise ValueError(f'expects a number with a unit, such as "1 {unit}"{or_word}, not {show(value)}')
+    elif not plain:
+        raise ValueError(f"expects a pure number such as 1.5, without quotes or unit{or_word}, not {show(value)}")
+    elif abs(value) > 1e300 or math.isnan(value):
+        raise ValueError(f"expects a finite number, not {show(value)}")
+    else:
+        number = float(value)
+    _within(meta, number, value)
+    return number
+
+
+def _count(meta: Any, value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise ValueError(f"expects a whole number such as {meta.get('minimum') or 1}, not {show(value)}")
+    _within(meta, value, value)
+    return value
+
+
+def _flag(meta: Any, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"expects true or false, not {show(value)}")
+    return value
+
+
+def _word(meta: Any, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"expects text in quotes, not {show(value)}")
+    if "choices" in meta and value not in meta["choices"]:
+        raise ValueError(f"cannot be {show(value)}{suggest(value, meta['choices'])}")
+    if value not in meta.get("known", (value,)) and (near := nearest(value, meta["known"], 0.75)):
+        raise ValueError(f"cannot be {show(value)}; did you mean '{near}'?")
+    return value
+
+
+def _item(meta: Any, value: Any) -> Any:
+    """An item of a list of names or counts."""
+    if meta["items"] == "count":
+        return _count({"minimum": 1}, value)
+    return _word({}, value)
+
+
+def _within(meta: Any, number: float, value: Any) -> None:
+    """Raise unless a number (code's units) is within its bounds (declared in its own unit)."""
+    scale = units.number(f"1 {meta['unit']}", meta["unit"]) if meta.get("unit") else 1
+    limits = (meta.get(k) for k in ("above", "minimum", "maximum"))
+    above, minimum, maximum = (None if limit is None else limit * scale for limit in limits)
+    if ((above is not None and not number > above) or (minimum is not None and not number >= minimum)
+            or (maximum is not None and not number <= maximum)):
+        raise ValueError(f"must be {bounds(meta)}, not {value if isinstance(value, str) else show(value)}")
+
+
+def bounds(meta: Any) -> str:
+    """The declared bounds as text, with the unit: "> 0 um", ">= 0 and <= 1"."""
+    signs = (("above", ">"), ("minimum", ">="), ("maximum", "<="))
+    parts = [f"{sign} {meta[k]} {meta.get('unit', '')}".strip() for k, sign in signs if meta.get(k) is not None]
+    return " and ".join(parts)
