@@ -1,0 +1,236 @@
+"""The kernel of a scene: its laws and types written in front of kernel.c, compiled once, kept in a cache."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .translate import Translator
+
+SOURCE = Path(__file__).with_name("kernel.c")
+FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+_POINTERS = {"double *": ctypes.c_void_p, "uint32_t *": ctypes.c_void_p, "int32_t *": ctypes.c_void_p,
+             "long *": ctypes.c_void_p, "void *": ctypes.c_void_p}
+_TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
+_DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int32, "long *": np.int64}
+
+FIELDS: dict[str, str] = {
+    # sizes
+    "n_owned": "long", "n_local": "long", "n_blocks": "long",
+    # state (ux uy vx vy) of owned and ghosts, and what the rows keep
+    "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
+    "volume": "double *", "inverse_mass": "double *", "bulk_damping": "double *", "material": "double *",
+    "mask": "int32_t *", "viscous_loss": "double *", "numerical_loss": "double *",
+    # neighbours
+    "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
+    "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
+    # step control
+    "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
+    # surfaces: all segments, those near the substrate, and the push at their ends
+    "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
+    "substrate_bonds": "double", "substrate_floor": "double", "push": "double *",
+    "protrusion_impulse": "double *", "protrusion_work": "double *",
+    # contact between cells
+    "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",
+    "n_contact_segments": "long", "contact_segment": "int32_t *", "contact_length": "double *",
+    "contact_pull": "double *", "foot": "void *",
+    "contact_bonds": "double", "contact_floor": "double", "contact_cutoff": "double",
+    # director (θ, torque) and its gradient, axis, flux
+    "director": "double *", "director_gradient": "double *", "director_axis": "double *", "director_flux": "double *",
+    "director_mobility": "double *", "n_anchors": "long", "n_anchors_anywhere": "long", "anchor": "int32_t *",
+    "anchor_offset": "double *", "anchor_owned": "int32_t *",
+    # parameters of the laws
+    "substrate": "double *", "contact": "double *", "protrusion": "double *",
+    # ghosts
+    "state_vec": "void *", "director_vec": "void *",
+}
+
+
+class Kernel:
+    """Compiled functions of a scene and the structure they work on.
+
+    Set an array or a number with ``kernel["name"] = value``: the kernel keeps the array alive and passes its address.
+    """
+
+    def __init__(self, materials: list, substrate: Any, contact: Any, protrusion: Any, director: str, active: bool):
+        """Laws of the scene; `director` is "none", "frozen" or "relaxing"; `active` whether ζ acts."""
+        text, vectors = _source(materials, substrate, contact, protrusion, director, active)
+        members = [(f"material_{i}", "double *") for i in range(len(materials))]
+        fields = [(name, _TYPES[kind]) for name, kind in [*FIELDS.items(), *members]]
+        fields += [("acceleration", ctypes.c_double * 2), ("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
+        self._kinds = {**FIELDS, **dict(members)}
+        self._structure = type("Scene", (ctypes.Structure,), {"_fields_": fields})()
+        self._address = ctypes.byref(self._structure)
+        self._arrays: dict[str, np.ndarray] = {}
+        self.source = text
+        self.library = ctypes.CDLL(str(compiled(text)))
+        for name, values in vectors.items():
+            self[name] = np.array(values or [0.0])
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        kind = self._kinds.get(name)
+        if kind in _DTYPES and value is not None:
+            value = np.ascontiguousarray(value, _DTYPES[kind])
+            self._arrays[name] = value
+            value = value.ctypes.data
+        elif name == "acceleration":
+            value = (ctypes.c_double * 2)(*value)
+        setattr(self._structure, name, value)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._arrays[name]
+
+    def __call__(self, function: str, *arguments: Any) -> int:
+        """Call a C function on the scene; arrays are passed by address, floats and ints by value."""
+        return getattr(self.library, function)(self._address, *[_argument(a) for a in arguments])
+
+
+def _argument(a: Any) -> Any:
+    if isinstance(a, np.ndarray):
+        return ctypes.c_void_p(a.ctypes.data)
+    if isinstance(a, float):
+        return ctypes.c_double(a)
+    return ctypes.c_long(a) if isinstance(a, int) else a
+
+
+def _source(materials, substrate, contact, protrusion, director, active) -> tuple[str, dict[str, list[float]]]:
+    """C source of the scene and the parameter vectors of its laws."""
+    members = [f"    {kind}{'' if kind.endswith('*') else ' '}{name};" for name, kind in FIELDS.items()]
+    members += [f"    double *material_{i};" for i in range(len(materials))]
+    members += ["    double acceleration[2];", "    int (*ghost_begin)(void *, int, int), (*ghost_end)(void *, int, int);"]
+    parts = [_PREAMBLE, "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
+    vectors: dict[str, list[float]] = {}
+
+    def scalar(name: str, law: Any, methods: list[str]) -> None:
+        if law is None:
+            return
+        t = Translator(law, "double")
+        parts.append(f"#define {name.upper()} 1\n" + "".join(t.function(m, f"{name}_{m}") for m in methods))
+        vectors[name] = t.vector()
+
+    parts.append(_materials(materials, director, active, vectors))
+    scalar("substrate", substrate, ["primitive", "potential", "slope"])
+    scalar("contact", contact, ["primitive", "potential", "slope"])
+    scalar("protrusion", protrusion, ["ramp", "ramp_slope"])
+    if director == "relaxing":
+        parts.append("#define DIRECTOR_RELAXES 1\n")
+    return "\n".join([*parts, SOURCE.read_text()]), vectors
+
+
+def _materials(materials: list, director: str, active: bool, vectors: dict) -> str:
+    """Pointwise functions of each material, and their dispatch over a block by its mask of materials."""
+    parts, stress, flux = [], [], []
+    for i, material in enumerate(materials):
+        t, p = Translator(material, "v4"), f"s->material_{i}"
+        methods = type(material)
+        parts.append(t.function("stress", f"stress_{i}"))
+        rate = ", R" if hasattr(methods, "dissipation") else ""
+        lines = [f"stress_{i}({p}, F{rate}, p);"]
+        if rate:
+            parts.append(t.function("dissipation", f"dissipation_{i}"))
+            lines.append(f"d = dissipation_{i}({p}, F, R);")
+        if director != "none" and hasattr(methods, "director_stress"):
+            parts.append(t.function("director_stress", f"director_stress_{i}"))
+            lines.append(f"director_stress_{i}({p}, F, g, t); ADD(p, t);")
+            parts.append(t.function("director_flux", f"director_flux_{i}"))
+            flux.append(f"    if (mask & {1 << i}) {{ director_flux_{i}({p}, F, g, f); KEEP2(f, {i}); }}")
+        if active and hasattr(methods, "active_stress"):
+            parts.append(t.function("active_stress", f"active_stress_{i}"))
+            lines.append(f"active_stress_{i}({p}, F, h, t); ADD(p, t);")
+        stress.append(f"    if (mask & {1 << i}) {{ v4 p[2][2], t[2][2], d = {{0}}; (void)t; {' '.join(lines)} KEEP({i}); }}")
+        vectors[f"material_{i}"] = t.vector()
+    fields = ""
+    if director != "none" or active:
+        fields = ("    const v4 g[2] = {load4(s->director_gradient + 8 * b), load4(s->director_gradient + 8 * b + 4)};\n"
+                  "    const v4 h[2] = {load4(s->director_axis + 8 * b), load4(s->director_axis + 8 * b + 4)};\n"
+                  "    (void)g; (void)h;\n")
+    parts.append(_DISPATCH.format(fields=fields, stress="\n".join(stress), flux="\n".join(flux)))
+    return "\n".join(parts)
+
+
+_PREAMBLE = """#include <math.h>
+#include <stdint.h>
+#include <string.h>
+typedef double v4 __attribute__((vector_size(32), may_alias));
+typedef int64_t i4 __attribute__((vector_size(32)));
+static inline v4 load4(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
+#define LANES(NAME, CALL) \\
+    static inline v4 v4_##NAME(v4 x) { v4 y; for (int i = 0; i < 4; i++) y[i] = CALL(x[i]); return y; }
+LANES(log, log) LANES(sqrt, sqrt) LANES(cbrt, cbrt)
+static inline double d_minimum(double a, double b) { return a < b ? a : b; }
+static inline double d_maximum(double a, double b) { return a > b ? a : b; }
+"""
+
+_DISPATCH = """#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
+static inline v4 choose(i4 m, v4 a, v4 b) {{ return (v4)((m & (i4)a) | (~m & (i4)b)); }}
+#define LANES_OF(i) const i4 m = (i4)(load4(s->material + 4 * b) == (double)(i))
+#define KEEP(i) LANES_OF(i); *loss = choose(m, d, *loss); \\
+    for (int a = 0; a < 2; a++) for (int c = 0; c < 2; c++) P[a][c] = choose(m, p[a][c], P[a][c])
+#define KEEP2(f, i) LANES_OF(i); for (int a = 0; a < 2; a++) flux[a] = choose(m, f[a], flux[a])
+
+static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 *loss)
+{{
+    const int32_t mask = s->mask[b];
+{fields}    P[0][0] = P[0][1] = P[1][0] = P[1][1] = (v4){{0}};
+    (void)R;
+{stress}
+}}
+
+static inline void material_director_flux(const Scene *s, long b, const v4 F[2][2], const v4 g[2], v4 flux[2])
+{{
+    const int32_t mask = s->mask[b];
+    v4 f[2];
+    flux[0] = flux[1] = (v4){{0}};
+    (void)F; (void)g; (void)f; (void)mask;
+{flux}
+}}
+"""
+
+
+class CompilerError(RuntimeError):
+    """There is no working C compiler; the message says what would mend it."""
+
+
+def cache_directory() -> Path:
+    """Where compiled kernels are kept: $CELLMIG_CACHE, else the user's cache directory."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("CELLMIG_CACHE") or Path(base) / "cellmig")
+
+
+def _architecture() -> list[str]:
+    """AVX2 and FMA where the processor has them: the same bits on every machine that does."""
+    try:
+        flags = Path("/proc/cpuinfo").read_text().split()
+    except OSError:
+        flags = []
+    return ["-march=x86-64-v3"] if {"avx2", "fma", "bmi2"} <= set(flags) else []
+
+
+def compiled(source: str) -> Path:
+    """Shared library of `source`, from the cache or compiled now; safe when many processes ask at once."""
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if not compiler:
+        raise CompilerError("no C compiler found: install one (Debian: apt install gcc libc6-dev), or set CC")
+    flags = FLAGS + _architecture()
+    key = hashlib.sha256("\0".join([source, compiler, *flags]).encode()).hexdigest()[:24]
+    directory = cache_directory()
+    library = directory / f"{key}.so"
+    if library.exists():
+        return library
+    directory.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=directory) as scratch:
+        code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
+        code.write_text(source)
+        done = subprocess.run([compiler, *flags, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
+        if done.returncode:
+            raise CompilerError(f"{compiler} could not compile the kernel:\n{done.stderr}")
+        made.replace(library)
+    return library

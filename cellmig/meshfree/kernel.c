@@ -1,0 +1,517 @@
+/* The step of cellmig: internal force, surface forces, update, in total Lagrangian form.
+ *
+ * Particles lie in blocks of four lanes; the neighbours of a block are padded to one length and ascend by global id,
+ * which fixes the order of every sum on any number of ranks.  Both passes gather.  Laws, types of the scene and
+ * their dispatch are generated in front of this file (see compile.py); a term that the scene lacks is not there.
+ */
+
+/* ---------------------------------------------------------------- vectors */
+
+static inline v4 load(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
+static inline void store(double *a, v4 x) { memcpy(a, &x, sizeof x); }
+static inline v4 splat(double a) { return (v4){a, a, a, a}; }
+
+#ifdef __AVX2__
+#include <immintrin.h>
+static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
+static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
+#else
+static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
+static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
+static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
+#endif
+static inline v4 even(v4 a) { return __builtin_shuffle(a, (i4){0, 0, 2, 2}); }
+static inline v4 odd(v4 a) { return __builtin_shuffle(a, (i4){1, 1, 3, 3}); }
+
+static inline void transpose(const v4 a[4], v4 b[4])
+{
+    const v4 x = __builtin_shuffle(a[0], a[1], (i4){0, 4, 2, 6}), y = __builtin_shuffle(a[0], a[1], (i4){1, 5, 3, 7});
+    const v4 z = __builtin_shuffle(a[2], a[3], (i4){0, 4, 2, 6}), w = __builtin_shuffle(a[2], a[3], (i4){1, 5, 3, 7});
+    b[0] = __builtin_shuffle(x, z, (i4){0, 1, 4, 5});
+    b[1] = __builtin_shuffle(y, w, (i4){0, 1, 4, 5});
+    b[2] = __builtin_shuffle(x, z, (i4){2, 3, 6, 7});
+    b[3] = __builtin_shuffle(y, w, (i4){2, 3, 6, 7});
+}
+
+/* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
+
+/* Sum of field x gradient over the neighbours of block b, lanes 00 10 01 11; also S x field, rows (0 1), (2 3). */
+static inline void gather(const Scene *s, long b, const double *field, v4 grad[4], v4 stab[2])
+{
+    v4 acc[4] = {{0}}, st[2] = {{0}};
+    for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+        const uint32_t *c = s->column + 4 * k;
+        const double *a = s->gradient + 12 * k;
+        const v4 g01 = load(a), g23 = load(a + 4), w = load(a + 8);
+        const v4 x0 = twice(field + 4 * (size_t)c[0]), x1 = twice(field + 4 * (size_t)c[1]);
+        const v4 x2 = twice(field + 4 * (size_t)c[2]), x3 = twice(field + 4 * (size_t)c[3]);
+        acc[0] = fma4(x0, even(g01), acc[0]);
+        acc[1] = fma4(x1, odd(g01), acc[1]);
+        acc[2] = fma4(x2, even(g23), acc[2]);
+        acc[3] = fma4(x3, odd(g23), acc[3]);
+        st[0] = fma4(halves(x0, x1), even(w), st[0]);
+        st[1] = fma4(halves(x2, x3), odd(w), st[1]);
+    }
+    for (long k = s->first_outer[b]; k < s->first_outer[b + 1]; k++) {
+        const uint32_t *c = s->column_outer + 4 * k;
+        const v4 w = load(s->outer + 4 * k);
+        const v4 x0 = twice(field + 4 * (size_t)c[0]), x1 = twice(field + 4 * (size_t)c[1]);
+        const v4 x2 = twice(field + 4 * (size_t)c[2]), x3 = twice(field + 4 * (size_t)c[3]);
+        st[0] = fma4(halves(x0, x1), even(w), st[0]);
+        st[1] = fma4(halves(x2, x3), odd(w), st[1]);
+    }
+    transpose(acc, grad);
+    stab[0] = st[0];
+    stab[1] = st[1];
+}
+
+/* Stress of block b from F and its rate; V P to Q, -S v to the force, losses of power times dt to the accounts. */
+static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double dt)
+{
+    const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
+    v4 P[2][2], loss = {0};
+    material_stress(s, b, F, R, P, &loss);
+
+    const v4 V = load(s->volume + 4 * b), damping = load(s->bulk_damping + 4 * b);
+    const v4 J = F[0][0] * F[1][1] - F[0][1] * F[1][0];
+    const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
+    const v4 q = damping * rate / J;
+    P[0][0] += q * F[1][1];
+    P[0][1] -= q * F[1][0];
+    P[1][0] -= q * F[0][1];
+    P[1][1] += q * F[0][0];
+    const v4 lanes[4] = {V * P[0][0], V * P[1][0], V * P[0][1], V * P[1][1]};
+    v4 rows[4];
+    transpose(lanes, rows);
+    for (int i = 0; i < 4; i++) store(s->Q + 16 * b + 4 * i, rows[i]);
+
+    store(s->force + 8 * b, -stab[0]);
+    store(s->force + 8 * b + 4, -stab[1]);
+    const double *z = s->state + 16 * b;
+    const v4 power = {z[2] * stab[0][0] + z[3] * stab[0][1], z[6] * stab[0][2] + z[7] * stab[0][3],
+                      z[10] * stab[1][0] + z[11] * stab[1][1], z[14] * stab[1][2] + z[15] * stab[1][3]};
+    store(s->viscous_loss + 4 * b, load(s->viscous_loss + 4 * b) + dt * V * loss);
+    store(s->numerical_loss + 4 * b, load(s->numerical_loss + 4 * b) + dt * (V * q * rate + power));
+}
+
+/* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since the last call. */
+static void stress_of_rate(const Scene *s, double moved, double dt)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        v4 r[4], f[4], stab[2];
+        gather(s, b, s->state + 2, r, stab);
+        for (int c = 0; c < 4; c++) {
+            f[c] = load(s->F + 16 * b + 4 * c) + moved * r[c];
+            store(s->F + 16 * b + 4 * c, f[c]);
+        }
+        stress_block(s, b, f, r, stab, dt);
+    }
+}
+
+/* F = I + grad u from the displacements as they are. */
+void deformation(const Scene *s)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        v4 h[4], stab[2];
+        gather(s, b, s->state, h, stab);
+        h[0] += 1.0;
+        h[3] += 1.0;
+        for (int c = 0; c < 4; c++) store(s->F + 16 * b + 4 * c, h[c]);
+    }
+}
+
+/* ---------------------------------------------------------------- internal force, pass 2: divergence */
+
+/* Forces on the four particles of block b: what pass 1 and the surfaces left, and the adjoint of the gradient. */
+static inline void divergence(const Scene *s, long b, v4 f[2])
+{
+    v4 acc[4] = {{0}};
+    for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+        const uint32_t *c = s->column + 4 * k;
+        const v4 h01 = load(s->adjoint + 8 * k), h23 = load(s->adjoint + 8 * k + 4);
+        acc[0] = fma4(load(s->Q + 4 * (size_t)c[0]), even(h01), acc[0]);
+        acc[1] = fma4(load(s->Q + 4 * (size_t)c[1]), odd(h01), acc[1]);
+        acc[2] = fma4(load(s->Q + 4 * (size_t)c[2]), even(h23), acc[2]);
+        acc[3] = fma4(load(s->Q + 4 * (size_t)c[3]), odd(h23), acc[3]);
+    }
+    for (int i = 0; i < 2; i++) {
+        const v4 low = __builtin_shuffle(acc[2 * i], acc[2 * i + 1], (i4){0, 1, 4, 5});
+        const v4 high = __builtin_shuffle(acc[2 * i], acc[2 * i + 1], (i4){2, 3, 6, 7});
+        f[i] = load(s->force + 8 * b + 4 * i) + (low + high);
+    }
+}
+
+static inline int owned_lanes(const Scene *s, long b) { return s->n_owned - 4 * b < 4 ? (int)(s->n_owned - 4 * b) : 4; }
+
+/* v += dt f/m + dt g, then u += dt v, for the owned particles. */
+static void kick_and_drift(const Scene *s, double dt)
+{
+    for (long b = 0; 4 * b < s->n_owned; b++) {
+        v4 f[2];
+        divergence(s, b, f);
+        const int n = owned_lanes(s, b);
+        for (int i = 0; i < n; i++) {
+            double *z = s->state + 16 * b + 4 * i;
+            const double m = dt * s->inverse_mass[4 * b + i];
+            for (int c = 0; c < 2; c++) {
+                z[2 + c] += m * f[i / 2][2 * (i % 2) + c] + dt * s->acceleration[c];
+                z[c] += dt * z[2 + c];
+            }
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- surfaces */
+
+/* Mean over a segment of a potential of the gap, linear from g1 to g2, and its derivatives by g1 and g2. */
+#define SEGMENT_MEAN(NAME, PRIMITIVE, POTENTIAL, SLOPE)                                                               \
+    static inline double NAME(const double *p, double floor, double g1, double g2, double *d1, double *d2)            \
+    {                                                                                                                 \
+        const double dg = g2 - g1, low = g1 < g2 ? g1 : g2;                                                           \
+        if (fabs(dg) > 0.05 * (low > floor ? low : floor)) {                                                          \
+            const double mean = (PRIMITIVE(p, g2) - PRIMITIVE(p, g1)) / dg;                                           \
+            *d1 = (mean - POTENTIAL(p, g1)) / dg;                                                                     \
+            *d2 = (POTENTIAL(p, g2) - mean) / dg;                                                                     \
+            return mean;                                                                                              \
+        }                                                                                                             \
+        static const double at[3] = {0.11270166537925831, 0.5, 0.8872983346207417}, w[3] = {5. / 18, 8. / 18, 5. / 18}; \
+        double mean = 0;                                                                                              \
+        *d1 = *d2 = 0;                                                                                                \
+        for (int q = 0; q < 3; q++) {                                                                                 \
+            const double g = g1 + at[q] * dg, slope = w[q] * SLOPE(p, g);                                             \
+            mean += w[q] * POTENTIAL(p, g);                                                                           \
+            *d1 += slope * (1 - at[q]);                                                                               \
+            *d2 += slope * at[q];                                                                                     \
+        }                                                                                                             \
+        return mean;                                                                                                  \
+    }
+
+#ifdef SUBSTRATE
+SEGMENT_MEAN(substrate_mean, substrate_primitive, substrate_potential, substrate_slope)
+
+/* Adhesion to the plane y = 0, integrated along the segments; energy by the first particle of each, if asked. */
+void substrate_adhesion(const Scene *s, double *force, double *energy)
+{
+    for (long k = 0; k < s->n_near; k++) {
+        const long e = s->near[k], i = s->segment[2 * e], j = s->segment[2 * e + 1];
+        const double g1 = s->X[2 * i + 1] + s->state[4 * i + 1], g2 = s->X[2 * j + 1] + s->state[4 * j + 1];
+        double d1, d2;
+        const double NL = s->substrate_bonds * s->length[e];
+        const double mean = substrate_mean(s->substrate, s->substrate_floor, g1, g2, &d1, &d2);
+        force[2 * i + 1] -= NL * d1;
+        force[2 * j + 1] -= NL * d2;
+        if (energy) energy[i] += NL * mean;
+    }
+}
+#endif
+
+#ifdef PROTRUSION
+/* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half. */
+void protrude(const Scene *s, double *force, double *impulse, double *work, double dt)
+{
+    for (long k = 0; k < s->n_near; k++) {
+        const long e = s->near[k];
+        if (s->push[2 * e] == 0 && s->push[2 * e + 1] == 0) continue;
+        const long node[2] = {s->segment[2 * e], s->segment[2 * e + 1]};
+        const double g1 = s->X[2 * node[0] + 1] + s->state[4 * node[0] + 1];
+        const double g2 = s->X[2 * node[1] + 1] + s->state[4 * node[1] + 1], dg = g2 - g1;
+        const double edge = fabs(dg) > 1e-6 ? (protrusion_ramp(s->protrusion, g2) - protrusion_ramp(s->protrusion, g1)) / dg
+                                            : protrusion_ramp_slope(s->protrusion, 0.5 * (g1 + g2));
+        for (int i = 0; i < 2; i++) {
+            const double f = s->push[2 * e + i] * s->length[e] * edge;
+            force[2 * node[i]] += f;
+            if (!impulse) continue;
+            impulse[node[i]] += dt * f;
+            work[node[i]] += dt * f * s->state[4 * node[i] + 2];
+        }
+    }
+}
+#endif
+
+#ifdef CONTACT
+SEGMENT_MEAN(contact_mean, contact_primitive, contact_potential, contact_slope)
+
+static inline void point(const Scene *s, long i, double x[2])
+{
+    x[0] = s->X[2 * i] + s->state[4 * i];
+    x[1] = s->X[2 * i + 1] + s->state[4 * i + 1];
+}
+
+static inline void add_normal(const Scene *s, long i, long j, double n[2])
+{
+    double a[2], b[2];
+    point(s, i, a);
+    point(s, j, b);
+    const double x = b[1] - a[1], y = a[0] - b[0], r = 1 / sqrt(x * x + y * y);
+    n[0] += x * r;
+    n[1] += y * r;
+}
+
+typedef struct { double gap, n[2], t; long a, b; } Foot;
+
+/* Foot of the perpendicular from node m to the other cell's polyline: signed gap, normal, segment a-b, share t of b. */
+static void find_foot(const Scene *s, long m, Foot *foot)
+{
+    double x[2], best = INFINITY, d[2] = {0, 0};
+    long at = -1;
+    point(s, s->contact_node[m], x);
+    for (long k = s->first_candidate[m]; k < s->first_candidate[m + 1]; k++) {
+        const int32_t *c = s->candidate + 4 * k; /* particles before, start, end, after */
+        double a[2], b[2];
+        point(s, c[1], a);
+        point(s, c[2], b);
+        const double ex = b[0] - a[0], ey = b[1] - a[1];
+        double t = ((x[0] - a[0]) * ex + (x[1] - a[1]) * ey) / (ex * ex + ey * ey);
+        t = t < 0 ? 0 : t > 1 ? 1 : t;
+        const double dx = x[0] - a[0] - t * ex, dy = x[1] - a[1] - t * ey, r = dx * dx + dy * dy;
+        if (r < best) {
+            best = r;
+            at = k;
+            d[0] = dx;
+            d[1] = dy;
+            foot->t = t;
+        }
+    }
+    if (at < 0) {
+        foot->gap = INFINITY;
+        return;
+    }
+    const int32_t *c = s->candidate + 4 * at;
+    double n[2] = {0, 0};
+    add_normal(s, c[1], c[2], n);
+    if (foot->t == 0) add_normal(s, c[0], c[1], n);
+    if (foot->t == 1) add_normal(s, c[2], c[3], n);
+    const double side = d[0] * n[0] + d[1] * n[1] < 0 ? -1 : 1, r = sqrt(best);
+    foot->a = c[1];
+    foot->b = c[2];
+    foot->gap = side * r;
+    for (int i = 0; i < 2; i++) foot->n[i] = r > 0 ? side * d[i] / r : n[i];
+}
+
+/* Adhesion between cells: each surface against the other's polyline, half of the energy from either side. */
+void cell_adhesion(const Scene *s, double *force, double *energy)
+{
+    Foot *foot = s->foot;
+    for (long m = 0; m < s->n_contact_nodes; m++) {
+        find_foot(s, m, foot + m);
+        s->contact_pull[m] = 0;
+    }
+    for (long e = 0; e < s->n_contact_segments; e++) {
+        const long i = s->contact_segment[2 * e], j = s->contact_segment[2 * e + 1];
+        const double g1 = foot[i].gap, g2 = foot[j].gap;
+        if (!(g1 < s->contact_cutoff || g2 < s->contact_cutoff) || isinf(g1) || isinf(g2)) continue;
+        double d1, d2;
+        const double NL = 0.5 * s->contact_bonds * s->contact_length[e];
+        const double mean = contact_mean(s->contact, s->contact_floor, g1, g2, &d1, &d2);
+        s->contact_pull[i] -= NL * d1;
+        s->contact_pull[j] -= NL * d2;
+        if (energy) energy[s->contact_node[i]] += NL * mean;
+    }
+    for (long m = 0; m < s->n_contact_nodes; m++) {
+        if (s->contact_pull[m] == 0) continue;
+        const long i = s->contact_node[m];
+        for (int c = 0; c < 2; c++) {
+            const double f = s->contact_pull[m] * foot[m].n[c];
+            force[2 * i + c] += f;
+            force[2 * foot[m].a + c] -= (1 - foot[m].t) * f;
+            force[2 * foot[m].b + c] -= foot[m].t * f;
+        }
+    }
+}
+#endif
+
+/* ---------------------------------------------------------------- director */
+
+#ifdef DIRECTOR_RELAXES
+static inline double wrapped(double a) { return a - 2 * M_PI * rint(a / (2 * M_PI)); }
+
+/* Reference gradient of θ at the particles, and h = (cos θ, sin θ). */
+static void director_gradient(const Scene *s)
+{
+    for (long b = 0; b < s->n_blocks; b++)
+        for (int i = 0; i < 4; i++) {
+            const double own = s->director[2 * (4 * b + i)];
+            double g[2] = {0, 0};
+            for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+                const double *a = s->gradient + 12 * k + 4 * (i / 2) + i % 2;
+                const double d = wrapped(s->director[2 * (size_t)s->column[4 * k + i]] - own);
+                g[0] += a[0] * d;
+                g[1] += a[2] * d;
+            }
+            s->director_gradient[8 * b + i] = g[0];
+            s->director_gradient[8 * b + 4 + i] = g[1];
+            s->director_axis[8 * b + i] = cos(own);
+            s->director_axis[8 * b + 4 + i] = sin(own);
+        }
+}
+
+/* Angle of the membrane at the anchored particles. */
+static void anchor_director(const Scene *s)
+{
+    for (long k = 0; k < s->n_anchors; k++) {
+        const int32_t *a = s->anchor + 3 * k; /* particles before, at, after */
+        const double tx = s->X[2 * a[2]] + s->state[4 * a[2]] - s->X[2 * a[0]] - s->state[4 * a[0]];
+        const double ty = s->X[2 * a[2] + 1] + s->state[4 * a[2] + 1] - s->X[2 * a[0] + 1] - s->state[4 * a[0] + 1];
+        if (s->anchor_owned[k]) s->director[2 * a[1]] = atan2(ty, tx) + s->anchor_offset[k];
+    }
+}
+
+/* Torque -∂E/∂θ of the owned particles, from the fluxes of their neighbours. */
+static void director_torque(const Scene *s)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        const v4 F[2][2] = {{load(s->F + 16 * b), load(s->F + 16 * b + 8)}, {load(s->F + 16 * b + 4), load(s->F + 16 * b + 12)}};
+        const v4 g[2] = {load(s->director_gradient + 8 * b), load(s->director_gradient + 8 * b + 4)};
+        v4 flux[2];
+        material_director_flux(s, b, F, g, flux);
+        const v4 V = load(s->volume + 4 * b);
+        store(s->director_flux + 8 * b, V * flux[0]);
+        store(s->director_flux + 8 * b + 4, V * flux[1]);
+    }
+    for (long i = 0; i < s->n_owned; i++) {
+        const long b = i / 4, lane = i % 4;
+        double torque = 0;
+        for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+            const double *h = s->adjoint + 8 * k + 4 * (lane / 2) + lane % 2;
+            const size_t j = s->column[4 * k + lane];
+            const double *flux = s->director_flux + 8 * (j / 4) + j % 4;
+            torque += h[0] * flux[0] + h[2] * flux[4];
+        }
+        s->director[2 * i + 1] = torque;
+    }
+}
+
+/* θ goes on by its torque; what an anchor takes up becomes a couple on the membrane. */
+static void director_relaxes(const Scene *s, double dt)
+{
+    for (long i = 0; i < s->n_owned; i++) {
+        const double rate = s->director_mobility[i] * s->director[2 * i + 1]; /* 0 at anchors */
+        s->director[2 * i] += dt * rate;
+        s->viscous_loss[i] += dt * rate * s->director[2 * i + 1];
+    }
+}
+
+void anchor_couple(const Scene *s, double *force)
+{
+    for (long k = 0; k < s->n_anchors; k++) {
+        const int32_t *a = s->anchor + 3 * k;
+        const double tx = s->X[2 * a[2]] + s->state[4 * a[2]] - s->X[2 * a[0]] - s->state[4 * a[0]];
+        const double ty = s->X[2 * a[2] + 1] + s->state[4 * a[2] + 1] - s->X[2 * a[0] + 1] - s->state[4 * a[0] + 1];
+        const double w = s->director[2 * a[1] + 1] / (tx * tx + ty * ty);
+        force[2 * a[2]] -= w * ty;
+        force[2 * a[2] + 1] += w * tx;
+        force[2 * a[0]] += w * ty;
+        force[2 * a[0] + 1] -= w * tx;
+    }
+}
+#endif
+
+/* ---------------------------------------------------------------- the step */
+
+/* Ghosts from their owners: VecGhostUpdate{Begin,End}(vec, INSERT_VALUES, SCATTER_FORWARD), absent on one rank. */
+static inline int exchange(const Scene *s, void *vec)
+{
+    if (!s->ghost_begin) return 0;
+    return s->ghost_begin(vec, 1, 0) || s->ghost_end(vec, 1, 0);
+}
+
+static int surface_forces(const Scene *s, double dt)
+{
+    memset(s->force + 8 * s->n_blocks, 0, sizeof(double) * (size_t)(2 * s->n_local > 8 * s->n_blocks ? 2 * s->n_local - 8 * s->n_blocks : 0));
+#ifdef SUBSTRATE
+    substrate_adhesion(s, s->force, 0);
+#endif
+#ifdef CONTACT
+    cell_adhesion(s, s->force, 0);
+#endif
+#ifdef PROTRUSION
+    protrude(s, s->force, dt > 0 ? s->protrusion_impulse : 0, s->protrusion_work, dt);
+#endif
+    (void)dt;
+    return 0;
+}
+
+static int director_step(const Scene *s, double dt)
+{
+#ifdef DIRECTOR_RELAXES
+    director_torque(s);
+    if (s->n_anchors_anywhere && exchange(s, s->director_vec)) return 1;
+    anchor_couple(s, s->force);
+    director_relaxes(s, dt);
+#else
+    (void)s;
+    (void)dt;
+#endif
+    return 0;
+}
+
+static int director_ready(const Scene *s)
+{
+#ifdef DIRECTOR_RELAXES
+    anchor_director(s);
+    if (exchange(s, s->director_vec)) return 1;
+    director_gradient(s);
+#else
+    (void)s;
+#endif
+    return 0;
+}
+
+/* n steps of M u'' = F_body + F_cs + F_cc + F_d - F_int (2), symplectic: v by the force at u, then u by the new v.
+ * `moved` is the time by which u went on since F was last brought up to date. */
+int advance(const Scene *s, long n, double dt, double moved)
+{
+    for (long i = 0; i < n; i++, moved = dt) {
+        if (director_ready(s)) return 1;
+        stress_of_rate(s, moved, dt);
+        if (surface_forces(s, dt) || director_step(s, dt)) return 1;
+        kick_and_drift(s, dt);
+        if (exchange(s, s->state_vec)) return 1;
+    }
+    return 0;
+}
+
+/* Rate of the owned state, (v, a), from the state as it is; no account is kept. */
+int rate(const Scene *s, double *out)
+{
+    if (director_ready(s)) return 1;
+    deformation(s);
+    stress_of_rate(s, 0.0, 0.0);
+    if (surface_forces(s, 0.0) || director_step(s, 0.0)) return 1;
+    for (long b = 0; 4 * b < s->n_owned; b++) {
+        v4 f[2];
+        divergence(s, b, f);
+        const int lanes = owned_lanes(s, b);
+        for (int i = 0; i < lanes; i++)
+            for (int c = 0; c < 2; c++) {
+                const long k = 16 * b + 4 * i + c;
+                out[k] = s->state[k + 2];
+                out[k + 2] = s->inverse_mass[4 * b + i] * f[i / 2][2 * (i % 2) + c] + s->acceleration[c];
+            }
+    }
+    return 0;
+}
+
+/* ---------------------------------------------------------------- what the step control asks */
+
+/* Largest local bounds V J λmax(F⁻ᵀ K F⁻¹) with viscous and elastic weights, extremes of J and their particles, speed². */
+void limits(const Scene *s, double out[6])
+{
+    double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0, least = -1;
+    for (long i = 0; i < s->n_owned; i++) {
+        const double *F = s->F + 16 * (i / 4) + i % 4, *K = s->bound + 3 * i, *z = s->state + 4 * i;
+        const double a = F[0], c = F[4], b = F[8], d = F[12], J = a * d - b * c, r = s->volume[i] / J;
+        const double A = (d * d * K[0] - 2 * c * d * K[2] + c * c * K[1]) * r; /* F⁻ᵀ K F⁻¹ J² by entries */
+        const double B = (b * b * K[0] - 2 * a * b * K[2] + a * a * K[1]) * r;
+        const double C = (-b * d * K[0] + (a * d + b * c) * K[2] - a * c * K[1]) * r;
+        const double top = 0.5 * (A + B) + sqrt(0.25 * (A - B) * (A - B) + C * C);
+        if (!(top * s->viscous_weight[i] <= viscous)) viscous = top * s->viscous_weight[i];
+        if (!(top * s->elastic_weight[i] <= elastic)) elastic = top * s->elastic_weight[i];
+        if (!(J >= low)) { low = J; least = i; }
+        if (!(J <= high)) high = J;
+        const double v2 = z[2] * z[2] + z[3] * z[3];
+        if (!(v2 <= speed)) speed = v2;
+    }
+    out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed; out[5] = least;
+}

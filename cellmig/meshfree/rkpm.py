@@ -1,0 +1,82 @@
+"""Reproducing-kernel shape functions: linear basis, cubic spline window (Liu, Li & Belytschko 1997)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import Delaunay, cKDTree
+
+
+def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic spline w(q) and dw/dq for the distance q in supports, w(0) = 2/3, w(1) = 0 [-]."""
+    inner, s = q <= 0.5, 1.0 - q
+    w = np.where(inner, 2.0 / 3.0 - 4.0 * q**2 + 4.0 * q**3, 4.0 / 3.0 * s**3)
+    dw = np.where(inner, -8.0 * q + 12.0 * q**2, -4.0 * s**2)
+    return np.where(q < 1.0, w, 0.0), np.where(q < 1.0, dw, 0.0)
+
+
+def dual_cells(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median dual cells of the Delaunay triangulation of a convex body.
+
+    Returns
+    -------
+    V : (n,) -- volumes per thickness [µm²];  edges : (m, 2) int -- Delaunay edges, each once, lower index first.
+    """
+    tri = Delaunay(X).simplices
+    a, b = X[tri[:, 1]] - X[tri[:, 0]], X[tri[:, 2]] - X[tri[:, 0]]
+    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    whole = area > 1e-9 * area.mean()  # Qhull may add slivers along a straight edge
+    tri, area = tri[whole], area[whole]
+    V = np.bincount(tri.ravel(), np.repeat(area / 3.0, 3), len(X))
+    edges = np.sort(np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]]), axis=1)
+    return V, np.unique(edges, axis=0)
+
+
+def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
+    """Support radius of each particle (n,) [µm]: `radius`, and at least 1.15 times its longest edge."""
+    length = np.linalg.norm(X[edges[:, 0]] - X[edges[:, 1]], axis=1)
+    longest = np.zeros(len(X))
+    np.maximum.at(longest, edges, length[:, None])
+    return np.maximum(radius, 1.15 * longest)
+
+
+def gradients(X: np.ndarray, support: np.ndarray) -> sparse.csr_matrix:
+    """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
+
+    Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
+    is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.
+    """
+    pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
+    d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
+    pairs = pairs[d < np.maximum(support[pairs[:, 0]], support[pairs[:, 1]])]
+    n, own = len(X), np.arange(len(X))
+    I = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
+    J = np.concatenate([own, pairs[:, 1], pairs[:, 0]])
+    order = np.lexsort((J, I))
+    I, J = I[order], J[order]
+    start = np.searchsorted(I, own)
+
+    a = support[J]
+    z = (X[I] - X[J]) / a[:, None]
+    q = np.linalg.norm(z, axis=1)
+    w, dw = window(q)
+    p = np.column_stack([np.ones_like(q), z])
+    slope = np.divide(dw, q, out=np.zeros_like(q), where=q > 0) / a
+    dw = slope[:, None] * z  # ∂w/∂x_k
+    pp = p[:, :, None] * p[:, None, :]
+    M = np.add.reduceat(pp * w[:, None, None], start)
+    if np.linalg.cond(M).max() > 1e8:
+        raise ValueError("a particle has too few neighbours for a linear basis: raise the dilation")
+    b = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (n, 3, 1)))[:, :, 0]
+    G = np.zeros((len(I), 2))
+    for k in range(2):
+        dp = np.zeros_like(p)
+        dp[:, 1 + k] = 1.0 / a
+        sym = dp[:, :, None] * p[:, None, :]
+        dM = np.add.reduceat((sym + sym.transpose(0, 2, 1)) * w[:, None, None] + pp * dw[:, k, None, None], start)
+        db = -np.linalg.solve(M, np.einsum("nij,nj->ni", dM, b)[:, :, None])[:, :, 0]
+        G[:, k] = np.einsum("ei,ei->e", db[I], p) * w + np.einsum("ei,ei->e", b[I], dp) * w
+        G[:, k] += np.einsum("ei,ei->e", b[I], p) * dw[:, k]
+    diagonal = I == J
+    G[diagonal] -= np.add.reduceat(G, start)
+    return sparse.csr_matrix((G[:, 0] + 1j * G[:, 1], J, np.append(start, len(I))), (n, n))

@@ -1,0 +1,77 @@
+"""Shapes of cells: where their particles lie, which are nucleus, which are surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..case.registry import law, quantity
+
+
+class Layout(NamedTuple):
+    """Particles of one cell about its centre.
+
+    X : (n, 2) -- reference positions [µm];  nucleus : (n,) bool -- inside the nucleus;
+    surface : (m,) int -- the surface particles, counterclockwise, a closed polygon.
+    """
+
+    X: np.ndarray
+    nucleus: np.ndarray
+    surface: np.ndarray
+
+
+@law("shape", "disc")
+class Disc:
+    """Disc with a concentric nucleus, in rings of particles whose spacing is even along and across them.
+
+    The interface of the nucleus lies half-way between two rings, so that its area is exact.
+    """
+
+    radius: float = quantity("um", "radius R", above=0)
+    nucleus_ratio: float | None = quantity("", "radius of the nucleus over R", None, above=0, maximum=0.95)
+
+    @property
+    def area(self) -> float:
+        """Area π R² [µm²]."""
+        return float(np.pi * self.radius**2)
+
+    def outline(self, n: int = 64) -> np.ndarray:
+        """Polygon of the surface about the centre (n, 2) [µm]."""
+        a = 2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi
+        return self.radius * np.column_stack([np.cos(a), np.sin(a)])
+
+    def lowest(self) -> float:
+        """Height of the lowest point over the centre [µm], negative."""
+        return -self.radius
+
+    def particles(self, count: int) -> Layout:
+        """Exactly `count` particles, the first in the centre, the last ring on the surface."""
+        radii, inner = self._rings(count)
+        numbers = _share(count - 1, radii)
+        X, nucleus = [np.zeros((1, 2))], [np.array([inner > 0])]
+        for i, (r, m) in enumerate(zip(radii, numbers, strict=True), 1):
+            a = 2.0 * np.pi * np.arange(m) / m - 0.5 * np.pi  # from the lowest point: symmetric left and right
+            X.append(r * np.column_stack([np.cos(a), np.sin(a)]))
+            nucleus.append(np.full(m, i <= inner))
+        return Layout(np.concatenate(X), np.concatenate(nucleus), np.arange(count - numbers[-1], count))
+
+    def _rings(self, count: int) -> tuple[np.ndarray, int]:
+        """Radii of the rings [µm] and how many of them are nucleus (with the centre, if any)."""
+        n = max(1, round((np.sqrt(9.0 + 12.0 * (count - 1)) - 3.0) / 6.0))  # 6 i particles on ring i
+        if self.nucleus_ratio is None:
+            return self.radius * np.arange(1, n + 1) / n, 0
+        inner = min(max(1, round(self.nucleus_ratio * n - 0.5)), n - 1)
+        r = self.nucleus_ratio * self.radius
+        inside = r * np.arange(1, inner + 1) / (inner + 0.5)
+        outside = r + (self.radius - r) * (np.arange(n - inner) + 0.5) / (n - inner - 0.5)
+        return np.concatenate([inside, outside]), inner
+
+
+def _share(total: int, radii: np.ndarray) -> np.ndarray:
+    """Particles per ring, in proportion to the radii, `total` in all."""
+    exact = total * radii / radii.sum()
+    numbers = np.maximum(np.floor(exact).astype(int), 3)
+    for i in np.argsort(numbers - exact, kind="stable")[: total - numbers.sum()]:
+        numbers[i] += 1
+    return numbers
