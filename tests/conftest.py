@@ -8,6 +8,7 @@ others wait for it cannot be helped; after a while it ends the run with its mess
 from __future__ import annotations
 
 import gc
+import io
 import os
 import shutil
 import subprocess
@@ -93,7 +94,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Rank 0 speaks for all."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if WORLD.rank > 0 and reporter:
-        reporter._tw._file = open(os.devnull, "w")
+        reporter._tw._file = io.StringIO()
 
 
 @pytest.hookimpl(hookwrapper=True)
