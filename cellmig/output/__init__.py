@@ -1,0 +1,1 @@
+"""What a run leaves behind: frames, tables, manifest and log.  Observers: nothing here changes the state."""

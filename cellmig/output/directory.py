@@ -1,0 +1,92 @@
+"""The directory of a run: made fresh, never over an old one, and files in it that are whole or absent."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+MANIFEST, INDEX = "manifest.json", "cells.xdmf"
+
+
+class OutputError(OSError):
+    """The run cannot write, or a run cannot be read; the message is for the user and the same on all ranks."""
+
+
+def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
+    """Do `action` on every rank, or on rank 0 alone, and stop all ranks together if it fails on one.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator; collective.
+    action : callable without arguments; an OSError of it becomes an OutputError on all ranks.
+    root_only : bool -- only rank 0 acts; the result of the others is None.
+
+    Returns
+    -------
+    list -- the results by rank.
+    """
+    result, error = None, None
+    if comm.rank == 0 or not root_only:
+        try:
+            result = action()
+        except OSError as failure:
+            error = str(failure)
+    outcome = comm.allgather((result, error))
+    for rank, (_, message) in enumerate(outcome):
+        if message:
+            raise OutputError(message if root_only else f"rank {rank}: {message}")
+    return [value for value, _ in outcome]
+
+
+def replace(path: Path, content: str | bytes) -> None:
+    """Write a file that is either the old one or the new one, whole, whenever the run is killed or the disk full."""
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
+
+
+def fresh_directory(path: Path, comm: Any) -> Path:
+    """An empty directory for a new run, marked as a run's; collective, rank 0 does it.
+
+    A run that is already there is moved aside to ``path.1``, ``path.2`` …, the next number that is free.
+
+    Parameters
+    ----------
+    path : Path -- where the run is to leave its files.
+    comm : mpi4py communicator.
+
+    Raises
+    ------
+    OutputError -- something that is not a run is there, or the place cannot be written.
+    """
+    path = Path(path)
+    together(comm, lambda: _make(path), root_only=True)
+    return path
+
+
+def _make(path: Path) -> None:
+    try:
+        if path.is_dir() and any(path.iterdir()):
+            _move_aside(path)
+        path.mkdir(parents=True, exist_ok=True)
+        (path / MANIFEST).write_text("{}\n")  # marks a run that was killed before it wrote anything
+    except OutputError:
+        raise
+    except OSError as error:
+        message = f"cannot write in '{path}' ({error.strerror}); choose another place with --out DIR"
+        raise OutputError(message) from error
+
+
+def _move_aside(path: Path) -> None:
+    if not any((path / name).exists() for name in (MANIFEST, INDEX)):
+        raise OutputError(f"'{path}' holds files that are not a run's; empty it or choose another place with --out DIR")
+    number = 1
+    while (aside := path.with_name(f"{path.name}.{number}")).exists():
+        number += 1
+    path.rename(aside)

@@ -1,0 +1,171 @@
+"""What a run tells its user: one writer, the same text on screen and in `run.log`; progress; where the time went."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from tqdm import tqdm
+
+from .directory import together
+
+_FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall seconds
+_BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} us{postfix}  left {remaining}"
+
+
+class Log:
+    """Writer of lines on rank 0; a no-op on the others, so that any rank may call it.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator; making a log is collective, writing is not.
+    directory : Path -- of the run, where `run.log` is; None for the screen alone.
+    quiet : bool -- nothing on the screen.
+    """
+
+    def __init__(self, comm: Any, directory: Path | None = None, quiet: bool = False) -> None:
+        self.quiet, self.root = quiet, comm.rank == 0
+        self._writers: list[Callable[[str], None]] = [_to_screen] if self.root and not quiet else []
+        if directory is not None:
+            self._path = Path(directory) / "run.log"
+            together(comm, self._path.touch, root_only=True)
+            self._writers += [self._to_file] if self.root else []
+
+    def _to_file(self, text: str) -> None:
+        with open(self._path, "a", encoding="utf-8") as file:
+            file.write(text + "\n")
+
+    def __call__(self, text: str) -> None:
+        """Write a line, or several."""
+        for write in list(self._writers):
+            try:
+                write(text)
+            except OSError:  # a full disk or a closed pipe costs the log, not the run
+                self._writers.remove(write)
+
+    def table(self, rows: Iterable[tuple[str, Any]]) -> None:
+        """Write pairs of key and value, aligned."""
+        self(two_columns(rows))
+
+
+def _to_screen(text: str) -> None:
+    tqdm.write(text, file=sys.stdout)  # a plain write, but for a bar that it steps around
+    sys.stdout.flush()
+
+
+def two_columns(rows: Iterable[tuple[str, Any]]) -> str:
+    """Pairs of key and value as lines whose values are aligned."""
+    rows = [(str(key), str(value)) for key, value in rows]
+    width = max((len(key) for key, _ in rows), default=0)
+    return "\n".join(f"{key:<{width}}  {value}".rstrip() for key, value in rows)
+
+
+def clock(seconds: float) -> str:
+    """Wall time for people: 8 s, 2:05, 1:02:05."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}" if minutes else f"{rest} s"
+
+
+def _on_terminal() -> bool:
+    """Whether a person watches; Open MPI's ranks always see a terminal, so `./run` tells them if it is a true one."""
+    return "CELLMIG_TERMINAL" in os.environ or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
+
+
+class Progress:
+    """How far a run is: a bar on a terminal, else a line now and then, in the log too.
+
+    Parameters
+    ----------
+    log : Log -- silent if that is quiet.
+    end, start : float -- simulated time [us] at the end and at the start of this run.
+    """
+
+    def __init__(self, log: Log, end: float, start: float = 0.0) -> None:
+        self._log, self._end, self._start = log, end, start
+        self._begin = perf_counter()
+        self._bar = None
+        if not log.root or log.quiet:
+            self._due = float("inf")
+        elif _on_terminal():
+            self._bar = tqdm(total=end, initial=start, file=sys.stdout, bar_format=_BAR, dynamic_ncols=True,
+                             leave=False)
+            self._due = self._begin
+        else:
+            self._due = self._begin + _FIRST_LINE
+
+    def __call__(self, time: float, step: int, dt: float) -> None:
+        """After a step: simulated time [us], steps done, size of the step [us]."""
+        now = perf_counter()
+        if now < self._due:
+            return
+        if self._bar is not None:
+            self._due = now + _NEXT_BAR
+            self._bar.set_postfix_str(f"step {step}  dt {1e3 * dt:.3g} ns", refresh=False)
+            self._bar.update(time - self._bar.n)
+        else:
+            self._due = now + _NEXT_LINE
+            self._log(self._line(time, step, dt, now - self._begin))
+
+    def _line(self, time: float, step: int, dt: float, wall: float) -> str:
+        done = time - self._start
+        left = clock(wall * (self._end - time) / done) if done > 0 else "unknown"
+        return (f"{time:10.4g} us  {100 * time / self._end:5.1f} %  step {step:9d}  dt {1e3 * dt:8.4g} ns  "
+                f"wall {clock(wall):>8}  left {left:>8}")
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+class _Section:
+    """Wall seconds spent between enter and exit, summed."""
+
+    __slots__ = ("_begin", "seconds")
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __enter__(self) -> None:
+        self._begin = perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += perf_counter() - self._begin
+
+
+class Timers:
+    """Wall time by section, ``with timers("contact"): …``; sections follow one another, they do not nest."""
+
+    def __init__(self) -> None:
+        self._sections: dict[str, _Section] = {}
+        self._begin = perf_counter()
+
+    def __call__(self, name: str) -> _Section:
+        """The section of this name."""
+        if name not in self._sections:
+            self._sections[name] = _Section()
+        return self._sections[name]
+
+    def seconds(self) -> dict[str, float]:
+        """Wall seconds of this rank by section; `other` is what passed outside of them since the timers were made."""
+        spent = {name: section.seconds for name, section in self._sections.items()}
+        return spent | {"other": perf_counter() - self._begin - sum(spent.values())}
+
+    def summary(self, comm: Any) -> str:
+        """Table of section, least, mean and most seconds over the ranks, and share of the total; collective."""
+        ranks = comm.allgather(self.seconds())
+        names = [*dict.fromkeys(name for rank in ranks for name in rank if name != "other"), "other"]
+        total = sum(sum(rank.values()) for rank in ranks)
+        width = max(len("section"), *map(len, names))
+        lines = [f"{'section':<{width}}  {'min s':>9}  {'avg s':>9}  {'max s':>9}  {'% total':>7}"]
+        for name in names:
+            spent = [rank.get(name, 0.0) for rank in ranks]
+            numbers = (min(spent), sum(spent) / len(spent), max(spent))
+            share = 100 * sum(spent) / total
+            lines.append(f"{name:<{width}}  " + "  ".join(f"{x:9.3f}" for x in numbers) + f"  {share:7.1f}")
+        return "\n".join(lines)

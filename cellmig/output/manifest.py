@@ -1,0 +1,70 @@
+"""`manifest.json`: what a run was, on what, and how it ended."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .directory import MANIFEST, replace
+
+_LIBRARIES = ("numpy", "numba", "h5py", "mpi4py", "petsc4py")
+
+
+def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
+    """Replace the manifest of a run, whole; call it on rank 0.  Numbers that are not finite become null."""
+    replace(Path(directory) / MANIFEST, json.dumps(_plain(manifest), indent=2, ensure_ascii=False) + "\n")
+
+
+def read_manifest(directory: Path) -> dict[str, Any]:
+    """The manifest of a run; empty if the run was killed before it wrote one."""
+    path = Path(directory) / MANIFEST
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def _plain(value: Any) -> Any:
+    """`value` in the types that JSON has."""
+    if hasattr(value, "tolist"):  # numpy's scalars and arrays
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+
+
+def environment(comm: Any) -> dict[str, Any]:
+    """Versions of what a run stands on, its commit, hosts and ranks; the same on all ranks, and never fails.
+
+    Libraries are named if they are loaded: a run without PETSc does not load it to tell its version.
+    """
+    loaded = {name: sys.modules[name] for name in ("cellmig", *_LIBRARIES) if name in sys.modules}
+    found: dict[str, Any] = {name: str(getattr(module, "__version__", "unknown")) for name, module in loaded.items()}
+    found["python"] = platform.python_version()
+    if mpi := sys.modules.get("mpi4py.MPI"):
+        found["mpi"] = mpi.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")
+    found["hosts"] = len(set(comm.allgather(platform.node())))
+    found["ranks"] = comm.size
+    return found | comm.bcast(_commit() if comm.rank == 0 else None)
+
+
+def _commit() -> dict[str, str]:
+    """Commit of the source, and whether it is as committed; empty if the package is not in a checkout of its own."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(Path(__file__).parent), *words]
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", Path(__file__).name)
+        changes = git("status", "--porcelain", "--untracked-files=no")
+        return {"commit": git("rev-parse", "--short", "HEAD"), "tree": "local changes" if changes else "clean"}
+    except (OSError, subprocess.SubprocessError):
+        return {}

@@ -1,0 +1,91 @@
+"""`history.csv` and `ledger.csv`: what every cell did and where the energy went, one row per sample."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .directory import OutputError, together
+
+HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
+           "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
+LEDGER = ("time_us", "kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
+          "protrusion_work", "viscous_loss", "numerical_loss", "closure")
+
+
+class _Table:
+    """Rows at the end of a file, by rank 0; all rows of a sample leave in one call, so a killed run cuts no line."""
+
+    name: str
+    columns: tuple[str, ...]
+
+    def __init__(self, directory: Path, comm: Any) -> None:
+        self._comm, self._path = comm, Path(directory) / self.name
+        together(comm, self._begin, root_only=True)
+
+    def _begin(self) -> None:
+        if not self._path.exists():
+            self._append(",".join(self.columns) + "\n")
+
+    def _append(self, text: str) -> None:
+        data = text.encode()
+        with open(self._path, "ab", buffering=0) as file:
+            whole = file.tell()
+            try:
+                if file.write(data) != len(data):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError as error:
+                file.truncate(whole)
+                raise OutputError(f"cannot write '{self._path}' ({error.strerror})") from error
+
+    def _write(self, rows: Callable[[], Iterable[Mapping[str, float]]]) -> None:
+        together(self._comm, lambda: self._append("".join(map(self._line, rows()))), root_only=True)
+
+    def _line(self, row: Mapping[str, float]) -> str:
+        if foreign := row.keys() - set(self.columns):
+            raise ValueError(f"{self.name} has no column {sorted(foreign)}")
+        return ",".join(_text(row.get(column, np.nan)) for column in self.columns) + "\n"
+
+
+def _text(value: float) -> str:
+    """Shortest text that reads back as the same bits."""
+    return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(value))
+
+
+class History(_Table):
+    """Writer of `history.csv`; collective; the numbers of rank 0 count, the others may pass None."""
+
+    name, columns = "history.csv", HISTORY
+
+    def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
+        """Add a sample at `time` [us]: `rows[k]` has the columns of cell k, without time and cell; 0 is the aggregate.
+
+        What a row lacks, because the scene has it not, is written as nan.
+        """
+        self._write(lambda: ({"time_us": float(time), "cell": cell, **row} for cell, row in enumerate(rows)))
+
+
+class Ledger(_Table):
+    """Writer of `ledger.csv`; collective; the numbers of rank 0 count, the others may pass None."""
+
+    name, columns = "ledger.csv", LEDGER
+
+    def write(self, time: float, entries: Mapping[str, float]) -> None:
+        """Add a sample at `time` [us]: the entries [pN], energy per thickness, and the closure [-]; absent is nan."""
+        self._write(lambda: [{"time_us": float(time), **entries}])
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table by name, (rows,) each, float64 (`cell`: int64); a run may still be writing it."""
+    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # what follows the last newline is no whole line
+    if not lines:
+        return {}
+    names, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
+    columns = zip(*rows, strict=True) if rows else [()] * len(names)
+    return {name: np.array(column, dtype=str).astype(np.int64 if name == "cell" else np.float64)
+            for name, column in zip(names, columns, strict=True)}

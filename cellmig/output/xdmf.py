@@ -1,0 +1,158 @@
+"""Fields per particle as XDMF over HDF5: one file per rank and frame, so that a killed run leaves whole frames only.
+
+``cells.xdmf`` (rank 0) lists all frames of all ranks, ``rankNNNN.xdmf`` those of one rank; ParaView opens both,
+meshio's ``TimeSeriesReader`` the latter.  The frames lie in ``rankNNNN/sNNNNNNNN.h5``, by frame number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+
+from .directory import INDEX, OutputError, replace, together
+
+_HEAD = ('<?xml version="1.0" ?>\n<Xdmf Version="3.0">\n<Domain>\n'
+         '<Grid Name="{}" GridType="Collection" CollectionType="Temporal">\n')
+_TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
+_KIND = {1: "Scalar", 3: "Vector", 9: "Tensor"}
+_MESH = ("geometry", "topology")
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    """Values as XDMF knows them: scalars (n,), vectors (n, 3) with z = 0 in the plane, tensors (n, 9)."""
+    if values.ndim == 3:
+        return np.ascontiguousarray(values).reshape(len(values), 9)
+    if values.ndim == 2 and values.shape[1] < 3:
+        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+    return values
+
+
+def _file(rank: int, frame: int) -> str:
+    return f"rank{rank:04d}/s{frame:08d}.h5"
+
+
+def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
+    kind = "Int" if data.dtype.kind == "i" else "Float"
+    shape = " ".join(str(d) for d in (n, *data.shape[1:]))
+    return (f'<DataItem Dimensions="{shape}" DataType="{kind}" Precision="{data.itemsize}" Format="HDF">'
+            f"{file}:/{name}</DataItem>")
+
+
+def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray]) -> str:
+    """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do."""
+    file = _file(rank, frame)
+    lines = [f'<Grid Name="rank{rank:04d}" GridType="Uniform">', f'<Time Value="{time!r}"/>',
+             f'<Topology TopologyType="Polyvertex" NumberOfElements="{n}" NodesPerElement="1">'
+             f'{_item(file, "topology", data["topology"], n)}</Topology>',
+             f'<Geometry GeometryType="XYZ">{_item(file, "geometry", data["geometry"], n)}</Geometry>']
+    for name, values in data.items():
+        if name not in _MESH:
+            kind = _KIND[values.shape[1] if values.ndim > 1 else 1]
+            lines.append(f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">'
+                         f"{_item(file, name, values, n)}</Attribute>")
+    return "\n".join([*lines, "</Grid>\n"])
+
+
+class Frames:
+    """Writer of the frames of a run; collective.
+
+    Parameters
+    ----------
+    directory : Path -- of the run, empty of frames.
+    comm : mpi4py communicator.
+    fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
+    """
+
+    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str]) -> None:
+        self.directory, self.comm, self.fields = Path(directory), comm, dict(fields)
+        self.count = 0
+        self._mine, self._all = "", ""
+        together(comm, lambda: (self.directory / f"rank{comm.rank:04d}").mkdir(parents=True))
+
+    def write(self, time: float, step: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write one frame: whole in all files when this returns, absent before.
+
+        Parameters
+        ----------
+        time : float -- [us].
+        step : int -- steps done so far.
+        arrays : dict -- field by name, for the particles that this rank owns (there may be none), int32, int64 or
+            float64: (n,), (n, d) or (n, 3, 3); X (n, d) is the reference position [um], u (n, d) the displacement [um].
+        """
+        if arrays.keys() != self.fields.keys():
+            raise ValueError(f"fields {sorted(arrays.keys() ^ self.fields.keys())} are declared or given, not both")
+        n, time = len(arrays["X"]), float(time)
+        data = {"geometry": _padded(arrays["X"] + arrays["u"]), "topology": np.arange(n, dtype=np.int32).reshape(n, 1)}
+        data |= {name: _padded(np.asarray(arrays[name])) for name in self.fields}
+        counts = together(self.comm, lambda: self._write_mine(time, step, n, data))
+        together(self.comm, lambda: self._write_index(time, counts, data), root_only=True)
+        self.count += 1
+
+    def _write_mine(self, time: float, step: int, n: int, data: Mapping[str, np.ndarray]) -> int:
+        if n == 0:
+            return 0
+        units = {"geometry": "um", "topology": "", **self.fields}
+        # In memory first: a full disk is then an error like any other, where HDF5 would crash at the end.
+        with h5py.File(f"frame{self.count}", "w", driver="core", backing_store=False) as file:
+            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count)
+            for name, values in data.items():
+                file.create_dataset(name, data=values).attrs["unit"] = units[name]
+            file.flush()
+            image = file.id.get_file_image()
+        rank = self.comm.rank
+        replace(self.directory / _file(rank, self.count), image)
+        self._mine += _grid(rank, self.count, time, n, data)
+        name = f"rank{rank:04d}"
+        replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
+        return n
+
+    def _write_index(self, time: float, counts: list[int], data: Mapping[str, np.ndarray]) -> None:
+        grids = (_grid(rank, self.count, time, n, data) for rank, n in enumerate(counts) if n)
+        self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
+                      f'<Time Value="{time!r}"/>\n{"".join(grids)}</Grid>\n')
+        replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a run that was written, in the files of its ranks; `time` [us]."""
+
+    time: float
+    files: tuple[Path, ...]
+
+    def read(self) -> dict[str, np.ndarray]:
+        """Every field in the order of the global ids: scalars (n,), vectors (n, 3), tensors (n, 9)."""
+        pieces = []
+        for path in self.files:
+            with h5py.File(path, "r", locking=False) as file:
+                pieces.append({name: data[()] for name, data in file.items() if name not in _MESH})
+        fields = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+        order = np.argsort(fields["id"], kind="stable")
+        return {name: values[order] for name, values in fields.items()}
+
+    def units(self) -> dict[str, str]:
+        """The unit of every field."""
+        with h5py.File(self.files[0], "r", locking=False) as file:
+            return {name: str(data.attrs["unit"]) for name, data in file.items() if name not in _MESH}
+
+
+def frames(directory: Path) -> list[Frame]:
+    """The whole frames of a run, finished or not, by time; none if it has not written one yet."""
+    index = Path(directory) / INDEX
+    if not index.exists():
+        return []
+    try:
+        grids = ElementTree.parse(index).getroot().findall("./Domain/Grid/Grid")
+    except ElementTree.ParseError as error:
+        raise OutputError(f"'{index}' is not an index of frames: {error}") from error
+    found = []
+    for grid in grids:
+        items = [item.text.split(":")[0] for item in grid.findall("./Grid/Geometry/DataItem")]
+        found.append(Frame(float(grid.find("Time").get("Value")), tuple(index.parent / item for item in items)))
+    return found

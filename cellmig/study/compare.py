@@ -1,0 +1,175 @@
+"""Whether two runs are the same and where they part; what a run was and did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellmig.output.directory import OutputError
+from cellmig.output.log import clock, two_columns
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import Frame, frames
+
+_TABLES = ("history.csv", "ledger.csv")
+
+
+def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
+    """Compare the tables and frames of two runs.
+
+    Parameters
+    ----------
+    a, b : Path -- directories of runs, on any numbers of ranks, finished or not.
+    tolerance : float -- allowed difference relative to the largest number of the column or of the field in the frame
+        (the closure is relative already) [-]; 0 asks for the same bits.
+
+    Returns
+    -------
+    bool -- whether they are the same.
+    list of str -- for the user: what was compared, and of each part the first difference.
+    """
+    a, b = _run(a), _run(b)
+    same, lines = True, []
+    for name in _TABLES:
+        equal, text = _diff_tables(a / name, b / name, tolerance)
+        same, lines = same and equal, [*lines, f"{name}: {text}"]
+    equal, text = _diff_frames(frames(a), frames(b), tolerance)
+    return same and equal, [*lines, f"frames: {text}"]
+
+
+def _run(directory: Path) -> Path:
+    directory = Path(directory)
+    if not any((directory / name).exists() for name in ("manifest.json", "cells.xdmf")):
+        raise OutputError(f"'{directory}' is not the directory of a run")
+    return directory
+
+
+def _same(tolerance: float) -> str:
+    return f"within {tolerance:g}" if tolerance else "the same, bit for bit"
+
+
+def _unequal(a: np.ndarray, b: np.ndarray, tolerance: float, scale: float | None = None) -> np.ndarray:
+    """Where two arrays of one shape differ, of the same shape; nan is equal to nan."""
+    if a.dtype.kind != "f":
+        return a != b
+    if tolerance == 0:
+        return a.view(np.int64) != b.view(np.int64)
+    if scale is None:
+        scale = max((np.abs(x[np.isfinite(x)]).max(initial=0.0) for x in (a, b)), default=0.0)
+    return ~np.isclose(a, b, rtol=0.0, atol=tolerance * scale, equal_nan=True)
+
+
+def _numbers(a: Any, b: Any) -> str:
+    return f"{a!r} and {b!r}, apart by {abs(a - b):.3g}"
+
+
+def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
+    one, two = (read_table(path) if path.exists() else {} for path in (a, b))
+    if one.keys() != two.keys():
+        return False, f"columns {sorted(one.keys() ^ two.keys())} are in one of them only"
+    lengths = [len(next(iter(table.values()), ())) for table in (one, two)]
+    rows = min(lengths)
+    worst = (rows, "")
+    for name in one:
+        scale = 1.0 if name == "closure" else None
+        where = np.flatnonzero(_unequal(one[name][:rows], two[name][:rows], tolerance, scale))
+        if len(where) and where[0] < worst[0]:
+            worst = (where[0], name)
+    row, name = worst
+    if name:
+        cell = f" of cell {one['cell'][row]}" if "cell" in one else ""
+        return False, (f"first differ at {one['time_us'][row]:g} us, {name}{cell}: "
+                       + _numbers(one[name][row].item(), two[name][row].item()))
+    if lengths[0] != lengths[1]:
+        return False, f"{_same(tolerance)} in the {rows} rows that both have; {lengths[0]} and {lengths[1]} rows"
+    return True, f"{rows} rows, {_same(tolerance)}"
+
+
+def _diff_frames(one: list[Frame], two: list[Frame], tolerance: float) -> tuple[bool, str]:
+    for a, b in zip(one, two, strict=False):
+        if a.time != b.time and abs(a.time - b.time) > tolerance * max(a.time, b.time):
+            return False, f"a frame at {a.time!r} us against one at {b.time!r} us"
+        if text := next(_differences(a.read(), b.read(), tolerance), None):
+            return False, f"first differ at {a.time:g} us, {text}"
+    both = min(len(one), len(two))
+    if len(one) != len(two):
+        return False, f"{_same(tolerance)} in the {both} frames that both have; {len(one)} and {len(two)} frames"
+    return True, f"{both} frames, {_same(tolerance)}"
+
+
+def _differences(a: dict[str, np.ndarray], b: dict[str, np.ndarray], tolerance: float) -> Iterator[str]:
+    """What differs between two frames in the order of the ids, the state before what follows from it."""
+    if not np.array_equal(a["id"], b["id"]):
+        yield f"which are not of the same particles ({len(a['id'])} and {len(b['id'])})"
+        return
+    if lone := sorted(a.keys() ^ b.keys()):
+        yield f"fields {lone} are in one of them only"
+    state = [name for name in ("cell", "material", "X", "u", "v") if name in a]
+    for name in state + sorted(a.keys() & b.keys() - {"id", *state}):
+        where = np.argwhere(_unequal(a[name], b[name], tolerance))
+        if len(where):
+            particle, *component = first = tuple(where[0])
+            part = f"[{component[0]}]" if component else ""
+            count = len(np.unique(where[:, 0]))
+            numbers = _numbers(a[name][first].item(), b[name][first].item())
+            yield (f"{name}{part} of particle {a['id'][particle]}: {numbers}; "
+                   f"{count} of {len(a['id'])} particles differ in {name}, at most by {_largest(a[name], b[name]):.3g}")
+
+
+def _largest(a: np.ndarray, b: np.ndarray) -> float:
+    with np.errstate(invalid="ignore"):
+        gap = np.abs(a - b)
+    return float(np.where(np.isnan(gap), np.inf, gap).max())
+
+
+def info(directory: Path) -> str:
+    """What a run was and did, from its manifest and tables, as lines for the user; it may be unfinished."""
+    directory = _run(directory)
+    manifest = read_manifest(directory)
+    rows = [("directory", directory), *_entries(manifest)]
+    if not manifest:
+        rows.append(("manifest", "none yet: the run was stopped before it wrote one, or is at its start"))
+    found = frames(directory)
+    span = f" from {found[0].time:g} to {found[-1].time:g} us" if found else ""
+    rows.append(("frames", f"{len(found)}{span}"))
+    return two_columns([*rows, *_history_rows(directory / "history.csv"), *_ledger_rows(directory / "ledger.csv")])
+
+
+def _entries(manifest: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The manifest, but for the case: `validate` shows that better."""
+    for key, value in manifest.items():
+        if key == "case" and isinstance(value, dict):
+            yield "case", value.get("title", "untitled")
+        elif key == "wall_seconds" and isinstance(value, (int, float)):
+            yield "wall", clock(value)
+        elif isinstance(value, dict):
+            yield key.replace("_", " "), "  ".join(f"{name} {item}" for name, item in value.items())
+        elif isinstance(value, list):
+            yield key.replace("_", " "), ", ".join(map(str, value)) or "nothing"
+        else:
+            yield key.replace("_", " "), value
+
+
+def _history_rows(path: Path) -> Iterator[tuple[str, str]]:
+    table = read_table(path) if path.exists() else {}
+    if not table or not len(table["cell"]):
+        return
+    last = table["time_us"] == table["time_us"][-1]
+    yield "last sample", f"{table['time_us'][-1]:g} us"
+    for row in np.flatnonzero(last):
+        cell = table["cell"][row]
+        numbers = [f"{text} {table[name][row]:.4g} um" for text, name in
+                   (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
+                   if np.isfinite(table[name][row])]
+        yield f"cell {cell}" if cell else "aggregate", "  ".join(numbers)
+
+
+def _ledger_rows(path: Path) -> Iterator[tuple[str, str]]:
+    table = read_table(path) if path.exists() else {}
+    if not table or not np.isfinite(table["closure"]).any():
+        return
+    worst = np.nanargmax(np.abs(table["closure"]))
+    yield "worst closure", f"{100 * abs(table['closure'][worst]):.2g} % at {table['time_us'][worst]:g} us"
