@@ -10,124 +10,126 @@ from typing import Any
 import numpy as np
 
 from . import units
-from .messages import suggest
-from .schema import Cell
+from .schema import Cell, Particles
 from .source import Source
 from .values import declared
 
 MOST_CELLS, MOST_PARTICLES = 100_000, 1e9
+MOST_TOLD = 20  # overlaps that are told: when all cells overlap, so do all pairs
 OUTLINE = 720  # points of an outline: a disc of 5 µm is then round to 0.05 nm
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("range", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
 
-def expand(source: Source, cell: Cell, path: tuple) -> Iterator[tuple[Cell, tuple]]:
-    """The copies of a cell, each with the path of its table: the first direction runs fastest."""
-    counts, pitch = cell.repeat, cell.pitch
-    total = math.prod(counts)
-    if len(pitch) != len(counts) and total > 1:
-        source.wrong((*path, "pitch"), f"expects a vector for each of the {len(counts)} directions of repeat")
-        return
-    if total > MOST_CELLS:
-        source.wrong((*path, "repeat"), f"makes {total} cells; at most {MOST_CELLS} are possible")
-        return
-    for k in range(total):
-        steps, rest = [], k
-        for n in counts:
-            steps.append(rest % n)
-            rest //= n
-        moved = (c + sum(i * p[d] for i, p in zip(steps, pitch, strict=False)) for d, c in enumerate(cell.centre))
-        centre = tuple(float(f"{c:.15g}") for c in moved)
-        numbered = cell.name if "{}" in cell.name or total == 1 else cell.name + "-{}"
-        name = numbered.replace("{}", str(k + 1))
-        yield dataclasses.replace(cell, name=name, centre=centre, repeat=(1,), pitch=()), path
+def cell_names(data: Any) -> list[str]:
+    """Names of the cells that tables [[cells]] make, as far as they can be read."""
+    names = []
+    for item in data if isinstance(data, list) else ():
+        name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
+        whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
+        if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
+            names += _numbered(name, math.prod(repeat))
+    return names
 
 
-def check(source: Source, found: dict[str, Any], partial: bool) -> None:
+def _numbered(name: str, total: int) -> list[str]:
+    """Names of the copies of a cell."""
+    pattern = name if "{}" in name or total == 1 else name + "-{}"
+    return [pattern.replace("{}", str(k + 1)) for k in range(total)]
+
+
+def expand(source: Source, cells: list[tuple[Cell, tuple]]) -> list[tuple[Cell, tuple]]:
+    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest."""
+    if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
+        source.wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
+        return []
+    found = []
+    for cell, path in cells:
+        total = math.prod(cell.repeat)
+        if len(cell.pitch) != len(cell.repeat) and total > 1:
+            source.wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
+            continue
+        for k, name in enumerate(_numbered(cell.name, total)):
+            copy = dataclasses.replace(cell, name=name, centre=_centre(cell, k), repeat=(1,), pitch=())
+            found.append((copy, path))
+    return found
+
+
+def _centre(cell: Cell, k: int) -> tuple[float, ...]:
+    """Centre of copy k of a cell [µm]."""
+    centre = list(cell.centre)
+    for n, pitch in zip(cell.repeat, cell.pitch, strict=False):
+        k, step = divmod(k, n)
+        centre = [c + step * p for c, p in zip(centre, pitch, strict=True)]
+    return tuple(float(f"{c:.15g}") for c in centre)
+
+
+def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     """Note what does not fit together among the parts of a case; parts that have mistakes are None."""
-    if not partial:
-        _references(source, found)
-        _resolution(source, found)
-    _ordered(source, found)
-    _names(source, found["cells"])
-    if found["substrate"] is not None:
-        _above_substrate(source, found["cells"])
-    _overlaps(source, found["cells"])
+    cells = found["cells"]
+    for cell, path in {path: (cell, path) for cell, path in cells}.values():
+        _nucleus(source, cell, path)
+    if found["particles"] is not None:
+        _count(source, found["particles"], cells)
+    _names(source, cells)
+    if on_substrate:
+        _above_substrate(source, cells)
+    _overlaps(source, cells)
 
 
-def _laws(found: dict[str, Any]) -> Iterator[tuple[Any, tuple]]:
-    """All laws of a case that could be read, with their paths."""
-    single = {"substrate": ("adhesion", "substrate"), "contact": ("adhesion", "cells")}
-    for name in ("substrate", "contact", "protrusion", "director"):
-        if found[name] is not None:
-            yield found[name], single.get(name, (name,))
-    for name, law in found["materials"].items():
-        if law is not None:
-            yield law, ("materials", name)
+def resolution(source: Source) -> None:
+    """Note if not exactly one of per_cell and spacing is given."""
+    table = source.data.get("particles", {})
+    given = [key for key in ("per_cell", "spacing") if isinstance(table, dict) and key in table]
+    if len(given) != 1:
+        source.wrong(("particles", *given[1:]), "give either per_cell or spacing, "
+                     + ("not both" if given else 'such as per_cell = 1485 or spacing = "0.24 um"'))
 
 
-def _references(source: Source, found: dict[str, Any]) -> None:
-    """Materials and cells that are named exist; a nucleus has a size and a material, or neither."""
-    names = {cell.name for cell, _ in found["cells"]}
-    for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
-        for key in (k for k, f in declared(Cell).items() if f.metadata.get("refers") == "material"):
-            name = getattr(cell, key)
-            if name is not None and name not in found["materials"]:
-                source.wrong((*path, key), f"no material '{name}'{suggest(name, found['materials'])}")
-        ratio = getattr(cell.shape, "nucleus_ratio", None)
-        if cell.nucleus is not None and ratio is None:
-            source.wrong((*path, "nucleus"), "a nucleus has a size: nucleus_ratio is missing")
-        elif cell.nucleus is None and ratio is not None:
-            source.wrong((*path, "nucleus_ratio"), "a nucleus has a material: nucleus is missing")
-    if len({path for _, path in found["cells"]}) < len(source.data.get("cells") or ()):
-        return  # some cell could not be read, and its name may be the one
-    for law, path in _laws(found):
-        for key in (k for k, f in declared(type(law)).items() if f.metadata.get("items") == "cell"):
-            for name in dict.fromkeys(getattr(law, key)):
-                if name not in names:
-                    source.wrong((*path, key), f"no cell '{name}'{suggest(name, names)}")
+def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> None:
+    """Note pairs of parameters of one law that are in the wrong order."""
+    fields = declared(cls)
+    for small, large, why in NOT_ABOVE:
+        low, high = (found.get(k, fields[k].default if k in fields else None) for k in (small, large))
+        if isinstance(low, float) and isinstance(high, float) and low > high:
+            low, high = (units.text(v, fields[k].metadata["unit"]) for k, v in ((small, low), (large, high)))
+            source.wrong((*path, small), f"{low} is above {large} = {high}: {why}")
 
 
-def _resolution(source: Source, found: dict[str, Any]) -> None:
-    """The resolution is given, once, and can be computed."""
-    particles = found["particles"]
-    if particles is None:
-        return
-    if (particles.per_cell is None) == (particles.spacing is None):
-        given = "not both" if particles.spacing else 'such as per_cell = 1485 or spacing = "0.24 um"'
-        source.wrong(("particles",), f"give either per_cell or spacing, {given}")
-        return
-    total = 0.0
-    for cell, _ in found["cells"]:
+def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
+    """A nucleus has a size and a material, or neither."""
+    ratio = getattr(cell.shape, "nucleus_ratio", None)
+    if cell.nucleus is not None and ratio is None:
+        source.wrong((*path, "nucleus"), "a nucleus has a size, too: nucleus_ratio is missing")
+    elif cell.nucleus is None and ratio is not None:
+        source.wrong((*path, "nucleus_ratio"), "a nucleus has a material, too: nucleus is missing")
+
+
+def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:
+    """There are enough particles, and not too many."""
+    total, key = 0.0, "per_cell" if particles.per_cell else "spacing"
+    for cell, _ in cells if particles.per_cell or particles.spacing else ():
         count = particles.per_cell or cell.shape.area / particles.spacing**2
         total += count
         if count < 7:
-            source.wrong(("particles", "spacing"), f"leaves '{cell.name}' fewer than 7 particles")
+            source.wrong(("particles", key), f"leaves '{cell.name}' with {count:.0f} particles; at least 7 are needed")
             return
     if total > MOST_PARTICLES:
-        source.wrong(("particles",), f"makes {total:.2g} particles in all; at most {MOST_PARTICLES:.0e} are possible")
-
-
-def _ordered(source: Source, found: dict[str, Any]) -> None:
-    """Pairs of parameters of one law that have an order."""
-    for law, path in _laws(found):
-        fields = declared(type(law))
-        for small, large, why in NOT_ABOVE:
-            if small in fields and large in fields and getattr(law, small) > getattr(law, large):
-                low, high = (units.text(getattr(law, k), fields[k].metadata["unit"]) for k in (small, large))
-                source.wrong((*path, small), f"{low} is above {large} = {high}: {why}")
+        source.wrong(("particles", key), f"makes {total:.2g} particles, at most {MOST_PARTICLES:.0e} are possible")
 
 
 def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     """Every cell has a name of its own."""
     seen: dict[str, tuple] = {}
+    told = set()
     for cell, path in cells:
         if not cell.name.strip() or not cell.name.isprintable():
             source.wrong((*path, "name"), "a name has printable characters, and at least one")
-        elif cell.name in seen:
+        elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in told:
+            told.add((path, seen[cell.name]))
             other = ".".join(map(str, seen[cell.name]))
             source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}")
-        seen[cell.name] = path
+        seen.setdefault(cell.name, path)
 
 
 def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
@@ -143,20 +145,24 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     """No two cells overlap; of the copies of a cell, the first pair is named."""
     shapes: dict[Any, np.ndarray] = {}
-    outlines = [shapes.setdefault(c.shape, c.shape.outline(OUTLINE)) + np.array(c.centre) for c, _ in cells]
+    outlines = [shapes.setdefault(cell.shape, cell.shape.outline(OUTLINE)) for cell, _ in cells]
+    centres = np.array([cell.centre for cell, _ in cells])
     told = set()
-    for i, j in _near(outlines):
+    for i, j in _near(outlines, centres):
         (a, here), (b, there) = cells[i], cells[j]
-        if (here, there) not in told and (depth := _depth(outlines[i], outlines[j])) > 1e-9:
+        if (here, there) not in told and (depth := _depth(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
             told.add((here, there))
             source.wrong((*there, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
+            if len(told) == MOST_TOLD:
+                return
 
 
-def _near(outlines: list[np.ndarray]) -> Iterator[tuple[int, int]]:
-    """Pairs i < j of outlines whose boxes overlap."""
+def _near(outlines: list[np.ndarray], centres: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Pairs i < j of cells whose boxes overlap."""
     if len(outlines) < 2:
         return
-    low, high = (np.array([f(o, axis=0) for o in outlines]) for f in (np.min, np.max))
+    boxes = {id(o): (o.min(axis=0), o.max(axis=0)) for o in outlines}
+    low, high = (np.array([boxes[id(o)][side] for o in outlines]) + centres for side in (0, 1))
     order = np.argsort(low[:, 0], kind="stable")
     ends = np.searchsorted(low[order, 0], high[order, 0])
     for n, i in enumerate(order):
@@ -170,13 +176,13 @@ def _depth(a: np.ndarray, b: np.ndarray) -> float:
     return max(_inside(a, b), _inside(b, a))
 
 
+@np.errstate(all="ignore")  # edges along x cross no such ray; shapes may be absurdly small
 def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
     """Largest distance from the outline of `polygon` among the points inside it, by crossings of a ray along x."""
     p, q = polygon, np.roll(polygon, -1, axis=0)
     x, y = points[:, :1], points[:, 1:]
-    with np.errstate(all="ignore"):
-        crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
-            x < p[:, 0] + (y - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
+    crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
+        x < p[:, 0] + (y - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
     inside = points[crosses.sum(axis=1) % 2 == 1]
     if not len(inside):
         return 0.0

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from . import registry, values
-from .checks import check, expand
+from .checks import cell_names, check, expand, ordered, resolution
 from .messages import CaseError, show, suggest
 from .schema import Case, Cell, case_fields, case_path
 from .source import Source, read
@@ -46,14 +46,19 @@ class _Reader:
     def __init__(self, source: Source):
         self.source, self.wrong = source, source.wrong
         self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
+        materials = source.data.get("materials")
+        self.names = {"material": list(materials) if isinstance(materials, dict) else [],
+                      "cell": cell_names(source.data.get("cells"))}
 
     def case(self) -> dict[str, Any]:
         """Values of all fields; None where they have mistakes."""
         data, fields = self.source.data, case_fields()
         self.known_keys(data, (), {case_path(f) for f in fields.values()})
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
-        found["cells"] = tuple(c for cell in found["cells"] for c in expand(self.source, *cell))
-        check(self.source, found, self.partial)
+        found["cells"] = expand(self.source, found["cells"])
+        if not self.partial:
+            resolution(self.source)
+        check(self.source, found, on_substrate=self.find(("adhesion", "substrate")) is not None)
         found["cells"] = tuple(cell for cell, _ in found["cells"])
         return found
 
@@ -66,11 +71,12 @@ class _Reader:
 
     def known_keys(self, data: dict, path: tuple, known: set) -> None:
         """Note the keys of `data` that begin none of the `known` paths below it."""
+        words = sorted({p[0] for p in known}) + ["extends"] * (not path)
         for key, value in data.items():
             below = {p[1:] for p in known if p[0] == key}
             if not below:
                 what = "section" if isinstance(value, dict) else "key"
-                self.wrong((*path, key), f"no such {what}{suggest(key, sorted({p[0] for p in known}))}")
+                self.wrong((*path, key), f"no such {what}{suggest(key, words)}")
             elif () not in below and isinstance(value, dict):
                 self.known_keys(value, (*path, key), below)
             elif () not in below:
@@ -133,7 +139,7 @@ class _Reader:
         if name is None:
             self.missing((*path, key), f"one of {', '.join(map(repr, known))}")
         elif not isinstance(name, str) or name not in known:
-            self.wrong((*path, key), f"no {kind} {show(name)}{suggest(name, known)}")
+            self.wrong((*path, key), f"no {kind}{' law' * (key == 'law')} {show(name)}{suggest(name, known)}")
         else:
             return known[name]
         return None
@@ -156,16 +162,22 @@ class _Reader:
             if key not in found and values.required(f):
                 self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")
                 found[key] = None
+        ordered(self.source, cls, found, path)
         wrong = any(found[k] is None for k in found)
         return None if wrong else cls(**found)
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one key, None if it has a mistake."""
         try:
-            return values.read(f, value)
+            found = values.read(f, value)
         except ValueError as error:
             self.wrong(path, str(error))
             return None
+        what = f.metadata.get("refers") or f.metadata.get("items")
+        for name in dict.fromkeys(found if isinstance(found, tuple) else (found,)) if what in self.names else ():
+            if name not in self.names[what] and not self.partial:
+                self.wrong(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
+        return found
 
     def missing(self, path: tuple, what: str) -> None:
         """Note a key that has to be there."""

@@ -33,16 +33,18 @@ class CaseError(ValueError):
         return "\n".join(map(str, self.mistakes))
 
 
-def nearest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
+def nearest(word: object, words: Iterable[str], cutoff: float = 0.6) -> str | None:
     """The word among `words` nearest to `word`, whatever the case of its letters; None if none is near."""
+    if not isinstance(word, str):
+        return None
     lower = {w.lower(): w for w in words}
-    found = difflib.get_close_matches(str(word).lower()[:80], lower, n=1, cutoff=cutoff)
+    found = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=cutoff)
     return lower[found[0]] if found else None
 
 
-def suggest(word: str, words: Iterable[str]) -> str:
+def suggest(word: object, words: Iterable[str]) -> str:
     """End of a message about an unknown word: the nearest one, or all there are."""
-    words = list(words)
+    words = list(dict.fromkeys(words))
     if near := nearest(word, words):
         return f"; did you mean '{near}'?"
     return f"; there is {', '.join(map(repr, words[:20]))}" if words else "; there is none"

@@ -42,7 +42,7 @@ class Source:
     def sorted_mistakes(self) -> list[Mistake]:
         """By file and line."""
         order = {file: i for i, file in enumerate(self.files)}
-        return sorted(self.mistakes, key=lambda m: (order.get(m.file, len(order)), m.line or 0))
+        return sorted(dict.fromkeys(self.mistakes), key=lambda m: (order.get(m.file, len(order)), m.line or 0))
 
     def forget(self, path: tuple) -> None:
         """Drop the places of a value that is replaced."""
@@ -149,7 +149,8 @@ def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
         if isinstance(value, dict) and isinstance(base.get(key), dict):
             _merge(source, base[key], value, (*path, key))
         else:
-            source.forget((*path, key))
+            if key in base:
+                source.forget((*path, key))
             base[key] = value
 
 
@@ -159,8 +160,9 @@ def _set(source: Source, text: str) -> None:
     source.files.append(place[0])
     name, equals, value = text.partition("=")
     keys = [key.strip() for key in name.split(".")]
-    if not equals or not all(keys):
-        source.mistakes.append(Mistake(*place, "", "expects key=value, such as time.end='40 us'"))
+    if not equals or not all(keys) or keys[0] == "extends":
+        what = "belongs in a file" if keys[0] == "extends" else "expects key=value, such as time.end='40 us'"
+        source.mistakes.append(Mistake(*place, "", what))
         return
     where, path = source.data, ()
     for key in keys:
@@ -168,8 +170,9 @@ def _set(source: Source, text: str) -> None:
             where = where.setdefault(path[-1], {}) if isinstance(where, dict) else where[path[-1]]
         path = (*path, _step(where, key))
         if path[-1] is None:
-            names = [item.get("name", n) for n, item in enumerate(where)] if isinstance(where, list) else []
-            message = f"no such item{suggest(key, map(str, names))}" if names else "is not in a table"
+            items = where if isinstance(where, list) else []
+            names = [item["name"] for item in items if isinstance(item, dict) and isinstance(item.get("name"), str)]
+            message = f"no such item{suggest(key, names)}" if names else "is not in a table"
             source.mistakes.append(Mistake(*place, name, message))
             return
     where[path[-1]] = _value(value)
@@ -183,8 +186,8 @@ def _step(where: object, key: str) -> str | int | None:
         return key
     if isinstance(where, list):
         named = [n for n, item in enumerate(where) if isinstance(item, dict) and item.get("name") == key]
-        if named or (key.isdecimal() and int(key[:9]) < len(where)):
-            return named[0] if named else int(key[:9])
+        if named or (key.isdecimal() and len(key) < 9 and int(key) < len(where)):
+            return named[0] if named else int(key)
     return None
 
 

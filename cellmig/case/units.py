@@ -14,8 +14,8 @@ import pint
 _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*$")
-# No unit needs a number of two digits or a power of a power: and 9^9^9 would not come back.
-_NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|.{60}", re.DOTALL)
+# No unit has a number of two digits or a power of a power (9^9^9 would not come back), nor other signs than these.
+_NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|[^\w\s*/^()⁻-]|.{60}", re.DOTALL)
 
 
 class UnitError(ValueError):
@@ -64,13 +64,16 @@ def number(text: str, unit: str) -> float:
     """
     match = _QUANTITY.match(text)
     if not match:
-        raise UnitError(f"'{text}' is not a number with a unit, such as '1 {unit}'")
+        raise UnitError(f"'{text}' is not a number with a unit, such as '{written('1', unit)}'")
     value, given = match.groups()
     if not given and unit:
         raise UnitError(f"'{text}' has no unit; expected one such as '{unit}'")
-    scale, dimension = _scale(given or "")
+    try:
+        scale, dimension = _scale(given or "")
+    except UnitError as error:
+        raise UnitError(f"{error}; expected one such as '{unit}'") from None
     if dimension != _scale(unit)[1]:
-        raise UnitError(f"'{text}' has the wrong dimension; expected one such as '{unit}'")
+        raise UnitError(f"'{text}' has the wrong dimension; expected a quantity such as '{written('1', unit)}'")
     result = float(f"{float(value) * scale:.15g}")
     if abs(result) == float("inf"):
         raise UnitError(f"'{text}' is not a finite number")
@@ -81,7 +84,12 @@ def text(value: float, unit: str) -> str:
     """Quantity in the code's units as text with `unit`: the shortest that `number` reads back as the same value."""
     ratio = value / _scale(unit)[0]
     for digits in (12, 15, 17):
-        written = f"{ratio:.{digits}g} {unit}".strip()
-        if number(written, unit) == value:
+        shortest = written(f"{ratio:.{digits}g}", unit)
+        if number(shortest, unit) == value:
             break
-    return written
+    return shortest
+
+
+def written(digits: str, unit: str) -> str:
+    """A number and its unit as one writes them: "5 um", "8000 /um^2"."""
+    return f"{digits} {unit.removeprefix('1')}".strip()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections.abc import Callable
 from typing import Any
 
 from . import units
 from .messages import nearest, show, suggest
+
+LARGEST = 1e100  # its square and cube are finite, too
 
 
 def declared(cls: type) -> dict[str, dataclasses.Field]:
@@ -53,15 +54,15 @@ def write(field: dataclasses.Field, value: Any) -> Any:
 
 def example(field: dataclasses.Field) -> str:
     """What could be written for a field, in TOML."""
-    meta = field.metadata
-    unit = meta.get("unit", "")
-    leaf = f'"1 {unit}"' if unit else {"str": '"text"', "bool": "true"}.get(type_name(field), "1")
+    plain = {"str": '"…"', "bool": "true"}.get(type_name(field), "1")
+    return _example(field.metadata, field.metadata.get("shape", ()), plain)
+
+
+def _example(meta: Any, shape: tuple, plain: str = "1") -> str:
     if "items" in meta:
         return '["Cell-1"]' if meta["items"] == "cell" else "[1]"
-    return _listed(leaf, meta.get("shape", ()))
-
-
-def _listed(leaf: str, shape: tuple) -> str:
+    unit = meta.get("unit", "")
+    leaf = f'"{units.written("1", unit)}"' if unit else plain
     for n in reversed(shape):
         leaf = "[" + ", ".join([leaf] * (n or 1)) + "]"
     return leaf
@@ -72,9 +73,7 @@ def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
     if not shape:
         return leaf(meta, value)
     if not isinstance(value, list | tuple) or shape[0] not in (None, len(value)):
-        unit = meta.get("unit")
-        pattern = _listed(f'"1 {unit}"' if unit else "…", shape)
-        raise ValueError(f"expects a list such as {pattern}, not {show(value)}")
+        raise ValueError(f"expects a list such as {_example(meta, shape)}, not {show(value)}")
     return tuple(_nested(meta, shape[1:], item, leaf) for item in value)
 
 
@@ -84,17 +83,21 @@ def _quantity(meta: Any, value: Any) -> float:
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     or_word = "".join(f" or '{word}'" for word in meta.get("words", ()))
     if unit and isinstance(value, str):
-        number = units.number(value, unit)
+        try:
+            number = units.number(value, unit)
+        except units.UnitError as error:
+            raise ValueError(f"{error}{or_word}") from None
     elif unit and plain:
-        raise ValueError(f'needs a unit: write "{show(value)} {unit}", say, for {show(value)}')
+        raise ValueError(f'has no unit: write "{units.written(show(value), unit)}" if that is meant{or_word}')
     elif unit:
-        raise ValueError(f'expects a number with a unit, such as "1 {unit}"{or_word}, not {show(value)}')
+        raise ValueError(f"expects a number with a unit, such as {_example(meta, ())}{or_word}, not {show(value)}")
     elif not plain:
         raise ValueError(f"expects a pure number such as 1.5, without quotes or unit{or_word}, not {show(value)}")
-    elif abs(value) > 1e300 or math.isnan(value):
-        raise ValueError(f"expects a finite number, not {show(value)}")
     else:
-        number = float(value)
+        number = value
+    if not abs(number) <= LARGEST:  # neither is a NaN
+        raise ValueError(f"expects a number of a size that can be computed with, not {show(value)}")
+    number = float(number)
     _within(meta, number, value)
     return number
 
@@ -142,5 +145,5 @@ def _within(meta: Any, number: float, value: Any) -> None:
 def bounds(meta: Any) -> str:
     """The declared bounds as text, with the unit: "> 0 um", ">= 0 and <= 1"."""
     signs = (("above", ">"), ("minimum", ">="), ("maximum", "<="))
-    parts = [f"{sign} {meta[k]} {meta.get('unit', '')}".strip() for k, sign in signs if meta.get(k) is not None]
-    return " and ".join(parts)
+    limits = [(sign, units.written(str(meta[k]), meta.get("unit", ""))) for k, sign in signs if meta.get(k) is not None]
+    return " and ".join(f"{sign} {limit}" for sign, limit in limits)

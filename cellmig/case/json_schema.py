@@ -1,0 +1,87 @@
+"""JSON schema of a case file, for editors that complete and check TOML while it is written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import registry
+from .schema import Case, Cell, case_fields, case_path
+from .values import bounds, declared, required, type_name, write
+
+# Keys of JSON schema for what a declaration says of a pure number.
+_LIMITS = {"above": "exclusiveMinimum", "minimum": "minimum", "maximum": "maximum"}
+_TYPES = {"int": "integer", "bool": "boolean", "str": "string", "float": "number"}
+
+
+def json_schema() -> dict:
+    """JSON schema (draft 2020-12) of a case, from its declarations and from the laws that are registered."""
+    root = _object({"extends": {"type": "string", "description": "case file whose tables this one is laid over"}},
+                   doc=Case.__doc__.split("\n")[0])
+    for f in case_fields().values():
+        table = root
+        *groups, key = case_path(f)
+        for group in groups:
+            table = table["properties"].setdefault(group, _object({}))
+        table["properties"][key] = _part(f)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "cellmig case", **root}
+
+
+def _part(f: Any) -> dict:
+    """A field of the case: a section, laws, cells or a value."""
+    meta = f.metadata
+    if "section" in meta:
+        return _record(meta["section"], doc=meta["doc"])
+    if "items_of" in meta:
+        return {"type": "array", "description": meta["doc"], "items": _choice("shape", "shape", Cell)}
+    if "kind" not in meta:
+        return _value(f)
+    one = _choice(meta["kind"], "law")
+    if meta.get("many"):
+        return {"type": "object", "description": meta["doc"], "additionalProperties": one}
+    return {"description": meta["doc"], **one}
+
+
+def _choice(kind: str, key: str, around: type | None = None) -> dict:
+    """A table whose `key` names a law of a kind, with that law's parameters and those of the class `around` it."""
+    options = []
+    for name, cls in registry.laws(kind).items():
+        option = _record(cls, doc=cls.__doc__.split("\n")[0])
+        if around:
+            option["properties"] |= _record(around)["properties"]
+        option["properties"][key] = {"const": name}
+        options.append(option)
+    return {"type": "object", "properties": {key: {"enum": list(registry.laws(kind))}}, "anyOf": options}
+
+
+def _record(cls: type, doc: str = "") -> dict:
+    """A declared class.  Nothing is required here: the file may extend another one that gives it."""
+    return _object({name: _value(f) for name, f in declared(cls).items()}, doc)
+
+
+def _object(properties: dict, doc: str = "") -> dict:
+    return {"type": "object", "properties": properties, "additionalProperties": False} | (
+        {"description": doc} if doc else {})
+
+
+def _value(f: Any) -> dict:
+    """One key: its type, unit, bounds, default and choices."""
+    meta = f.metadata
+    unit = meta.get("unit", "")
+    leaf: dict = {"type": "string" if unit or "items" in meta else _TYPES.get(type_name(f), "number")}
+    if meta.get("items") == "count":
+        leaf = {"type": "integer", "minimum": 1}
+    if unit:
+        leaf["pattern"] = "|".join([r"^\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*\S+", *meta.get("words", ())])
+    else:
+        leaf |= {_LIMITS[k]: meta[k] for k in _LIMITS if meta.get(k) is not None}
+    if "choices" in meta:
+        leaf["enum"] = list(meta["choices"])
+    for n in reversed(meta.get("shape") or ((None,) if "items" in meta else ())):
+        leaf = {"type": "array", "items": leaf} | ({"minItems": n, "maxItems": n} if n else {})
+    limits = bounds(meta) and f", {bounds(meta)}"
+    leaf["description"] = meta["doc"] + (f" [{unit or '-'}]" if "unit" in meta else "") + limits
+    if not required(f) and f.default is not None:
+        leaf["default"] = write(f, f.default)
+    if "known" in meta:
+        leaf["examples"] = list(meta["known"])
+    return leaf
