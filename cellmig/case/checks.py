@@ -21,10 +21,10 @@ NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is th
              ("range", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
 
-def cell_names(data: Any) -> list[str]:
+def cell_names(cells: list) -> list[str]:
     """Names of the cells that tables [[cells]] make, as far as they can be read."""
     names = []
-    for item in data if isinstance(data, list) else ():
+    for item in cells:
         name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
         whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
         if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
@@ -172,8 +172,17 @@ def _near(outlines: list[np.ndarray], centres: np.ndarray) -> Iterator[tuple[int
 
 
 def _depth(a: np.ndarray, b: np.ndarray) -> float:
-    """How deep a corner of one polygon (n, 2) lies inside the other [µm], 0 if none does."""
-    return max(_inside(a, b), _inside(b, a))
+    """How deep a corner or the middle of one polygon (n, 2) lies inside the other [µm], 0 if none does."""
+    axis = b.mean(axis=0) - a.mean(axis=0)
+    if (a @ axis).max() < (b @ axis).min():
+        return 0.0  # a line parts them: most neighbours go no further
+    return max(_inside(_probes(a), b), _inside(_probes(b), a))
+
+
+def _probes(polygon: np.ndarray) -> np.ndarray:
+    """Corners of a polygon and its middle, if that is inside it: the corners of two like polygons may coincide."""
+    middle = polygon.mean(axis=0, keepdims=True)
+    return np.concatenate([polygon, middle]) if _inside(middle, polygon) > 0 else polygon
 
 
 @np.errstate(all="ignore")  # edges along x cross no such ray; shapes may be absurdly small

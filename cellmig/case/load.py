@@ -47,8 +47,9 @@ class _Reader:
         self.source, self.wrong = source, source.wrong
         self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
         materials = source.data.get("materials")
-        self.names = {"material": list(materials) if isinstance(materials, dict) else [],
-                      "cell": cell_names(source.data.get("cells"))}
+        self.names = {"material": list(materials) if isinstance(materials, dict) else []}
+        if isinstance(source.data.get("cells"), list):
+            self.names["cell"] = cell_names(source.data["cells"])
 
     def case(self) -> dict[str, Any]:
         """Values of all fields; None where they have mistakes."""

@@ -129,7 +129,7 @@ def _text(file: str) -> str:
     if len(raw) > LARGEST:
         raise _Unreadable(f"is larger than {LARGEST >> 20} MiB: that is no case file")
     try:
-        return raw.decode().replace("\r\n", "\n")
+        return raw.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise _Unreadable("is not UTF-8 text", raw[:error.start].count(b"\n") + 1) from None
 
