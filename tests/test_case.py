@@ -209,6 +209,12 @@ def test_a_list_of_cells_replaces_the_one_that_is_extended(written: Callable[...
     assert [cell.shape.radius for cell in case.cells] == [2.0]
 
 
+def test_a_table_that_names_another_law_replaces_the_one_that_is_extended(written: Callable[..., Path]) -> None:
+    written(SOUND + '[director]\nlaw = "relaxing"\nmobility = "2 um^2/us"\n', "sound.toml")
+    assert load(written('extends = "sound.toml"\n[director]\nlaw = "frozen"\n')).director.law == "frozen"
+    assert load(written('extends = "sound.toml"\n[director]\nlaw = "relaxing"\n')).director.mobility == 2.0
+
+
 def test_a_long_chain_of_cases_is_followed_to_its_end(written: Callable[..., Path]) -> None:
     written(SOUND, "0.toml")
     for n in range(1, 1200):  # more than Python's depth of calls

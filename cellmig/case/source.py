@@ -35,9 +35,9 @@ class Source:
                 return self.places[path[:n]]
         return self.files[0], None
 
-    def wrong(self, path: tuple, message: str, key: str | None = None) -> None:
-        """Note a mistake at a key; `key` is what it is called where that is not its path."""
-        self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)) if key is None else key, message))
+    def wrong(self, path: tuple, message: str) -> None:
+        """Note a mistake at a key."""
+        self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)), message))
 
     def sorted_mistakes(self) -> list[Mistake]:
         """By file and line."""
@@ -144,10 +144,11 @@ def _near_file(file: str) -> str:
 
 
 def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
-    """Lay `child` over `base`: tables are merged, everything else is replaced."""
+    """Lay `child` over `base`: tables are merged, everything else, and a table of another law, is replaced."""
     for key, value in child.items():
-        if isinstance(value, dict) and isinstance(base.get(key), dict):
-            _merge(source, base[key], value, (*path, key))
+        old = base.get(key)
+        if isinstance(value, dict) and isinstance(old, dict) and value.get("law") in (None, old.get("law")):
+            _merge(source, old, value, (*path, key))
         else:
             if key in base:
                 source.forget((*path, key))
