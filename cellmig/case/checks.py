@@ -144,8 +144,8 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     """No two cells overlap; of the copies of a cell, the first pair is named."""
-    shapes: dict[Any, np.ndarray] = {}
-    outlines = [shapes.setdefault(cell.shape, cell.shape.outline(OUTLINE)) for cell, _ in cells]
+    shapes = {shape: shape.outline(OUTLINE) for shape in {cell.shape for cell, _ in cells}}
+    outlines = [shapes[cell.shape] for cell, _ in cells]
     centres = np.array([cell.centre for cell, _ in cells])
     told = set()
     for i, j in _near(outlines, centres):
