@@ -1,0 +1,1 @@
+"""Meshfree discretisation: shapes, RKPM gradients and their adjoint, stabilisation, surfaces, the compiled kernel."""

@@ -120,6 +120,8 @@ def _source(materials, substrate, contact, protrusion, director, active) -> tupl
     scalar("substrate", substrate, ["primitive", "potential", "slope"])
     scalar("contact", contact, ["primitive", "potential", "slope"])
     scalar("protrusion", protrusion, ["ramp", "ramp_slope"])
+    if director != "none" or active:
+        parts.append("#define DIRECTOR 1\n")
     if director == "relaxing":
         parts.append("#define DIRECTOR_RELAXES 1\n")
     return "\n".join([*parts, SOURCE.read_text()]), vectors

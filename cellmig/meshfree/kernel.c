@@ -323,7 +323,7 @@ void cell_adhesion(const Scene *s, double *force, double *energy)
 
 /* ---------------------------------------------------------------- director */
 
-#ifdef DIRECTOR_RELAXES
+#ifdef DIRECTOR
 static inline double wrapped(double a) { return a - 2 * M_PI * rint(a / (2 * M_PI)); }
 
 /* Reference gradient of θ at the particles, and h = (cos θ, sin θ). */
@@ -346,6 +346,10 @@ static void director_gradient(const Scene *s)
         }
 }
 
+void director_field(const Scene *s) { director_gradient(s); }
+#endif
+
+#ifdef DIRECTOR_RELAXES
 /* Angle of the membrane at the anchored particles. */
 static void anchor_director(const Scene *s)
 {
@@ -491,6 +495,30 @@ int rate(const Scene *s, double *out)
             }
     }
     return 0;
+}
+
+/* Accounts of losses and work over a time dt, at the state as it is. */
+int account(const Scene *s, double dt)
+{
+    deformation(s);
+    stress_of_rate(s, 0.0, dt);
+    return surface_forces(s, dt);
+}
+
+/* The director alone goes on by dt, for integrators that hold it still within a step. */
+int relax_director(const Scene *s, double dt)
+{
+    return director_ready(s) || director_step(s, dt);
+}
+
+/* Velocity gradients Ḟ by blocks, lanes 00 10 01 11. */
+void velocity_gradient(const Scene *s, double *out)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        v4 r[4], stab[2];
+        gather(s, b, s->state + 2, r, stab);
+        for (int c = 0; c < 4; c++) store(out + 16 * b + 4 * c, r[c]);
+    }
 }
 
 /* ---------------------------------------------------------------- what the step control asks */

@@ -29,8 +29,13 @@ class Numbering:
         return np.where(self.ids[found] == ids, found, -1) if len(order) else np.full(np.shape(ids), -1)
 
 
-def number(scene: Scene, owned: np.ndarray, extra: np.ndarray) -> Numbering:
-    """Numbering for the owned ids and what their forces need: two layers of neighbours and the `extra` ids."""
+    def extended(self, ids: np.ndarray) -> Numbering:
+        """The same with further ghosts at the end."""
+        return Numbering(np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]), self.n_owned, self.n_rows)
+
+
+def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
+    """Numbering for the owned ids and what their internal forces need: two layers of neighbours, and `needed` ids."""
     own = np.zeros(scene.size, bool)
     own[owned] = True
     first, second = own.copy(), own.copy()
@@ -39,22 +44,18 @@ def number(scene: Scene, owned: np.ndarray, extra: np.ndarray) -> Numbering:
         pattern = scene.templates[scene.kind[c]].G
         first[part] = reach(pattern, own[part])
         second[part] = reach(pattern, first[part])
-    second[extra] = True
+    second[needed] = True
 
     def by_material(ids: np.ndarray) -> np.ndarray:
         return ids[np.lexsort((ids, scene.material[ids]))]
 
-    layers = [by_material(np.flatnonzero(m)) for m in (own, first & ~own, second & ~first)]
+    layers = [by_material(np.flatnonzero(m)) for m in (own, first & ~own, second & ~first & ~own)]
     return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]))
 
 
 def reach(pattern: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
     """Particles that are in `mask` or have a neighbour there (n,) bool; the pattern is symmetric."""
-    touched = mask.copy()
-    rows = np.flatnonzero(mask)
-    for r in rows:
-        touched[pattern.indices[pattern.indptr[r] : pattern.indptr[r + 1]]] = True
-    return touched
+    return mask | (abs(pattern) @ mask.astype(float) > 0)
 
 
 def entries(t: Template) -> tuple[tuple, tuple]:

@@ -1,0 +1,92 @@
+"""Search lists of surfaces: which segments are near the substrate, which particles near another cell's surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .body import Scene
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """All closed polylines of the scene, one after the other; indices run through them.
+
+    ids : (m,) -- global ids of the surface particles;  cell : (m,);  after, before : (m,) -- neighbours in the
+    polyline;  length : (m,) -- reference length of the segment from a particle to the next [µm].
+    """
+
+    ids: np.ndarray
+    cell: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+    length: np.ndarray
+
+    @classmethod
+    def of(cls, scene: Scene) -> Surfaces:
+        """The surfaces of a scene."""
+        rings = [scene.surface(c) for c in range(len(scene.kind))]
+        start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
+        after = np.concatenate([a + np.roll(np.arange(len(r)), -1) for a, r in zip(start, rings, strict=False)])
+        before = np.concatenate([a + np.roll(np.arange(len(r)), 1) for a, r in zip(start, rings, strict=False)])
+        cell = np.repeat(np.arange(len(rings)), np.diff(start))
+        length = np.concatenate([scene.templates[k].segment_length for k in scene.kind])
+        return cls(np.concatenate(rings), cell, after, before, length)
+
+
+@dataclass(frozen=True)
+class ContactLists:
+    """Particles near another cell's surface, by pair of cells; indices into `Surfaces`.
+
+    node : (n,);  pair : (n,) -- number of the unordered pair of cells;  first : (n + 1,), candidate : (k,) -- the
+    segments that may be closest, by their first particle;  segment : (e, 2) -- neighbours in `node`, both listed.
+    """
+
+    node: np.ndarray
+    pair: np.ndarray
+    first: np.ndarray
+    candidate: np.ndarray
+    segment: np.ndarray
+
+    def of_pairs(self, pairs: np.ndarray) -> ContactLists:
+        """The lists of some pairs alone, in the same order."""
+        keep = np.isin(self.pair, pairs)
+        number = np.cumsum(keep) - 1
+        count = np.diff(self.first)[keep]
+        segment = self.segment[keep[self.segment[:, 0]]] if len(self.segment) else self.segment
+        return ContactLists(self.node[keep], self.pair[keep], np.concatenate([[0], np.cumsum(count)]),
+                            self.candidate[np.repeat(keep, np.diff(self.first))], number[segment])
+
+    def involved(self, surfaces: Surfaces) -> tuple[np.ndarray, np.ndarray]:
+        """(pair, surface particle) of all that the forces of a pair need or act on."""
+        owner = np.repeat(self.pair, np.diff(self.first))
+        ends = self.candidate, surfaces.after[self.candidate]
+        around = surfaces.before[ends[0]], surfaces.after[ends[1]]
+        return np.concatenate([self.pair, *[owner] * 4]), np.concatenate([self.node, *ends, *around])
+
+
+def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float) -> ContactLists:
+    """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them."""
+    longest = np.linalg.norm(x[surfaces.after] - x, axis=1).max()
+    pairs = cKDTree(x).query_pairs(reach + 0.5 * longest, output_type="ndarray")
+    pairs = pairs[surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]]
+    near = np.concatenate([pairs, pairs[:, ::-1]])  # (particle, particle of another cell)
+    segments = np.concatenate([near, np.column_stack([near[:, 0], surfaces.before[near[:, 1]]])])
+    n_cells = surfaces.cell.max() + 1
+    own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
+    unique = np.unique(np.column_stack([own * n_cells + other, segments]), axis=0)
+    directed, node, candidate = unique.T
+    fresh = np.ones(len(unique), bool)
+    fresh[1:] = (directed[1:] != directed[:-1]) | (node[1:] != node[:-1])
+    first = np.append(np.flatnonzero(fresh), len(unique))
+    directed, node = directed[fresh], node[fresh]
+    key = directed * len(x) + node  # ascending
+    following = directed * len(x) + surfaces.after[node]
+    at = np.minimum(np.searchsorted(key, following), max(len(key) - 1, 0))
+    listed = key[at] == following if len(key) else np.zeros(0, bool)
+    segment = np.column_stack([np.flatnonzero(listed), at[listed]])
+    own, other = np.divmod(directed, n_cells)
+    pair = np.minimum(own, other) * n_cells + np.maximum(own, other)
+    return ContactLists(node, pair, first, candidate, segment)

@@ -1,0 +1,191 @@
+"""What is looked at: per cell for history.csv, in sums for ledger.csv, per particle for the frames."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from ..parallel.reduce import exact_sum
+
+TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
+UNITS = {"id": "1", "cell": "1", "material": "1", "surface": "1", "X": "um", "u": "um", "v": "um/us", "stress": "Pa",
+         "effective_stress": "Pa", "J": "1", "pressure": "Pa", "director": "1", "adhesion_force": "pN/um",
+         "contact_force": "pN/um", "protrusion_force": "pN/um"}
+
+
+def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
+    """A pointwise method of a law, given those of the quantities that it asks for by name."""
+    names = list(inspect.signature(getattr(type(law), method)).parameters)[1:]
+    return getattr(law, method)(*[quantities[n] for n in names])
+
+
+class Sampler:
+    """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`."""
+
+    def __init__(self, mechanics: Any):
+        """Remember masses, volumes and the points that are watched."""
+        m = self.mechanics = mechanics
+        scene, ids = m.scene, m.ids
+        self.mass, self.V = scene.field("mass")[ids], scene.field("V")[ids]
+        self.cell, self.material = scene.cell[ids], scene.material[ids]
+        self.n_cells = len(scene.kind)
+        self.cell_mass = self._sum(self.mass)
+        self.cell_volume = self._sum(self.V)
+        self.watched = np.array([_below_centre(scene, c) for c in range(self.n_cells)])
+        self.surface = np.full(scene.size, -1, np.int32)
+        for c in range(self.n_cells):
+            self.surface[scene.surface(c)] = np.arange(len(scene.surface(c)))
+        self.surface = self.surface[ids]
+        self._start: dict[str, float] | None = None
+
+    def _sum(self, values: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """Sums by cell of values at the owned particles, or at some of them; collective."""
+        cell = self.cell if rows is None else self.cell[rows]
+        return exact_sum(self.mechanics.comm, values, cell, self.n_cells)
+
+    # ------------------------------------------------------------ per particle
+
+    def stresses(self) -> dict[str, np.ndarray]:
+        """Cauchy stress (n, 3, 3), effective stress, J and pressure, without the numerical damping [Pa]."""
+        m, terms = self.mechanics, self.mechanics.terms
+        F, rate = m.tensors()
+        n = F.shape[2]
+        everything = {"F": F, "Fdot": rate, **self._director()}
+        stress = np.zeros((n, 3, 3))
+        J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+        for i, law in enumerate(m.scene.materials):
+            on = self.material == i
+            local = {k: v[..., on] for k, v in everything.items()}
+            P = np.array(pointwise(law, "stress", local))
+            if terms.director != "none" and hasattr(law, "director_stress"):
+                P = P + np.array(pointwise(law, "director_stress", local))
+            if terms.active and hasattr(law, "active_stress"):
+                P = P + np.array(pointwise(law, "active_stress", local))
+            stress[on, :2, :2] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
+            stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
+        mean = np.trace(stress, axis1=1, axis2=2) / 3.0
+        deviator = stress - mean[:, None, None] * np.eye(3)
+        effective = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+        return {"stress": stress, "effective_stress": effective, "J": J, "pressure": -mean}
+
+    def _director(self) -> dict[str, np.ndarray]:
+        m = self.mechanics
+        if m.theta is None:
+            return {}
+        by_lane = [np.moveaxis(m.kernel[a], 2, 1).reshape(-1, 2)[: m.n_owned].T
+                   for a in ("director_gradient", "director_axis")]
+        return {"gradient": by_lane[0], "director": by_lane[1]}
+
+    def fields(self) -> dict[str, np.ndarray]:
+        """The fields of a frame, for the owned particles, those that the scene has."""
+        m, terms = self.mechanics, self.mechanics.terms
+        out = {"id": m.ids.astype(np.int64), "cell": self.cell + 1, "material": self.material,
+               "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.owned[:, :2].copy(),
+               "v": m.state.owned[:, 2:].copy(), **self.stresses()}
+        for name, term in FORCES.items():
+            if getattr(terms, term) is not None:
+                out[name] = m.surface_force(term)[0]
+        if m.theta is not None:
+            out["director"] = self._director()["director"].T
+        return out
+
+    # ------------------------------------------------------------ per cell
+
+    def history(self) -> list[dict[str, float]]:
+        """Rows of history.csv: the aggregate (cell 0), then the cells; collective."""
+        m = self.mechanics
+        stresses = self.stresses()
+        u, X = m.state.owned[:, :2], m.scene.X[m.ids]
+        moved = self._sum(self.mass[:, None] * u) / self.cell_mass[:, None]
+        place = self._sum(self.mass[:, None] * (X + u)) / self.cell_mass[:, None]
+        effective = self._sum(self.V * stresses["effective_stress"]) / self.cell_volume
+        area, perimeter, substrate, contact = self._outline().T
+        at = np.isin(m.ids, self.watched)
+        watched = self._sum(stresses["stress"][at, 0, 0], np.flatnonzero(at))
+        columns = {"x_um": place[:, 0], "y_um": place[:, 1], "ux_um": moved[:, 0], "uy_um": moved[:, 1],
+                   "substrate_contact_um": substrate, "cell_contact_um": contact, "area_um2": area,
+                   "perimeter_um": perimeter, "effective_stress_pa": effective, "sigma11_lower_centre_pa": watched}
+        rows = [{name: float(c[i]) for name, c in columns.items()} for i in range(self.n_cells)]
+        whole = {name: float(np.average(c, weights=self.cell_mass)) for name, c in columns.items()}
+        for name in ("area_um2", "perimeter_um", "substrate_contact_um"):
+            whole[name] = float(columns[name].sum())
+        whole["cell_contact_um"] = 0.5 * float(contact.sum())  # each interface has two sides
+        return [whole, *rows]
+
+    def _outline(self) -> np.ndarray:
+        """Area [µm²], perimeter, contact with the substrate and with cells [µm] of every cell (cells, 4)."""
+        m = self.mechanics
+        ends, x = m.segments()
+        length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+        area = 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
+        terms, substrate, contact = m.terms, np.zeros(len(ends)), np.zeros(m.n_owned)
+        if terms.substrate is not None:
+            substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.range)
+        if terms.contact is not None and len(m.lists.segment):
+            foot, segment = m.foot["gap"], m.lists.segment
+            local = m.kernel["contact_node"][segment]
+            x2 = m._X[local] + m._memory[local, :2]
+            touched = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1) * _share_below(
+                foot[segment[:, 0]], foot[segment[:, 1]], TOUCHING * terms.contact.range)
+            mine = local[:, 0] < m.n_owned
+            np.add.at(contact, local[mine, 0], touched[mine])
+        values = np.zeros((m.n_owned, 4))
+        values[ends[:, 0], :3] = np.column_stack([area, length, substrate])
+        values[:, 3] = contact
+        return self._sum(values)
+
+    # ------------------------------------------------------------ in sums
+
+    def ledger(self, acceleration: np.ndarray, half_step: float) -> dict[str, float]:
+        """Row of ledger.csv [pN]; `half_step` [µs] brings the velocity of the leapfrog to the time of u; collective."""
+        m, terms = self.mechanics, self.mechanics.terms
+        v = m.state.owned[:, 2:] + half_step * acceleration[:, 2:]
+        parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
+        everything = {"F": m.tensors()[0], **self._director()}
+        for i, law in enumerate(m.scene.materials):
+            on = self.material == i
+            local = {k: q[..., on] for k, q in everything.items()}
+            for name, method in ((law.energy_column, "energy"), ("director", "director_energy")):
+                if method == "energy" or (terms.director != "none" and hasattr(law, method)):
+                    density = np.zeros(m.n_owned)
+                    density[on] = pointwise(law, method, local)
+                    parts[name] = parts[name] + self.V * density
+        for name, term in (("adhesion_substrate", "substrate"), ("adhesion_cells", "contact")):
+            parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
+        parts["protrusion_work"] = m.kernel["protrusion_work"][: m.n_owned].copy()
+        if terms.acceleration is not None:  # work of the body force, a potential
+            parts["protrusion_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
+        for name in ("viscous_loss", "numerical_loss"):
+            parts[name] = m.kernel[name][: m.n_owned]
+        columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
+        entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
+        self._start = self._start or entries
+        change = {name: value - self._start[name] for name, value in entries.items()}
+        missing = sum(change.values()) - 2.0 * change["protrusion_work"]
+        largest = max(abs(c) for c in change.values())
+        entries["closure"] = abs(missing) / largest if largest else 0.0
+        return entries
+
+    def momentum(self) -> np.ndarray:
+        """Total momentum (2,) [pN µs/µm]; collective."""
+        return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.owned[:, 2:])
+
+
+FORCES = {"adhesion_force": "substrate", "contact_force": "contact", "protrusion_force": "protrusion"}
+
+
+def _below_centre(scene: Any, cell: int) -> int:
+    """Global id of the particle nearest to the middle of the lower half: its lower centre."""
+    t = scene.templates[scene.kind[cell]]
+    point = np.array([0.0, 0.75 * t.X[:, 1].min()])
+    return int(scene.offset[cell] + np.argmin(((t.X - point) ** 2).sum(axis=1)))
+
+
+def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
+    """Share of each segment whose gap, linear from g1 to g2, is below `height` [-]."""
+    low, high = np.minimum(g1, g2), np.maximum(g1, g2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.clip((height - low) / (high - low), 0.0, 1.0)
+    return np.where(np.isfinite(high) & (high > low), share, (low < height) & np.isfinite(low))

@@ -1,0 +1,46 @@
+"""Sums over all ranks whose bits depend neither on the partition nor on the order."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+_BITS = 30  # of one limb; three limbs hold 90 bits below the largest value, 2³³ values fit
+
+
+def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, groups: int = 1) -> np.ndarray:
+    """Sum over the ranks and the first axis, of (n,) or (n, k) values; the result is () or (k,).
+
+    With `group` (n,) the sums of `groups` groups are returned, (groups, ...).  Values are split into whole multiples
+    of powers of two and these are added as integers, which is associative.
+    """
+    values = np.asarray(values, float)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
+    top = np.abs(flat).max(axis=0, initial=0.0)
+    top = np.where(np.isnan(top), np.inf, top)
+    comm.Allreduce(MPI.IN_PLACE, top, MPI.MAX)
+    shape = values.shape[1:] if group is None else (groups, *values.shape[1:])
+    if not np.isfinite(top).all():
+        return np.full(shape, np.nan)
+    exponent = np.frexp(top)[1]
+    limbs, rest = np.zeros((3, groups, flat.shape[1]), np.int64), flat
+    where = np.zeros(len(flat), np.intp) if group is None else group
+    for i in range(3):
+        unit = exponent - _BITS * (i + 1)
+        whole = np.rint(np.ldexp(rest, -unit))
+        np.add.at(limbs[i], where, whole.astype(np.int64))
+        rest = rest - np.ldexp(whole, unit)
+    comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
+    exact = [(int(a) << 2 * _BITS) + (int(b) << _BITS) + int(c) for a, b, c in limbs.reshape(3, -1).T]
+    powers = np.tile(exponent - 3 * _BITS, groups)
+    return np.array([math.ldexp(w, int(e)) for w, e in zip(exact, powers, strict=True)]).reshape(shape)
+
+
+def extreme(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
+    """Largest value over the ranks, entry by entry; a NaN counts as infinite."""
+    values = np.where(np.isnan(values), np.inf, values)
+    comm.Allreduce(MPI.IN_PLACE, values, MPI.MAX)
+    return values

@@ -1,0 +1,59 @@
+"""The particles in a DMSwarm: it holds what belongs to a particle and carries it to its owner."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from petsc4py import PETSc
+
+FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.RealType), "v": (2, PETSc.RealType),
+          "theta": (1, PETSc.RealType), "loss": (4, PETSc.RealType)}
+
+
+class Swarm:
+    """Particles of this rank, with the fields id, X, u, v [µm, µm/µs], θ, and losses and impulses so far."""
+
+    def __init__(self, comm: PETSc.Comm, fields: dict[str, np.ndarray]):
+        """Start with the particles that this rank brings along, whoever is to own them."""
+        self.dm = PETSc.DMSwarm().create(comm=comm)
+        self.dm.setDimension(2)
+        self.dm.setType(PETSc.DMSwarm.Type.BASIC)
+        self.dm.initializeFieldRegister()
+        for name, (width, kind) in FIELDS.items():
+            self.dm.registerField(name, width, dtype=kind)
+        self.dm.finalizeFieldRegister()
+        self.dm.setLocalSizes(len(fields["id"]), 16)
+        for name, values in fields.items():
+            self[name] = values
+
+    @contextmanager
+    def field(self, name: str) -> Iterator[np.ndarray]:
+        """A field as an array to read or write in place, (n,) or (n, width)."""
+        width = FIELDS[name][0] if name in FIELDS else 1
+        try:
+            values = self.dm.getField(name)
+            yield values.reshape(-1, width) if width > 1 else values
+        finally:
+            self.dm.restoreField(name)
+
+    def __setitem__(self, name: str, values: np.ndarray) -> None:
+        with self.field(name) as f:
+            f[:] = values
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        with self.field(name) as f:
+            return f.copy()
+
+    def migrate(self, owner: np.ndarray) -> None:
+        """Send every particle to the rank that `owner` (n,) names; afterwards they stand in the order of their ids."""
+        self["DMSwarm_rank"] = owner
+        self.dm.migrate(remove_sent_points=True)
+        order = np.argsort(self["id"], kind="stable")
+        for name in FIELDS:
+            self[name] = self[name][order]
+
+    def destroy(self) -> None:
+        """Free the PETSc object."""
+        self.dm.destroy()

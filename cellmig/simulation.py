@@ -1,0 +1,170 @@
+"""A simulation: particles, forces and integrator built from a case, and the run that leaves its files."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from . import meshfree, model
+from .case.registry import discover, laws
+from .case.schema import Case
+from .meshfree.body import Scene, template
+from .model.director import start_angle
+from .output.sample import Sampler
+from .parallel.partition import bisection
+from .parallel.swarm import Swarm
+from .solve.integrate import Integrator
+from .solve.mechanics import Mechanics, Terms
+from .solve.step import StepControl
+
+discover(model)
+discover(meshfree)
+
+
+def particle_count(case: Case, shape: Any) -> int:
+    """Particles of a cell of this shape."""
+    p = case.particles
+    return p.per_cell if p.per_cell is not None else max(7, round(shape.area / p.spacing**2))
+
+
+def discretise(case: Case) -> Scene:
+    """The reference configuration of a case: one template for each kind of cell."""
+    used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
+    kinds: dict = {}
+    for cell in case.cells:
+        kinds.setdefault((cell.shape, cell.material, cell.nucleus), len(kinds))
+    templates, material_of = [], []
+    for shape, body, nucleus in kinds:
+        pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
+        templates.append(template(shape, particle_count(case, shape), case.particles.dilation, pair,
+                                  case.numerics.bulk_viscosity))
+        material_of.append((used.index(body), used.index(nucleus or body)))
+    return Scene(
+        templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
+        kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
+        centre=np.array([c.centre for c in case.cells]))
+
+
+def find_terms(case: Case, prune: bool = True) -> Terms:
+    """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
+    eta = max(getattr(m, "eta", 0.0) for m in case.materials.values())
+    zeta = any(getattr(m, "zeta", 0.0) for m in case.materials.values())
+    law, skipped = case.director, {}
+
+    def unless(reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
+        if reason is None:
+            return value
+        skipped[term] = reason
+        return absent if prune else value
+
+    def why(*conditions: tuple[bool, str]) -> str | None:
+        return next((reason for holds, reason in conditions if holds), None)
+
+    nothing = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=0.01)
+    substrate = unless(why((case.substrate is None, "the case has none"),
+                           (case.substrate is not None and case.substrate.work == 0, "its bonds have no energy")),
+                       "adhesion to the substrate", case.substrate or nothing)
+    contact = unless(why((len(case.cells) == 1, "one cell alone"), (case.contact is None, "the case has none")),
+                     "adhesion between cells", case.contact or nothing)
+    push = case.protrusion
+    protrusion = unless(why((push is None, "the case has none"), (push is not None and not push.cells, "no cell protrudes"),
+                            (push is not None and push.strength == 0, "its strength is zero"),
+                            (case.substrate is None, "no adhesion to the substrate")),
+                        "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
+    uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
+    director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
+                      "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
+    active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
+    force = case.body_force if case.body_force and any(case.body_force) else None
+    force = unless(None if force else "the case has none", "body force", force, None)
+    return Terms(substrate, contact, protrusion, director, active, force, skipped)
+
+
+class Simulation:
+    """A case built on the ranks of a communicator, ready to run; `destroy` it when done.
+
+    scene, terms, mechanics, integrator, sampler : its parts;  stops : (k,) -- times of samples and frames [µs].
+    """
+
+    def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True):
+        """Build everything; collective."""
+        self.case, self.comm = case, comm
+        self.scene = discretise(case)
+        self.terms = find_terms(case, prune)
+        owner = bisection(self.scene.X, comm.size)
+        self.swarm = Swarm(comm, self._start(np.arange(self.scene.size)[comm.rank :: comm.size]))
+        self.swarm.migrate(owner[comm.rank :: comm.size])
+        names = case.protrusion.cells if case.protrusion else ()
+        protruding = np.array([c.name in names for c in case.cells])
+        self.mechanics = Mechanics(self.scene, self.terms, self.swarm, owner, comm, case.director, case.seed, protruding)
+        self.control = step_control(case, self.scene, self.terms)
+        fixed = None if case.time.step == "auto" else case.time.step
+        self.integrator = Integrator(self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
+        self.sampler = Sampler(self.mechanics)
+        self.time = 0.0
+
+    def _start(self, ids: np.ndarray) -> dict[str, np.ndarray]:
+        """State of some particles at the start."""
+        case, scene = self.case, self.scene
+        cell, X = scene.cell[ids], scene.X[ids]
+        u, v, theta = np.zeros((len(ids), 2)), np.zeros((len(ids), 2)), np.zeros(len(ids))
+        for i, c in enumerate(case.cells):
+            on = cell == i
+            v[on] = np.array(c.velocity) + (X[on] - np.array(c.centre)) @ np.array(c.velocity_gradient).T
+            if case.director is not None:
+                theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
+        return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 4))}
+
+    def go(self, stop: float) -> float:
+        """Go on to the time `stop` [µs]; returns the time reached (less if -ts_max_steps ended it); collective."""
+        self.time = self.integrator.to(stop)
+        return self.time
+
+    def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
+        """Rows of history.csv and the row of ledger.csv now; brings lists and F up to date; collective."""
+        m = self.mechanics
+        half = 0.5 * m.moved if self.integrator.leapfrog else 0.0
+        m.renew_lists()
+        acceleration = m.rate()
+        return self.sampler.history(), self.sampler.ledger(acceleration, half)
+
+    def state_hash(self) -> str:
+        """sha256 of X, u, v in global-id order, the same on any number of ranks; collective."""
+        m = self.mechanics
+        own = np.ascontiguousarray(np.hstack([self.scene.X[m.ids], m.state.owned]))
+        parts = self.comm.gather((m.ids, own))
+        digest = None
+        if self.comm.rank == 0:
+            ids = np.concatenate([p[0] for p in parts])
+            values = np.concatenate([p[1] for p in parts])[np.argsort(ids)]
+            digest = hashlib.sha256()
+            for part in (values[:, :2], values[:, 2:4], values[:, 4:]):
+                digest.update(np.ascontiguousarray(part).tobytes())
+            digest = digest.hexdigest()
+        return self.comm.bcast(digest)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self.integrator.destroy()
+        self.mechanics.destroy()
+        self.swarm.destroy()
+
+
+def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
+    """The stable step of a discretised case."""
+    relaxes = terms.director == "relaxing" and case.director is not None
+    return StepControl(scene, terms, case.director.mobility if relaxes else 0.0)
+
+
+def stops(case: Case, end: float) -> list[tuple[float, bool, bool]]:
+    """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame."""
+    sample = {round(case.time.end * i / case.time.samples, 9) for i in range(case.time.samples + 1)}
+    frame = {round(case.time.end * i / case.time.frames, 9) for i in range(case.time.frames + 1)}
+    times = sorted(t for t in sample | frame | {end} if t <= end)
+    return [(t, t in sample or t == end, t in frame or t == end) for t in times]

@@ -1,0 +1,191 @@
+"""PETSc's TS drives the steps: our symplectic scheme as a TS type of its own, or any explicit type of PETSc's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from .mechanics import ACCOUNTS, Mechanics
+from .step import NumericsError, StepControl, binding
+
+BATCH = 200  # steps between two looks at the stable step
+LEAST_STEP = 1e-7  # µs: below, the scene has broken
+
+
+class Integrator:
+    """Takes a Mechanics from stop to stop.
+
+    steps : number of steps taken;  dt : last step [µs];  mechanism : what set it;  count : steps by mechanism.
+    """
+
+    def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
+        """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
+        self.mechanics, self.control, self.factor = mechanics, control, factor
+        self.mechanism, self.dt, self.count = "", 0.0, {}
+        self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
+        self.after_batch: Callable[[float], None] = lambda time: None
+        self.ts = ts = PETSc.TS().create(comm=mechanics.comm)
+        ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+        ts.setTime(0.0)
+        ts.setMaxSteps(2**31 - 1)
+        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
+        if kind == "leapfrog":
+            ts.setType(PETSc.TS.Type.PYTHON)
+        else:
+            ts.setType(kind)
+            ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
+            adapt = PETSc.Options()
+            if not adapt.hasName("ts_adapt_type"):
+                adapt["ts_adapt_type"] = "none"
+        ts.setFromOptions()
+        self.leapfrog = ts.getType() == PETSc.TS.Type.PYTHON
+        if self.leapfrog:
+            ts.setPythonContext(Leapfrog(self))
+        else:
+            if ts.getType() != kind:
+                ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
+            ts.setPostStep(self._after_step)
+        given = PETSc.Options()
+        self.fixed_step = given.getReal("ts_dt") if given.hasName("ts_dt") else fixed_step
+        self._loss: np.ndarray | None = None
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+        return self.ts.getStepNumber()
+
+    @property
+    def finished(self) -> bool:
+        """Whether TS has no steps left (-ts_max_steps)."""
+        return self.steps >= self.ts.getMaxSteps()
+
+    def to(self, stop: float) -> float:
+        """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective."""
+        ts, m = self.ts, self.mechanics
+        ts.setMaxTime(stop)
+        if not self.leapfrog:
+            self.look()
+            ts.setTimeStep(min(self.dt, stop - ts.getTime()))
+            self._account_start()
+        ts.solve(m.solution)
+        if not self.leapfrog:
+            self._take(m.solution)
+            m.state.exchange()
+        return ts.getTime()
+
+    def look(self) -> int:
+        """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
+        m = self.mechanics
+        limits = m.limits()
+        self._check(limits)
+        from .mechanics import SKIN
+
+        if limits["displaced"] > 0.2 * SKIN:
+            m.renew_lists()
+            limits["displaced"] = 0.0
+        self.mechanism, stable = binding(self.control.stable(limits))
+        self.stable = stable
+        self.dt = self.fixed_step or self.factor * stable
+        for name, worse in (("J_min", min), ("J_max", max)):
+            self.extremes[name] = worse(self.extremes[name], limits[name])
+        if self.dt < LEAST_STEP:
+            self._broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
+        room = 0.5 * SKIN - limits["displaced"]
+        return max(1, min(BATCH, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
+
+    def _check(self, limits: dict[str, float]) -> None:
+        if not all(math.isfinite(limits[n]) for n in ("viscous", "elastic", "speed", "displaced")):
+            self._broken("a value is not finite any more")
+        if limits["J_min"] <= 0.0:
+            self._broken("a particle is inverted")
+
+    def _broken(self, cause: str) -> None:
+        particle, J = self.mechanics.worst_particle()
+        scene = self.mechanics.scene
+        cell = int(scene.cell[particle])
+        raise NumericsError(
+            f"the numbers broke at {self.ts.getTime():.6g} µs: {cause}; particle {particle} of cell {cell + 1} has "
+            f"J = {J:.4g}; try a smaller time.step_factor, weaker protrusion, or finer particles"
+        )
+
+    # ------------------------------------------------------------ PETSc's own types
+
+    def _take(self, vec: PETSc.Vec) -> None:
+        values = vec.getArray(readonly=True).reshape(-1, 4)
+        if not np.shares_memory(values, self.mechanics.state.owned):
+            self.mechanics.state.owned[:] = values
+
+    def _rate(self, ts: Any, t: float, u: PETSc.Vec, out: PETSc.Vec) -> None:
+        m = self.mechanics
+        kept = m.state.owned.copy()
+        self._take(u)
+        out.setArray(m.rate().ravel())
+        m.state.owned[:] = kept
+
+    def _after_step(self, ts: Any) -> None:
+        m = self.mechanics
+        self._take(ts.getSolution())
+        m.state.exchange()
+        self._account(ts.getTimeStep() if self._last_time is None else ts.getTime() - self._last_time)
+        self._last_time = ts.getTime()
+        self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
+        self._note_step(ts.getTimeStep())
+        if not np.isfinite(ts.getSolution().norm()):
+            self._broken("a value is not finite any more")
+        limits = m.limits()
+        if limits["displaced"] > 0.2:
+            m.renew_lists()
+            ts.restartStep()
+        self.after_batch(ts.getTime())
+
+    def _note_step(self, dt: float) -> None:
+        self.extremes["dt_min"] = min(self.extremes["dt_min"], dt)
+        self.extremes["dt_max"] = max(self.extremes["dt_max"], dt)
+
+    def _powers(self) -> np.ndarray:
+        return self.mechanics.powers()
+
+    def _account_start(self) -> None:
+        self._loss, self._last_time = self._powers(), self.ts.getTime()
+
+    def _account(self, dt: float) -> None:
+        """Losses and work over a step by the trapezoidal rule."""
+        now = self._powers()
+        for name, before, after in zip(ACCOUNTS, self._loss, now, strict=True):
+            self.mechanics.kernel[name][: self.mechanics.n_owned] += 0.5 * dt * (before + after)
+        self._loss = now
+
+    def destroy(self) -> None:
+        """Free the PETSc object."""
+        self.ts.destroy()
+
+
+class Leapfrog:
+    """TS type: v += dt a(u, v), u += dt v, in batches of equal steps that end exactly at the time asked for.
+
+    TS counts single steps; -ts_dt, -ts_max_steps and -ts_monitor (once a batch) mean what they say.
+    """
+
+    def __init__(self, integrator: Integrator):
+        self._integrator = integrator
+
+    def step(self, ts: PETSc.TS) -> None:
+        """One batch."""
+        run = self._integrator
+        allowed = run.look()
+        t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
+        left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
+        dt = (stop - t) / left
+        n = min(allowed, left, ts.getMaxSteps() - taken)
+        run.mechanics.advance(n, dt)
+        run.mechanics.solution.stateIncrease()
+        run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
+        run._note_step(dt)
+        ts.setTimeStep(dt)
+        ts.setTime(stop if n == left else t + n * dt)
+        ts.setStepNumber(taken + n - 1)  # TS adds the last one itself
+        run.after_batch(ts.getTime())

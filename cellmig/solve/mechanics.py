@@ -1,0 +1,384 @@
+"""Equation (2) on one rank: M u'' = F_body + F_cs + F_cc + F_d - F_int, for its particles, with ghosts of the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..meshfree.body import Scene
+from ..meshfree.compile import Kernel
+from ..meshfree.contact import Surfaces, contact_lists
+from ..meshfree.rows import blocks, number
+from ..parallel.ghosts import GhostedField, exchange_functions
+from ..parallel.random import uniform
+from ..parallel.reduce import exact_sum, extreme
+from ..parallel.swarm import Swarm
+
+SKIN = 0.4  # µm by which surfaces may approach each other before the search lists are made anew
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The terms of equation (2) that a scene has; what it lacks is None, "none" or False, and is not computed.
+
+    director : "none", "frozen" or "relaxing";  active : whether ζ acts;  skipped : why, by term, for the log.
+    """
+
+    substrate: Any
+    contact: Any
+    protrusion: Any
+    director: str
+    active: bool
+    acceleration: tuple | None
+    skipped: dict
+
+
+class Mechanics:
+    """State, forces and accounts of a rank's particles.
+
+    state : GhostedField (n_local, 4) -- (ux, uy, vx, vy) [µm, µm/µs];  solution : Vec -- its owned part, for TS;
+    kernel : the compiled step;  ids : (n_owned,) -- global ids in local order.
+    """
+
+    def __init__(self, scene: Scene, terms: Terms, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm, director: Any,
+                 seed: int, protruding: np.ndarray):
+        """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool."""
+        self.scene, self.terms, self.comm, self.law = scene, terms, comm, director
+        self.surfaces = Surfaces.of(scene)
+        self._place_in_petsc = np.empty(scene.size, np.int64)
+        self._place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
+        self._number(swarm["id"])
+        self.kernel = Kernel(scene.materials, terms.substrate, terms.contact, terms.protrusion, terms.director,
+                             terms.active)
+        self._fill_rows()
+        self._fill_surfaces(seed, protruding)
+        self._fill_director(swarm)
+        self._load(swarm)
+        self.moved = 0.0
+        self.rebuilds = 0
+        self.renew_lists()
+
+    # ------------------------------------------------------------ layout
+
+    def _number(self, owned: np.ndarray) -> None:
+        """Local numbers, and the memory of the state, with room for every surface particle as a ghost."""
+        s = self.surfaces
+        own = np.zeros(self.scene.size, bool)
+        own[owned] = True
+        touched = np.flatnonzero(own[s.ids] | own[s.ids[s.after]] | own[s.ids[s.before]])
+        around = np.concatenate([touched, s.after[touched], s.before[touched]])
+        self.base = self.numbering = number(self.scene, owned, s.ids[around])
+        self.n_owned = self.base.n_owned
+        self.ids = self.base.ids[: self.n_owned]
+        self._capacity = len(self.base.ids) + len(s.ids) + 8  # the kernel's last block may read past the end
+        self._memory = np.zeros((self._capacity, 4))
+        self._X = np.zeros((self._capacity, 2))
+        self.solution = PETSc.Vec().createWithArray(self._memory[: self.n_owned].ravel(),
+                                                    size=(4 * self.n_owned, None), bsize=4, comm=self.comm)
+        self.state: GhostedField | None = None
+        self._set_ghosts(self.base)
+
+    def _set_ghosts(self, numbering: Any) -> None:
+        """Copies of these particles from now on; collective."""
+        if self.state is not None:
+            self.state.destroy()
+        self.numbering = numbering
+        self._X[: len(numbering.ids)] = self.scene.X[numbering.ids]
+        ghosts = self._place_in_petsc[numbering.ids[self.n_owned :]]
+        self.state = GhostedField(self.comm, self._memory, self.n_owned, ghosts)
+        self.state.exchange()
+
+    def _fill_rows(self) -> None:
+        k, scene, n_rows = self.kernel, self.scene, self.base.n_rows
+        n_blocks = -(-n_rows // 4)
+        ids = self.base.ids[:n_rows]
+
+        def lanes(values: np.ndarray, pad: float) -> np.ndarray:
+            return np.concatenate([values, np.full(4 * n_blocks - n_rows, pad)])
+
+        k["n_owned"], k["n_blocks"] = self.n_owned, n_blocks
+        k["volume"] = lanes(scene.field("V")[ids], 0.0)
+        k["inverse_mass"] = lanes(1.0 / scene.field("mass")[ids], 0.0)
+        k["bulk_damping"] = lanes(scene.field("damping")[ids], 0.0)
+        material = lanes(scene.material[ids], scene.material[ids[-1]] if n_rows else 0)
+        k["material"] = material
+        k["mask"] = np.bitwise_or.reduce(1 << material.astype(np.int32).reshape(-1, 4), axis=1)
+        for name in ("viscous_loss", "numerical_loss"):
+            k[name] = np.zeros(4 * n_blocks)
+        for name in ("protrusion_impulse", "protrusion_work"):
+            k[name] = np.zeros(self._capacity)
+        k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
+        k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
+        for name, values in blocks(scene, self.base).items():
+            k[name] = values
+        k["bound"] = scene.field("bound")[self.ids]
+        k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
+        k["elastic_weight"] = scene.field("elastic_weight")[self.ids]
+        k["acceleration"] = self.terms.acceleration or (0.0, 0.0)
+        k["X"] = self._X
+        if self.comm.size > 1:
+            k["ghost_begin"], k["ghost_end"] = exchange_functions()
+
+    def _fill_surfaces(self, seed: int, protruding: np.ndarray) -> None:
+        """Segments with an end of this rank, in global order, and α β N σ/2 at all surface particles."""
+        k, s = self.kernel, self.surfaces
+        own = self.base.local(s.ids)
+        own = (own >= 0) & (own < self.n_owned)
+        self._mine = np.flatnonzero(own)  # my surface particles
+        self._segments = np.flatnonzero(own | own[s.after])
+        ends = np.column_stack([self._segments, s.after[self._segments]])
+        k["segment"] = self.base.local(s.ids[ends])
+        k["length"] = s.length[self._segments]
+        k["push"] = np.zeros(ends.shape)
+        if self.terms.substrate is not None:
+            k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
+        if self.terms.contact is not None:
+            c = self.terms.contact
+            k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff
+        self.alpha = np.zeros(len(s.ids))
+        if self.terms.protrusion is not None:
+            for c in np.flatnonzero(protruding):
+                on = s.cell == c
+                self.alpha[on] = _roughness(s.length[on], self.terms.protrusion, seed, c)
+
+    def _fill_director(self, swarm: Swarm) -> None:
+        k, n_blocks = self.kernel, -(-self.base.n_rows // 4)
+        self._theta_memory = np.zeros((self._capacity, 2))
+        self.theta = None
+        if self.terms.director == "none" and not self.terms.active:
+            return
+        ghosts = self._place_in_petsc[self.base.ids[self.n_owned :]]
+        self.theta = GhostedField(self.comm, self._theta_memory, self.n_owned, ghosts)
+        k["director"] = self._theta_memory
+        for name in ("director_gradient", "director_axis", "director_flux"):
+            k[name] = np.zeros((n_blocks, 2, 4))
+        V, eta = self.scene.field("V")[self.ids], max(getattr(m, "eta", 0.0) for m in self.scene.materials)
+        mobility = (self.law.mobility if self.law else 0.0) / (eta * V) if eta > 0 else np.zeros(len(V))
+        s = self.surfaces
+        anchors = np.zeros(0, int)
+        if self.law is not None and self.law.anchoring == "surface":
+            own = np.zeros(len(s.ids), bool)
+            own[self._mine] = True
+            anchors = np.flatnonzero(own | own[s.after] | own[s.before])
+            local = self.base.local(s.ids[anchors])
+            mobility[local[local < self.n_owned]] = 0.0
+            k["anchor_owned"] = local < self.n_owned
+        k["anchor"] = self.base.local(s.ids[np.column_stack([s.before[anchors], anchors, s.after[anchors]])])
+        k["director_mobility"] = mobility
+        k["n_anchors"] = len(anchors)
+        k["n_anchors_anywhere"] = self.comm.allreduce(len(anchors))
+        self._anchors = anchors
+
+    def _load(self, swarm: Swarm) -> None:
+        """State and accounts from the swarm, whose particles stand by id."""
+        at = np.searchsorted(swarm["id"], self.ids)
+        self.state.owned[:] = np.hstack([swarm["u"], swarm["v"]])[at]
+        for i, name in enumerate(ACCOUNTS):
+            self.kernel[name][: self.n_owned] = swarm["loss"][at, i]
+        if self.theta is not None:
+            self.theta.owned[:, 0] = swarm["theta"][at]
+            self.theta.exchange()
+            self._set_director_start()
+        self.state.exchange()
+
+    def _set_director_start(self) -> None:
+        """Anchors keep the angle to the membrane at which they start; a frozen director has a constant gradient."""
+        k, s, a = self.kernel, self.surfaces, self._anchors
+        chord = self.scene.X[s.ids[s.after[a]]] - self.scene.X[s.ids[s.before[a]]]
+        k["anchor_offset"] = self.theta.array[self.base.local(s.ids[a]), 0] - np.arctan2(chord[:, 1], chord[:, 0])
+        k["director_vec"] = self.theta.handle
+        k("director_field")
+
+    def store(self, swarm: Swarm) -> None:
+        """State and accounts back to the swarm."""
+        at = np.searchsorted(swarm["id"], self.ids)
+        inverse = np.argsort(at)
+        swarm["u"], swarm["v"] = self.state.owned[inverse, :2], self.state.owned[inverse, 2:]
+        swarm["loss"] = np.column_stack([self.kernel[name][: self.n_owned] for name in ACCOUNTS])[inverse]
+        if self.theta is not None:
+            swarm["theta"] = self.theta.owned[inverse, 0]
+
+    # ------------------------------------------------------------ search lists
+
+    def surface_positions(self) -> np.ndarray:
+        """Current positions of all surface particles of the scene (m, 2) [µm]; collective."""
+        s, local = self.surfaces, self.base.local(self.surfaces.ids[self._mine])
+        own = self._X[local] + self._memory[local, :2]
+        counts = np.array(self.comm.allgather(len(local)))
+        x, where = np.empty((len(s.ids), 2)), np.empty(len(s.ids), np.int64)
+        self.comm.Allgatherv(self._mine, (where, counts))
+        everything = np.empty_like(x)
+        self.comm.Allgatherv(own, (everything, 2 * counts))
+        x[where] = everything
+        return x
+
+    def renew_lists(self) -> None:
+        """Search lists, ghosts of cells in reach and the front halves, for the positions as they are; collective."""
+        s, k, t = self.surfaces, self.kernel, self.terms
+        self.rebuilds += 1
+        self._renewed_at = self._memory[self.base.local(s.ids[self._mine]), :2].copy()
+        if t.substrate is None and t.contact is None:
+            self._point_to_memory()
+            return
+        x = self.surface_positions()
+        if t.substrate is not None:
+            reach = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
+            ends = np.column_stack([self._segments, s.after[self._segments]])
+            near = np.flatnonzero(x[ends, 1].min(axis=1) < reach + SKIN)
+            k["near"], k["n_near"] = near, len(near)
+        if t.protrusion is not None:
+            mean = np.bincount(s.cell, x[:, 0]) / np.bincount(s.cell)
+            push = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha * (x[:, 0] > mean[s.cell])
+            k["push"][:] = push[ends]
+        if t.contact is not None:
+            self._renew_contact(x)
+        self._point_to_memory()
+
+    def _renew_contact(self, x: np.ndarray) -> None:
+        s, k = self.surfaces, self.kernel
+        longest = 1.2 * np.linalg.norm(x[s.after] - x, axis=1).max()  # a segment may stretch until the next renewal
+        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + SKIN)
+        own = np.zeros(len(s.ids), bool)
+        own[self._mine] = True
+        pair, particle = lists.involved(s)
+        lists = lists.of_pairs(np.unique(pair[own[particle]]))
+        particle = lists.involved(s)[1]
+        numbering = self.base.extended(s.ids[particle])
+        same = np.array_equal(numbering.ids, self.numbering.ids)
+        if not self.comm.allreduce(same, MPI.LAND):
+            self._set_ghosts(numbering)
+
+        def local(surface: np.ndarray) -> np.ndarray:
+            return numbering.local(s.ids[surface])
+
+        c = lists.candidate
+        k["n_contact_nodes"], k["contact_node"] = len(lists.node), local(lists.node)
+        k["first_candidate"] = lists.first
+        k["candidate"] = local(np.column_stack([s.before[c], c, s.after[c], s.after[s.after[c]]]))
+        k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
+        k["contact_length"] = s.length[lists.node[lists.segment[:, 0]]]
+        k["contact_pull"] = np.zeros(len(lists.node))
+        self.foot = np.zeros(len(lists.node), FOOT)
+        k["foot"] = self.foot.ctypes.data
+        self.lists = lists
+
+    def _point_to_memory(self) -> None:
+        k = self.kernel
+        k["n_local"] = len(self.numbering.ids)
+        k["state"] = self._memory
+        k["state_vec"] = self.state.handle
+
+    def displaced(self) -> float:
+        """Largest displacement of this rank's surface particles since the lists were made [µm]."""
+        if not len(self._mine):
+            return 0.0
+        now = self._memory[self.base.local(self.surfaces.ids[self._mine]), :2]
+        return float(np.linalg.norm(now - self._renewed_at, axis=1).max())
+
+    # ------------------------------------------------------------ the step
+
+    def advance(self, n: int, dt: float) -> None:
+        """`n` steps of `dt` [µs] of the symplectic scheme, in place; collective."""
+        if self.kernel("advance", n, float(dt), float(self.moved)):
+            raise PETSc.Error(75)
+        self.moved = dt
+
+    def rate(self) -> np.ndarray:
+        """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
+        out = np.zeros((self.n_owned + 4, 4))
+        self.state.exchange()
+        if self.kernel("rate", out):
+            raise PETSc.Error(75)
+        self.moved = 0.0
+        return out[: self.n_owned]
+
+    def powers(self) -> np.ndarray:
+        """Rates of the accounts (4, n_owned) for the state as it is; collective."""
+        kept = [self.kernel[name].copy() for name in ACCOUNTS]
+        for name in ACCOUNTS:
+            self.kernel[name][:] = 0.0
+        self.kernel("account", 1.0)
+        rates = np.array([self.kernel[name][: self.n_owned] for name in ACCOUNTS])
+        for name, values in zip(ACCOUNTS, kept, strict=True):
+            self.kernel[name][:] = values
+        return rates
+
+    def tensors(self) -> tuple[np.ndarray, np.ndarray]:
+        """F and Ḟ of the owned particles, (2, 2, n_owned) each [-], [1/µs]; current after `rate`."""
+        rates = np.zeros_like(self.kernel["F"])
+        self.kernel("velocity_gradient", rates)
+        return tuple(np.moveaxis(a, 2, 1).reshape(-1, 2, 2)[: self.n_owned].transpose(2, 1, 0)
+                     for a in (self.kernel["F"], rates))
+
+    def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
+        """Force (n_owned, 2) [pN/µm] of "substrate", "contact" or "protrusion", and energy (n_owned,) [pN]."""
+        force, energy = np.zeros((self._capacity, 2)), np.zeros(self._capacity)
+        if term == "protrusion":
+            self.kernel("protrude", force, None, None, 0.0)
+        else:
+            self.kernel({"substrate": "substrate_adhesion", "contact": "cell_adhesion"}[term], force, energy)
+        return force[: self.n_owned], energy[: self.n_owned]
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Surface segments that start at a particle of this rank: local ends (e, 2), current ends (e, 2, 2) [µm]."""
+        ends = self.kernel["segment"]
+        ends = ends[ends[:, 0] < self.n_owned]
+        return ends, self._X[ends] + self._memory[ends, :2]
+
+    def limits(self) -> dict[str, Any]:
+        """Over all ranks: local bounds of viscous and elastic stiffness, extremes of J, speed, displacement."""
+        own = np.zeros(6)
+        self.kernel("limits", own)
+        names = ("viscous", "elastic", "J_min", "J_max", "speed", "displaced")
+        values = np.array([own[0], own[1], -own[2], own[3], own[4], self.displaced()])
+        top = extreme(self.comm, values)
+        top[2], top[4] = -top[2], np.sqrt(top[4])
+        return dict(zip(names, top.tolist(), strict=True))
+
+    def worst_particle(self) -> tuple[int, float]:
+        """Global id and J of the particle with the least J, or the first that is not finite; collective."""
+        F = np.moveaxis(self.kernel["F"], 2, 1).reshape(-1, 4)[: self.n_owned]
+        J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
+        J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
+        i = int(np.argmin(J)) if len(J) else -1
+        found = (float(J[i]), int(self.ids[i])) if i >= 0 else (np.inf, -1)
+        return min(self.comm.allgather(found))[::-1]
+
+    def impulse(self) -> float:
+        """Impulse of the protrusion so far [pN µs/µm]; collective."""
+        return float(exact_sum(self.comm, self.kernel["protrusion_impulse"][: self.n_owned]))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        for field in (self.state, self.theta):
+            if field is not None:
+                field.destroy()
+        self.solution.destroy()
+
+
+ACCOUNTS = ("viscous_loss", "numerical_loss", "protrusion_impulse", "protrusion_work")
+FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])
+
+
+def _roughness(length: np.ndarray, law: Any, seed: int, cell: int) -> np.ndarray:
+    """α of a cell's surface particles (m,) [-]: random points `patch` apart, linear between, averaged over dual arcs."""
+    if not law.random:
+        return np.full(len(length), 0.5)
+    arc = np.concatenate([[0.0], np.cumsum(length)])
+    n = max(3, round(arc[-1] / law.patch))
+    step, a = arc[-1] / n, uniform(seed, "protrusion", cell, n)
+    ring = np.append(a, a[0])
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])
+
+    def integral(s: np.ndarray) -> np.ndarray:
+        turn, s = np.divmod(s, arc[-1])
+        i = np.minimum((s / step).astype(int), n - 1)
+        t = s - i * step
+        return turn * whole[-1] + whole[i] + t * (ring[i] + 0.5 * t / step * (ring[i + 1] - ring[i]))
+
+    low, high = arc[:-1] - 0.5 * np.roll(length, 1), arc[:-1] + 0.5 * length
+    return (integral(high) - integral(low)) / (high - low)
