@@ -40,12 +40,12 @@ class GhostedField:
 @lru_cache(maxsize=None)
 def exchange_functions() -> tuple[int, int]:
     """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd, so that steps in C can exchange ghosts."""
-    library = ctypes.CDLL(_petsc_library())
+    library = ctypes.CDLL(petsc_library())
     return tuple(ctypes.cast(getattr(library, name), ctypes.c_void_p).value
                  for name in ("VecGhostUpdateBegin", "VecGhostUpdateEnd"))
 
 
-def _petsc_library() -> str:
+def petsc_library() -> str:
     """File of the PETSc library that this process has loaded."""
     with open("/proc/self/maps") as maps:
         for line in maps:

@@ -1,0 +1,84 @@
+"""Small scenes for the tests: cases of the folder `cases`, coarse, and states that any number of ranks agree on."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellmig.case.load import load
+from cellmig.case.registry import laws
+from cellmig.case.schema import Case
+from cellmig.case.units import number
+from cellmig.case.values import declared
+from cellmig.simulation import Simulation
+from mpi4py import MPI
+
+CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}
+
+# What stands in for a parameter without a default, or whose default of zero would make a test say nothing.
+EXAMPLES = {"": 0.5, "kg/m^3": 1000.0, "Pa": 2000.0, "Pa s": 1e-3, "pN": 100.0, "pN um": 0.03, "1/um^2": 8000.0,
+            "um": 0.01, "um^2/us": 1.0, "rad": 0.7, "1/us": 1.0, "um/us": 1.0, "us": 1.0, "pN/um": 10.0}
+
+
+def example(kind: str, name: str) -> Any:
+    """A law with its defaults, and EXAMPLES by unit for what has none; a new law needs nothing else to be tested."""
+    cls, values = laws(kind)[name], {}
+    for key, f in declared(cls).items():
+        default, unit = f.default, f.metadata.get("unit")
+        if unit is not None and (not isinstance(default, int | float) or default == 0.0):
+            assert unit in EXAMPLES, f"tests/scenes.py has no example in '{unit}' for '{key}' of the {kind} '{name}'"
+            values[key] = number(f"{EXAMPLES[unit]} {unit}", unit)
+        elif f.metadata.get("items"):
+            values[key] = ()
+    return cls(**values)
+
+
+def case(name: str, *sets: str, per_cell: int = 150) -> Case:
+    """A case of the folder `cases`, coarse, with other values if wanted."""
+    return load(CASES[name], [f"particles.per_cell={per_cell}", *sets])
+
+
+@contextlib.contextmanager
+def built(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True) -> Iterator[Simulation]:
+    """A simulation that is destroyed afterwards; collective."""
+    simulation = Simulation(case, comm, prune)
+    yield simulation
+    simulation.destroy()
+
+
+def put(sim: Simulation, u: Any = None, v: Any = None) -> None:
+    """Give the particles the displacements u and velocities v, (size, 2) by global id, and renew what depends on them."""
+    m = sim.mechanics
+    for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
+        if values is not None:
+            m.state.owned[:, columns] = values[m.ids]
+    m.state.exchange()
+    m.renew_lists()
+
+
+def everywhere(sim: Simulation, owned: np.ndarray) -> np.ndarray:
+    """Values at the owned particles of all ranks, (size, ...) by global id; collective."""
+    parts = sim.comm.allgather((sim.mechanics.ids, np.array(owned)))
+    out = np.zeros((sim.scene.size, *np.shape(owned)[1:]))
+    for ids, values in parts:
+        out[ids] = values
+    return out
+
+
+def forces(sim: Simulation) -> np.ndarray:
+    """M a of all particles (size, 2) [pN/µm] for the state as it is; collective."""
+    return sim.scene.field("mass")[:, None] * everywhere(sim, sim.mechanics.rate()[:, 2:])
+
+
+def smooth(X: np.ndarray, seed: int, size: float, waves: int = 3, shortest: float = 4.0) -> np.ndarray:
+    """A smooth random field (n, 2) with values of about `size`."""
+    rng = np.random.default_rng(seed)
+    field = np.zeros_like(X)
+    for _ in range(waves):
+        k = rng.uniform(-1, 1, 2) * 2 * np.pi / shortest
+        field += rng.standard_normal(2) * np.sin(X @ k + rng.uniform(0, 6))[:, None]
+    return size * field / np.sqrt(0.5 * waves)
