@@ -61,6 +61,7 @@ class Mechanics:
         self.moved = 0.0
         self.rebuilds = 0
         self.renew_lists()
+        self.kernel("deformation")
 
     # ------------------------------------------------------------ layout
 
