@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from mpi4py import MPI
+
 from cellmig.case.load import load
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
-from mpi4py import MPI
 
 CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}
 
@@ -51,7 +52,7 @@ def built(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True) -> It
 
 
 def put(sim: Simulation, u: Any = None, v: Any = None) -> None:
-    """Give the particles the displacements u and velocities v, (size, 2) by global id, and renew what depends on them."""
+    """Give the particles the displacements u and velocities v, (size, 2) by global id, and renew the lists."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
         if values is not None:

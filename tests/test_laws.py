@@ -1,0 +1,404 @@
+"""Laws: stress is the gradient of energy, no frame is preferred, exact values hold, and C computes what Python says.
+
+Every registered law is tested; `scenes.example` gives it parameters.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import example
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from cellmig.case.registry import laws
+from cellmig.meshfree.compile import _PREAMBLE, compiled
+from cellmig.meshfree.translate import SHAPES, Translator
+from cellmig.model.director import STARTS, start_angle
+from cellmig.output.sample import pointwise
+
+MATERIALS, ADHESIONS, PROTRUSIONS = (list(laws(kind)) for kind in ("material", "adhesion", "protrusion"))
+
+
+def with_method(method: str) -> list[str]:
+    """Materials that have a method."""
+    return [name for name in MATERIALS if hasattr(laws("material")[name], method)]
+
+
+def deformations(n: int = 200) -> np.ndarray:
+    """Random F (2, 2, n) with stretch, shear and rotation: 0.3 < J, turns up to half a circle."""
+    rng = np.random.default_rng(1)
+    F = np.eye(2)[:, :, None] + 0.35 * rng.standard_normal((2, 2, 3 * n))
+    F = F[:, :, F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] > 0.3][:, :, :n]
+    assert F.shape[2] == n
+    return np.einsum("ijn,jkn->ikn", rotations(n), F)
+
+
+def rotations(n: int, seed: int = 2) -> np.ndarray:
+    a = np.random.default_rng(seed).uniform(-np.pi, np.pi, n)
+    return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+
+
+def rates(n: int = 200) -> np.ndarray:
+    return np.random.default_rng(3).standard_normal((2, 2, n))
+
+
+def vectors(n: int = 200) -> np.ndarray:
+    return np.random.default_rng(4).standard_normal((2, n))
+
+
+def stress(law: Any, F: np.ndarray, Fdot: np.ndarray | None = None) -> np.ndarray:
+    return np.array(pointwise(law, "stress", {"F": F, "Fdot": np.zeros_like(F) if Fdot is None else Fdot}))
+
+
+def determinant(F: np.ndarray) -> np.ndarray:
+    return F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+
+
+def cauchy(P: np.ndarray, F: np.ndarray) -> np.ndarray:
+    return np.einsum("ikn,jkn->ijn", P, F) / determinant(F)
+
+
+def slope(function: Any, x: np.ndarray, step: float) -> np.ndarray:
+    """Derivative to fourth order in the step."""
+    near, far = function(x + step) - function(x - step), function(x + 2 * step) - function(x - 2 * step)
+    return (8 * near - far) / (12 * step)
+
+
+def gradient(function: Any, A: np.ndarray, step: float = 3e-4) -> np.ndarray:
+    """Derivative of a scalar function by every component of A."""
+    out = np.empty_like(A)
+    for i in np.ndindex(A.shape[:-1]):
+        direction = np.zeros_like(A)
+        direction[i] = 1.0
+        out[i] = slope(lambda s, d=direction: function(A + s * d), 0.0, step)
+    return out
+
+
+def assert_close(a: Any, b: Any, tolerance: float) -> None:
+    """Equal to `tolerance` of the largest value, which is not zero."""
+    scale = np.abs(b).max()
+    assert scale > 0.0
+    assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
+
+
+# ---------------------------------------------------------------------------------------------------- any material
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_stress_is_the_gradient_of_energy(name: str) -> None:
+    law, F = example("material", name), deformations()
+    # measured 5e-12; S Fᵀ in place of F S would be off by order 1
+    assert_close(gradient(law.energy, F), stress(law, F), 1e-10)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_energy_is_the_same_in_any_frame(name: str) -> None:
+    law, F = example("material", name), deformations()
+    turned = np.einsum("ijn,jkn->ikn", rotations(F.shape[2], 5), F)
+    assert_close(law.energy(turned), law.energy(F), 1e-13)  # measured 1e-15
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_stress_turns_with_the_frame(name: str) -> None:
+    law, F, Fdot = example("material", name), deformations(), rates()
+    Q = rotations(F.shape[2], 5)
+    spin = 0.8 * np.einsum("ijn,jkn->ikn", Q, np.array([[0.0, -1.0], [1.0, 0.0]])[:, :, None])  # dQ/dt
+    turned = np.einsum("ijn,jkn->ikn", Q, F)
+    turning = np.einsum("ijn,jkn->ikn", Q, Fdot) + np.einsum("ijn,jkn->ikn", spin, F)
+    expected = np.einsum("ijn,jkn->ikn", Q, stress(law, F, Fdot))
+    assert_close(stress(law, turned, turning), expected, 1e-13)  # measured 7e-16
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_cauchy_stress_is_symmetric(name: str) -> None:
+    law, F = example("material", name), deformations()
+    s = cauchy(stress(law, F, rates()), F)
+    assert_close(s[0, 1], s[1, 0], 1e-13)  # measured 8e-16
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_nothing_is_stressed_at_rest(name: str) -> None:
+    law, I = example("material", name), np.eye(2)[:, :, None]
+    scale = law.bulk_modulus + law.shear_modulus
+    assert np.abs(stress(law, I)).max() <= 1e-15 * scale  # measured 0
+    assert abs(law.out_of_plane(I)) <= 1e-15 * scale
+    assert abs(law.energy(I)) <= 1e-15 * scale
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_energy_is_least_at_rest(name: str) -> None:
+    law, F = example("material", name), deformations()
+    assert law.energy(F).min() >= 0.0
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_moduli_at_rest_are_those_that_the_law_states(name: str) -> None:
+    law, h = example("material", name), 1e-5
+    shear = np.array([[1.0, h], [0.0, 1.0]])[:, :, None]
+    dilation = ((1.0 + 0.5 * h) * np.eye(2))[:, :, None]
+    modulus = law.bulk_modulus if not hasattr(law, "reduced_bulk_modulus") else law.reduced_bulk_modulus
+    assert stress(law, shear)[0, 1, 0] / h == pytest.approx(law.shear_modulus, rel=1e-4, abs=1e-9)
+    # in the plane the response to dilation is K + G/3; measured 1e-5
+    assert stress(law, dilation)[0, 0, 0] / h == pytest.approx(modulus + law.shear_modulus / 3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", with_method("dissipation"))
+def test_dissipation_is_the_power_of_the_viscous_stress_and_never_negative(name: str) -> None:
+    law, F, Fdot = example("material", name), deformations(), rates()
+    loss = law.dissipation(F, Fdot)
+    viscous = stress(law, F, Fdot) - stress(law, F)
+    assert loss.min() >= 0.0
+    assert_close((viscous * Fdot).sum(axis=(0, 1)), loss, 1e-13)  # measured 2e-16
+
+
+@pytest.mark.parametrize("name", with_method("dissipation"))
+def test_rigid_rotation_dissipates_nothing(name: str) -> None:
+    law, F = example("material", name), deformations()
+    spin = np.einsum("ij,jkn->ikn", np.array([[0.0, -1.0], [1.0, 0.0]]), F)
+    assert law.dissipation(F, spin).max() <= 1e-28 * law.dissipation(F, F).max()  # measured 5e-32
+
+
+@pytest.mark.parametrize("name", with_method("director_stress"))
+def test_director_stress_is_the_gradient_of_its_energy(name: str) -> None:
+    law, F, g = example("material", name), deformations(), vectors()
+    energy, P = (lambda A: law.director_energy(A, g)), np.array(law.director_stress(F, g))
+    assert_close(gradient(energy, F), P, 1e-10)  # measured 7e-12
+
+
+@pytest.mark.parametrize("name", with_method("director_flux"))
+def test_director_flux_is_the_derivative_by_the_gradient(name: str) -> None:
+    law, F, g = example("material", name), deformations(), vectors()
+    energy, flux = (lambda a: law.director_energy(F, a)), np.array(law.director_flux(F, g))
+    assert_close(gradient(energy, g), flux, 1e-10)  # measured 4e-13
+
+
+@pytest.mark.parametrize("name", with_method("director_stress"))
+def test_director_stress_is_equation_7(name: str) -> None:
+    law, F, g = example("material", name), deformations(), vectors()
+    inverse = np.linalg.inv(np.moveaxis(F, 2, 0))
+    now = np.einsum("nji,jn->in", inverse, g)  # current gradient of θ
+    h = np.array([np.cos(0.3), np.sin(0.3)]), np.array([-np.sin(0.3), np.cos(0.3)])
+    dh = np.einsum("k,jn->kjn", h[1], now)  # ∂h_k/∂x_j for θ = 0.3
+    expected = -law.eta / determinant(F) * np.einsum("kin,kjn->ijn", dh, dh)
+    assert_close(cauchy(np.array(law.director_stress(F, g)), F), expected, 1e-13)  # measured 5e-16
+
+
+@pytest.mark.parametrize("name", with_method("active_stress"))
+def test_active_stress_pulls_along_the_director(name: str) -> None:
+    law, F, a = example("material", name), deformations(), np.linspace(0, 3, 200)
+    h = np.array([np.cos(a), np.sin(a)])
+    s = cauchy(np.array(law.active_stress(F, h)), F)
+    assert_close(s, -law.zeta * h[:, None] * h[None], 1e-13)  # measured 3e-16
+
+
+# --------------------------------------------------------------------------------------------- the paper's nucleus
+
+
+@pytest.fixture(scope="module")
+def nucleus() -> Any:
+    return laws("material")["mooney-rivlin"](C1=2126.0, C2=170.0, lame=170e3)
+
+
+@pytest.mark.parametrize("shear", [-1.0, 0.01, 0.4, 2.0])
+def test_nucleus_in_simple_shear_has_the_exact_stress(nucleus: Any, shear: float) -> None:
+    F = np.array([[1.0, shear], [0.0, 1.0]])[:, :, None]
+    s, C1, C2 = cauchy(stress(nucleus, F), F)[:, :, 0], nucleus.C1, nucleus.C2
+    scale = C1 * max(abs(shear), shear**2)
+    assert s[0, 1] == pytest.approx(2 * (C1 + C2) * shear, rel=1e-12)
+    assert s[0, 0] == pytest.approx(2 * (C1 + C2) * shear**2, abs=1e-12 * scale)
+    assert s[1, 1] == pytest.approx(0.0, abs=1e-12 * scale)
+    assert nucleus.out_of_plane(F)[0] == pytest.approx(2 * C2 * shear**2, abs=1e-12 * scale)
+
+
+@pytest.mark.parametrize("J", [0.5, 0.9, 1.1, 2.0])
+def test_nucleus_in_dilation_has_the_exact_pressure(nucleus: Any, J: float) -> None:
+    F = (np.sqrt(J) * np.eye(2))[:, :, None]
+    s = cauchy(stress(nucleus, F), F)[:, :, 0]
+    mean = (s[0, 0] + s[1, 1] + nucleus.out_of_plane(F)[0]) / 3.0
+    # Dilation within the plane is no dilation in space: to -4 λ ln J/J come the traces of the two shape terms.
+    I1, I2 = 2 * J + 1, J**2 + 2 * J
+    shape = 2 / (3 * J) * (nucleus.C1 * (I1 - 3 * J ** (2 / 3)) + 2 * nucleus.C2 * (I2 - 3 * J ** (4 / 3)))
+    assert mean - shape == pytest.approx(4 * nucleus.lame * np.log(J) / J, rel=1e-12)
+
+
+@pytest.mark.parametrize(("stretch", "exact"), [(0.5, -33047.494), (1.5, 5517.176), (2.0, 8604.150)])
+def test_nucleus_stretched_in_plane_strain_carries_the_exact_force(nucleus: Any, stretch: float, exact: float) -> None:
+    def deformed(across: float) -> np.ndarray:
+        return np.diag([stretch, across])[:, :, None]
+
+    across = brentq(lambda b: stress(nucleus, deformed(b))[1, 1, 0], 0.3, 3.0, xtol=1e-15, rtol=1e-14)
+    F = deformed(across)
+    assert stress(nucleus, F)[0, 0, 0] == pytest.approx(exact, abs=6e-4)  # nominal; the values have 3 decimals
+
+
+# ------------------------------------------------------------------------------------------------------- adhesion
+
+
+def distances(law: Any) -> np.ndarray:
+    """Through cap and well to past the cutoff, without those two points."""
+    far = np.geomspace(3.01 * law.range, 1.5 * law.cutoff)
+    r = np.concatenate([np.linspace(-0.5, 3.0, 701) * law.range + 1.7e-6, far])
+    return r[(abs(r - law.cap) > 1e-4 * law.range) & (abs(r - law.cutoff) > 1e-3 * law.range)]
+
+
+@pytest.mark.parametrize("name", ADHESIONS)
+def test_slope_is_the_derivative_of_the_potential(name: str) -> None:
+    law = example("adhesion", name)
+    r = distances(law)
+    assert_close(slope(law.potential, r, 2e-5 * law.range), law.slope(r), 1e-10)  # measured 1.2e-11
+
+
+@pytest.mark.parametrize("name", ADHESIONS)
+def test_potential_is_the_derivative_of_the_primitive(name: str) -> None:
+    law = example("adhesion", name)
+    r = distances(law)
+    assert_close(slope(law.primitive, r, 2e-5 * law.range), law.potential(r), 1e-10)  # measured 9e-12
+
+
+@pytest.mark.parametrize("name", ADHESIONS)
+def test_potential_is_twice_differentiable_at_the_cap_and_once_at_the_cutoff(name: str) -> None:
+    law = example("adhesion", name)
+    h = 1e-7 * law.range
+    scale = law.energy
+    for function, at, unit in ((law.potential, law.cap, 1.0), (law.slope, law.cap, 1 / law.range),
+                               (law.potential, law.cutoff, 1.0), (law.slope, law.cutoff, 1 / law.range),
+                               (law.primitive, law.cap, law.range), (law.primitive, law.cutoff, law.range)):
+        step = abs(function(at + h) - function(at - h))
+        assert step <= 2e-5 * scale * unit  # measured 1.1e-5: curvature 47 σ/ε² times 2 h
+    steps = -1e-4 * law.range, 1e-4 * law.range
+    second = [(law.slope(law.cap + s) - law.slope(law.cap)) / s for s in steps]
+    assert second[0] == pytest.approx(second[1], rel=1e-3)  # measured 6e-4, a third derivative times the step
+    assert second[0] == pytest.approx(law.stiffness / law.bonds, rel=1e-3)
+    beyond = np.array([law.cutoff, 1.01 * law.cutoff, 1e3])
+    assert not law.potential(beyond).any() and not law.slope(beyond).any() and not law.primitive(beyond).any()
+
+
+@pytest.mark.parametrize("name", ADHESIONS)
+def test_stiffness_is_the_largest_curvature(name: str) -> None:
+    law = example("adhesion", name)
+    r = distances(law)
+    curvature = slope(law.slope, r, 2e-5 * law.range)
+    assert curvature.max() * law.bonds == pytest.approx(law.stiffness, rel=1e-6)
+
+
+def test_seifert_well_has_its_depth_at_the_equilibrium_distance() -> None:
+    law = example("adhesion", "seifert")
+    least = brentq(law.slope, 0.9 * law.range, 1.2 * law.range, xtol=1e-18, rtol=1e-14)
+    # lowering the potential to zero with zero slope at 0.5 µm shifts the minimum by cut slope/(8 σ/ε²) = 4e-6 ε …
+    assert least == pytest.approx(law.range, rel=5e-6)
+    # … and takes 0.237 % of the depth; without the cutoff it is σ
+    assert law.potential(law.range) == pytest.approx(-law.energy, rel=2.4e-3)
+    assert law.pair(law.range) == pytest.approx(-law.energy, rel=1e-15)
+    assert law.pair_slope(law.range) == 0.0
+
+
+def test_seifert_pulls_hardest_where_the_paper_says() -> None:
+    law = example("adhesion", "seifert")
+    r = np.linspace(1.0, 2.0, 20001) * law.range
+    traction = law.bonds * law.pair_slope(r)
+    assert r[np.argmax(traction)] / law.range == pytest.approx((5 / 3) ** 0.5, abs=1e-4)  # 1.291
+    assert traction.max() * 1e-3 == pytest.approx(17.85, abs=0.01)  # kPa
+
+
+# ----------------------------------------------------------------------------------------------------- protrusion
+
+
+@pytest.mark.parametrize("name", PROTRUSIONS)
+def test_push_is_the_slope_of_its_ramp_and_acts_at_the_edge_only(name: str) -> None:
+    law = example("protrusion", name)
+    g = np.linspace(-0.5, 1.5, 400) * law.height
+    assert_close(slope(law.ramp, g, 1e-5 * law.height), law.ramp_slope(g), 1e-10)  # measured 1.3e-11
+    assert law.ramp(g).min() == 0.0 and law.ramp(g).max() == 1.0
+    assert law.ramp_slope(g).min() >= 0.0
+    assert not law.ramp_slope(np.array([-1.0, 0.0, law.height, 2 * law.height])).any()
+    assert quad(law.ramp_slope, 0, law.height)[0] == pytest.approx(1.0, rel=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------------- director
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_director_starts_as_its_name_says(start: str) -> None:
+    X, centre = np.random.default_rng(6).standard_normal((50, 2)), np.array([0.3, -0.2])
+    theta = start_angle(start, 0.7, X, centre)
+    h, r = np.array([np.cos(theta), np.sin(theta)]), (X - centre).T / np.linalg.norm(X - centre, axis=1)
+    along, across = (h * r).sum(axis=0), h[1] * r[0] - h[0] * r[1]
+    expected = {"radial": along - 1.0, "tangential": across - 1.0, "uniform": theta - 0.7}[start]
+    assert np.abs(expected).max() < 1e-14
+
+
+# ------------------------------------------------------------------------------------------------- translated to C
+
+
+def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray]) -> np.ndarray:
+    """Results of the C function of a method, for arguments (..., n) with n a multiple of four."""
+    translator = Translator(law, number)
+    function = translator.function(method, "translated")
+    shapes = {a: SHAPES.get(a, ()) for a in arguments}
+    result = np.asarray(getattr(law, method)(*arguments.values()))
+    out, n = np.zeros_like(result), result.shape[-1]
+    lanes = 4 if number == "v4" else 1
+    passed, lines = [], []
+    for name, shape in shapes.items():
+        lines.append(f"{number} {name}{''.join(f'[{k}]' for k in shape)};")
+        lines.append(f"memcpy(&{name}, in_{name} + i * {int(np.prod(shape))}, sizeof {name});")
+        # groups of four (or one) values, component by component
+        passed.append(np.ascontiguousarray(np.moveaxis(arguments[name].reshape(*shape, -1, lanes), -2, 0)))
+    call = ", ".join(["p", *[f"(const {number} (*)[2]){a}" if len(s) == 2 else a for a, s in shapes.items()]])
+    many = result.ndim - 1
+    size = int(np.prod(result.shape[:-1]))
+    lines.append(f"{number} result{''.join(f'[{k}]' for k in result.shape[:-1])};")
+    lines.append(f"translated({call}, result);" if many else f"result = translated({call});")
+    lines.append(f"memcpy(out + i * {size}, &result, sizeof result);")
+    signature = ", ".join(f"const double *in_{a}" for a in shapes)
+    source = "\n".join([
+        _PREAMBLE, "static inline double d_log(double x) { return log(x); }",
+        "static inline double d_cbrt(double x) { return cbrt(x); }",
+        "static inline double d_sqrt(double x) { return sqrt(x); }", function,
+        f"void run(long n, const double *p, {signature}, double *out) {{",
+        f"    for (long i = 0; i < n; i += {lanes}) {{", *["        " + line for line in lines], "    }\n}\n"])
+    raw = np.zeros((n // lanes, *result.shape[:-1], lanes))
+    p = np.array(translator.vector() or [0.0])
+    addresses = [ctypes.c_void_p(a.ctypes.data) for a in (p, *passed, raw)]
+    ctypes.CDLL(str(compiled(source))).run(ctypes.c_long(n), *addresses)
+    out[:] = np.moveaxis(raw, 0, -2).reshape(result.shape)
+    return out
+
+
+def pointwise_methods(kind: str) -> list[tuple[str, str]]:
+    """(law, method) for all methods of formulas: those with arguments that the translator knows."""
+    known = {"material": set(SHAPES), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
+    functions = [(name, method, set(inspect.signature(f).parameters) - {"self"}) for name, cls in laws(kind).items()
+                 for method, f in inspect.getmembers(cls, inspect.isfunction) if not method.startswith(("_", "pair"))]
+    return [(name, method) for name, method, arguments in functions if arguments and arguments <= known]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("name", "method"), pointwise_methods("material"))
+def test_material_is_the_same_in_c(name: str, method: str) -> None:
+    law, F, a = example("material", name), deformations(), np.linspace(0, 3, 200)
+    given = {"F": F, "Fdot": rates(), "gradient": vectors(), "director": np.array([np.cos(a), np.sin(a)])}
+    arguments = {k: given[k] for k in list(inspect.signature(getattr(type(law), method)).parameters)[1:]}
+    expected = np.asarray(getattr(law, method)(*arguments.values()))
+    assert_close(in_c(law, method, "v4", arguments), expected, 1e-13)  # measured 0; log and cbrt may round otherwise
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("name", "method"), pointwise_methods("adhesion"))
+def test_adhesion_is_the_same_in_c(name: str, method: str) -> None:
+    law = example("adhesion", name)
+    r = distances(law)
+    assert_close(in_c(law, method, "double", {"r": r}), getattr(law, method)(r), 1e-14)  # measured 0
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("name", "method"), pointwise_methods("protrusion"))
+def test_protrusion_is_the_same_in_c(name: str, method: str) -> None:
+    law = example("protrusion", name)
+    g = np.linspace(-0.5, 1.5, 400) * law.height
+    assert_close(in_c(law, method, "double", {"g": g}), getattr(law, method)(g), 1e-14)  # measured 0
