@@ -56,11 +56,11 @@ def gradients(X: np.ndarray, support: np.ndarray) -> sparse.csr_matrix:
     I, J = I[order], J[order]
     start = np.searchsorted(I, own)
 
-    a = support[J]
+    a, scale = support[J], support.max()  # one scale for the basis: it has to be linear in X over all supports
     z = (X[I] - X[J]) / a[:, None]
     q = np.linalg.norm(z, axis=1)
     w, dw = window(q)
-    p = np.column_stack([np.ones_like(q), z])
+    p = np.column_stack([np.ones_like(q), (X[I] - X[J]) / scale])
     slope = np.divide(dw, q, out=np.zeros_like(q), where=q > 0) / a
     dw = slope[:, None] * z  # ∂w/∂x_k
     pp = p[:, :, None] * p[:, None, :]
@@ -71,7 +71,7 @@ def gradients(X: np.ndarray, support: np.ndarray) -> sparse.csr_matrix:
     G = np.zeros((len(I), 2))
     for k in range(2):
         dp = np.zeros_like(p)
-        dp[:, 1 + k] = 1.0 / a
+        dp[:, 1 + k] = 1.0 / scale
         sym = dp[:, :, None] * p[:, None, :]
         dM = np.add.reduceat((sym + sym.transpose(0, 2, 1)) * w[:, None, None] + pp * dw[:, k, None, None], start)
         db = -np.linalg.solve(M, np.einsum("nij,nj->ni", dM, b)[:, :, None])[:, :, 0]
