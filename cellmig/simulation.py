@@ -15,12 +15,13 @@ from . import meshfree, model
 from .case.registry import discover, laws
 from .case.schema import Case
 from .meshfree.body import Scene, template
+from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
 from .parallel.partition import bisection
 from .parallel.swarm import Swarm
 from .solve.integrate import Integrator
-from .solve.mechanics import Mechanics, Terms
+from .solve.mechanics import Mechanics
 from .solve.step import StepControl
 
 discover(model)
@@ -81,9 +82,12 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
     active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
+    stabilised = unless(None if any(m.stabilisation for m in case.materials.values()) else "its viscosity is zero",
+                        "stabilisation", True, False)
+    damped = unless(None if case.numerics.bulk_viscosity else "its viscosity is zero", "bulk damping", True, False)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
-    return Terms(substrate, contact, protrusion, director, active, force, skipped)
+    return Terms(substrate, contact, protrusion, director, active, stabilised, damped, force, skipped)
 
 
 class Simulation:

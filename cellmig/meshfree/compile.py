@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from .terms import Terms
 from .translate import Translator
 
-SOURCE = Path(__file__).with_name("kernel.c")
+VECTORS, STEP = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c"))
 FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 _POINTERS = {"double *": ctypes.c_void_p, "uint32_t *": ctypes.c_void_p, "int32_t *": ctypes.c_void_p,
              "long *": ctypes.c_void_p, "void *": ctypes.c_void_p}
@@ -60,9 +61,9 @@ class Kernel:
     Set an array or a number with ``kernel["name"] = value``: the kernel keeps the array alive and passes its address.
     """
 
-    def __init__(self, materials: list, substrate: Any, contact: Any, protrusion: Any, director: str, active: bool):
-        """Laws of the scene; `director` is "none", "frozen" or "relaxing"; `active` whether ζ acts."""
-        text, vectors = _source(materials, substrate, contact, protrusion, director, active)
+    def __init__(self, materials: list, terms: Terms):
+        """Compile the step of a scene with these material laws and terms."""
+        text, vectors = _source(materials, terms)
         members = [(f"material_{i}", "double *") for i in range(len(materials))]
         fields = [(name, _TYPES[kind]) for name, kind in [*FIELDS.items(), *members]]
         fields += [("acceleration", ctypes.c_double * 2), ("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
@@ -101,12 +102,12 @@ def _argument(a: Any) -> Any:
     return ctypes.c_long(a) if isinstance(a, int) else a
 
 
-def _source(materials, substrate, contact, protrusion, director, active) -> tuple[str, dict[str, list[float]]]:
+def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]:
     """C source of the scene and the parameter vectors of its laws."""
     members = [f"    {kind}{'' if kind.endswith('*') else ' '}{name};" for name, kind in FIELDS.items()]
     members += [f"    double *material_{i};" for i in range(len(materials))]
     members += ["    double acceleration[2];", "    int (*ghost_begin)(void *, int, int), (*ghost_end)(void *, int, int);"]
-    parts = [_PREAMBLE, "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
+    parts = [VECTORS.read_text(), "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
     vectors: dict[str, list[float]] = {}
 
     def scalar(name: str, law: Any, methods: list[str]) -> None:
@@ -116,15 +117,15 @@ def _source(materials, substrate, contact, protrusion, director, active) -> tupl
         parts.append(f"#define {name.upper()} 1\n" + "".join(t.function(m, f"{name}_{m}") for m in methods))
         vectors[name] = t.vector()
 
-    parts.append(_materials(materials, director, active, vectors))
-    scalar("substrate", substrate, ["primitive", "potential", "slope"])
-    scalar("contact", contact, ["primitive", "potential", "slope"])
-    scalar("protrusion", protrusion, ["ramp", "ramp_slope"])
-    if director != "none" or active:
-        parts.append("#define DIRECTOR 1\n")
-    if director == "relaxing":
-        parts.append("#define DIRECTOR_RELAXES 1\n")
-    return "\n".join([*parts, SOURCE.read_text()]), vectors
+    parts.append(_materials(materials, terms.director, terms.active, vectors))
+    scalar("substrate", terms.substrate, ["primitive", "potential", "slope"])
+    scalar("contact", terms.contact, ["primitive", "potential", "slope"])
+    scalar("protrusion", terms.protrusion, ["ramp", "ramp_slope"])
+    has = {"VISCOUS": any(hasattr(m, "dissipation") for m in materials), "STABILISED": terms.stabilised,
+           "BULK_DAMPED": terms.bulk_damped, "DIRECTOR": terms.director != "none" or terms.active,
+           "DIRECTOR_RELAXES": terms.director == "relaxing"}
+    parts += [f"#define {name} 1" for name, present in has.items() if present]
+    return "\n".join([*parts, STEP.read_text()]), vectors
 
 
 def _materials(materials: list, director: str, active: bool, vectors: dict) -> str:
@@ -151,29 +152,15 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
         vectors[f"material_{i}"] = t.vector()
     fields = ""
     if director != "none" or active:
-        fields = ("    const v4 g[2] = {load4(s->director_gradient + 8 * b), load4(s->director_gradient + 8 * b + 4)};\n"
-                  "    const v4 h[2] = {load4(s->director_axis + 8 * b), load4(s->director_axis + 8 * b + 4)};\n"
+        fields = ("    const v4 g[2] = {load(s->director_gradient + 8 * b), load(s->director_gradient + 8 * b + 4)};\n"
+                  "    const v4 h[2] = {load(s->director_axis + 8 * b), load(s->director_axis + 8 * b + 4)};\n"
                   "    (void)g; (void)h;\n")
     parts.append(_DISPATCH.format(fields=fields, stress="\n".join(stress), flux="\n".join(flux)))
     return "\n".join(parts)
 
 
-_PREAMBLE = """#include <math.h>
-#include <stdint.h>
-#include <string.h>
-typedef double v4 __attribute__((vector_size(32), may_alias));
-typedef int64_t i4 __attribute__((vector_size(32)));
-static inline v4 load4(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
-#define LANES(NAME, CALL) \\
-    static inline v4 v4_##NAME(v4 x) { v4 y; for (int i = 0; i < 4; i++) y[i] = CALL(x[i]); return y; }
-LANES(log, log) LANES(sqrt, sqrt) LANES(cbrt, cbrt)
-static inline double d_minimum(double a, double b) { return a < b ? a : b; }
-static inline double d_maximum(double a, double b) { return a > b ? a : b; }
-"""
-
 _DISPATCH = """#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
-static inline v4 choose(i4 m, v4 a, v4 b) {{ return (v4)((m & (i4)a) | (~m & (i4)b)); }}
-#define LANES_OF(i) const i4 m = (i4)(load4(s->material + 4 * b) == (double)(i))
+#define LANES_OF(i) const i4 m = (i4)(load(s->material + 4 * b) == (double)(i))
 #define KEEP(i) LANES_OF(i); *loss = choose(m, d, *loss); \\
     for (int a = 0; a < 2; a++) for (int c = 0; c < 2; c++) P[a][c] = choose(m, p[a][c], P[a][c])
 #define KEEP2(f, i) LANES_OF(i); for (int a = 0; a < 2; a++) flux[a] = choose(m, f[a], flux[a])

@@ -5,34 +5,11 @@
  * their dispatch are generated in front of this file (see compile.py); a term that the scene lacks is not there.
  */
 
-/* ---------------------------------------------------------------- vectors */
-
-static inline v4 load(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
-static inline void store(double *a, v4 x) { memcpy(a, &x, sizeof x); }
-static inline v4 splat(double a) { return (v4){a, a, a, a}; }
-
-#ifdef __AVX2__
-#include <immintrin.h>
-static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
-static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
-static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
+#ifdef STABILISED
+enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
 #else
-static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
-static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
-static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
+enum { GRADIENT_WIDTH = 8 };
 #endif
-static inline v4 even(v4 a) { return __builtin_shuffle(a, (i4){0, 0, 2, 2}); }
-static inline v4 odd(v4 a) { return __builtin_shuffle(a, (i4){1, 1, 3, 3}); }
-
-static inline void transpose(const v4 a[4], v4 b[4])
-{
-    const v4 x = __builtin_shuffle(a[0], a[1], (i4){0, 4, 2, 6}), y = __builtin_shuffle(a[0], a[1], (i4){1, 5, 3, 7});
-    const v4 z = __builtin_shuffle(a[2], a[3], (i4){0, 4, 2, 6}), w = __builtin_shuffle(a[2], a[3], (i4){1, 5, 3, 7});
-    b[0] = __builtin_shuffle(x, z, (i4){0, 1, 4, 5});
-    b[1] = __builtin_shuffle(y, w, (i4){0, 1, 4, 5});
-    b[2] = __builtin_shuffle(x, z, (i4){2, 3, 6, 7});
-    b[3] = __builtin_shuffle(y, w, (i4){2, 3, 6, 7});
-}
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
@@ -42,17 +19,21 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
     v4 acc[4] = {{0}}, st[2] = {{0}};
     for (long k = s->first[b]; k < s->first[b + 1]; k++) {
         const uint32_t *c = s->column + 4 * k;
-        const double *a = s->gradient + 12 * k;
-        const v4 g01 = load(a), g23 = load(a + 4), w = load(a + 8);
+        const double *a = s->gradient + GRADIENT_WIDTH * k;
+        const v4 g01 = load(a), g23 = load(a + 4);
         const v4 x0 = twice(field + 4 * (size_t)c[0]), x1 = twice(field + 4 * (size_t)c[1]);
         const v4 x2 = twice(field + 4 * (size_t)c[2]), x3 = twice(field + 4 * (size_t)c[3]);
         acc[0] = fma4(x0, even(g01), acc[0]);
         acc[1] = fma4(x1, odd(g01), acc[1]);
         acc[2] = fma4(x2, even(g23), acc[2]);
         acc[3] = fma4(x3, odd(g23), acc[3]);
+#ifdef STABILISED
+        const v4 w = load(a + 8);
         st[0] = fma4(halves(x0, x1), even(w), st[0]);
         st[1] = fma4(halves(x2, x3), odd(w), st[1]);
+#endif
     }
+#ifdef STABILISED
     for (long k = s->first_outer[b]; k < s->first_outer[b + 1]; k++) {
         const uint32_t *c = s->column_outer + 4 * k;
         const v4 w = load(s->outer + 4 * k);
@@ -61,6 +42,7 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
         st[0] = fma4(halves(x0, x1), even(w), st[0]);
         st[1] = fma4(halves(x2, x3), odd(w), st[1]);
     }
+#endif
     transpose(acc, grad);
     stab[0] = st[0];
     stab[1] = st[1];
@@ -70,17 +52,18 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
 static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double dt)
 {
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
-    v4 P[2][2], loss = {0};
+    const v4 V = load(s->volume + 4 * b);
+    v4 P[2][2], loss = {0}, numerical = {0};
     material_stress(s, b, F, R, P, &loss);
-
-    const v4 V = load(s->volume + 4 * b), damping = load(s->bulk_damping + 4 * b);
-    const v4 J = F[0][0] * F[1][1] - F[0][1] * F[1][0];
+#ifdef BULK_DAMPED
     const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
-    const v4 q = damping * rate / J;
+    const v4 q = load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
     P[0][0] += q * F[1][1];
     P[0][1] -= q * F[1][0];
     P[1][0] -= q * F[0][1];
     P[1][1] += q * F[0][0];
+    numerical = V * q * rate;
+#endif
     const v4 lanes[4] = {V * P[0][0], V * P[1][0], V * P[0][1], V * P[1][1]};
     v4 rows[4];
     transpose(lanes, rows);
@@ -88,11 +71,18 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
 
     store(s->force + 8 * b, -stab[0]);
     store(s->force + 8 * b + 4, -stab[1]);
+#ifdef STABILISED
     const double *z = s->state + 16 * b;
-    const v4 power = {z[2] * stab[0][0] + z[3] * stab[0][1], z[6] * stab[0][2] + z[7] * stab[0][3],
+    numerical += (v4){z[2] * stab[0][0] + z[3] * stab[0][1], z[6] * stab[0][2] + z[7] * stab[0][3],
                       z[10] * stab[1][0] + z[11] * stab[1][1], z[14] * stab[1][2] + z[15] * stab[1][3]};
+#endif
+#ifdef VISCOUS
     store(s->viscous_loss + 4 * b, load(s->viscous_loss + 4 * b) + dt * V * loss);
-    store(s->numerical_loss + 4 * b, load(s->numerical_loss + 4 * b) + dt * (V * q * rate + power));
+#endif
+#if defined STABILISED || defined BULK_DAMPED
+    store(s->numerical_loss + 4 * b, load(s->numerical_loss + 4 * b) + dt * numerical);
+#endif
+    (void)dt, (void)loss, (void)numerical, (void)stab;
 }
 
 /* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since the last call. */
@@ -147,17 +137,18 @@ static inline int owned_lanes(const Scene *s, long b) { return s->n_owned - 4 * 
 /* v += dt f/m + dt g, then u += dt v, for the owned particles. */
 static void kick_and_drift(const Scene *s, double dt)
 {
+    const v4 none = {0}, pull = {0, 0, dt * s->acceleration[0], dt * s->acceleration[1]};
     for (long b = 0; 4 * b < s->n_owned; b++) {
         v4 f[2];
         divergence(s, b, f);
+        const v4 rows[4] = {__builtin_shuffle(f[0], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[0], none, (i4){4, 4, 2, 3}),
+                            __builtin_shuffle(f[1], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[1], none, (i4){4, 4, 2, 3})};
         const int n = owned_lanes(s, b);
         for (int i = 0; i < n; i++) {
             double *z = s->state + 16 * b + 4 * i;
-            const double m = dt * s->inverse_mass[4 * b + i];
-            for (int c = 0; c < 2; c++) {
-                z[2 + c] += m * f[i / 2][2 * (i % 2) + c] + dt * s->acceleration[c];
-                z[c] += dt * z[2 + c];
-            }
+            v4 x = load(z) + dt * s->inverse_mass[4 * b + i] * rows[i] + pull;
+            x += dt * __builtin_shuffle(x, none, (i4){2, 3, 4, 4});
+            store(z, x);
         }
     }
 }
@@ -334,7 +325,7 @@ static void director_gradient(const Scene *s)
             const double own = s->director[2 * (4 * b + i)];
             double g[2] = {0, 0};
             for (long k = s->first[b]; k < s->first[b + 1]; k++) {
-                const double *a = s->gradient + 12 * k + 4 * (i / 2) + i % 2;
+                const double *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
                 const double d = wrapped(s->director[2 * (size_t)s->column[4 * k + i]] - own);
                 g[0] += a[0] * d;
                 g[1] += a[2] * d;

@@ -78,8 +78,11 @@ def entries(t: Template) -> tuple[tuple, tuple]:
     return (G.indptr, G.indices, G.data, H.data, inner), (outer.indptr, outer.indices, outer.data)
 
 
-def blocks(scene: Scene, numbering: Numbering) -> dict[str, np.ndarray]:
-    """Arrays `first, column, gradient, adjoint, first_outer, column_outer, outer` of the kernel for a rank's rows."""
+def blocks(scene: Scene, numbering: Numbering, stabilised: bool) -> dict[str, np.ndarray]:
+    """Arrays `first, column, gradient, adjoint` of the kernel for a rank's rows.
+
+    If `stabilised`, S is in `gradient` where its pattern is that of G, else in `first_outer, column_outer, outer`.
+    """
     n_rows, n_owned = numbering.n_rows, numbering.n_owned
     row_ids = numbering.ids[:n_rows]
     kinds = [entries(t) for t in scene.templates]
@@ -103,11 +106,13 @@ def blocks(scene: Scene, numbering: Numbering) -> dict[str, np.ndarray]:
     out["first"], group, lane = _slots(row, n_blocks)
     out["column"] = _columns(out["first"], group, lane, col, n_rows)
     pair = 4 * (lane // 2) + lane % 2
-    gradient, adjoint = np.zeros((out["first"][-1], 12)), np.zeros((out["first"][-1], 8))
+    gradient, adjoint = np.zeros((out["first"][-1], 12 if stabilised else 8)), np.zeros((out["first"][-1], 8))
     gradient[group, pair], gradient[group, pair + 2] = G.real, G.imag
     adjoint[group, pair], adjoint[group, pair + 2] = H.real, H.imag
-    gradient[group, 8 + _STAB_LANE[lane]] = S.real
     out["gradient"], out["adjoint"] = gradient, adjoint
+    if not stabilised:
+        return out
+    gradient[group, 8 + _STAB_LANE[lane]] = S.real
     row, col, S = _joined(outer, 3)
     out["first_outer"], group, lane = _slots(row, n_blocks)
     out["column_outer"] = _columns(out["first_outer"], group, lane, col, n_rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,28 +12,13 @@ from ..meshfree.body import Scene
 from ..meshfree.compile import Kernel
 from ..meshfree.contact import Surfaces, contact_lists
 from ..meshfree.rows import blocks, number
+from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField, exchange_functions
 from ..parallel.random import uniform
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
 
 SKIN = 0.4  # µm by which surfaces may approach each other before the search lists are made anew
-
-
-@dataclass(frozen=True)
-class Terms:
-    """The terms of equation (2) that a scene has; what it lacks is None, "none" or False, and is not computed.
-
-    director : "none", "frozen" or "relaxing";  active : whether ζ acts;  skipped : why, by term, for the log.
-    """
-
-    substrate: Any
-    contact: Any
-    protrusion: Any
-    director: str
-    active: bool
-    acceleration: tuple | None
-    skipped: dict
 
 
 class Mechanics:
@@ -52,8 +36,7 @@ class Mechanics:
         self._place_in_petsc = np.empty(scene.size, np.int64)
         self._place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
         self._number(swarm["id"])
-        self.kernel = Kernel(scene.materials, terms.substrate, terms.contact, terms.protrusion, terms.director,
-                             terms.active)
+        self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
         self._fill_surfaces(seed, protruding)
         self._fill_director(swarm)
@@ -114,7 +97,7 @@ class Mechanics:
             k[name] = np.zeros(self._capacity)
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
-        for name, values in blocks(scene, self.base).items():
+        for name, values in blocks(scene, self.base, self.terms.stabilised).items():
             k[name] = values
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]

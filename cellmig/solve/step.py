@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..meshfree.body import Scene
-from .mechanics import Terms
+from ..meshfree.terms import Terms
 
 
 class NumericsError(RuntimeError):

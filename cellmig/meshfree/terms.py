@@ -1,0 +1,26 @@
+"""The terms of equation (2) that a scene has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a scene lacks is None, "none" or False; it is not compiled, stored or exchanged.
+
+    substrate, contact, protrusion : laws or None;  director : "none", "frozen" or "relaxing";  active : whether ζ
+    acts;  stabilised, bulk_damped : the numerical viscosities;  acceleration : of the body force (2,) [µm/µs²] or
+    None;  skipped : why a term is absent, by its name, for the log.
+    """
+
+    substrate: Any = None
+    contact: Any = None
+    protrusion: Any = None
+    director: str = "none"
+    active: bool = False
+    stabilised: bool = True
+    bulk_damped: bool = True
+    acceleration: tuple | None = None
+    skipped: dict = field(default_factory=dict)

@@ -1,0 +1,76 @@
+/* Vectors of four doubles, for any processor, with the instructions of AVX2 and FMA where they are. */
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+typedef double v4 __attribute__((vector_size(32), may_alias));
+typedef int64_t i4 __attribute__((vector_size(32)));
+
+static inline v4 load(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
+static inline void store(double *a, v4 x) { memcpy(a, &x, sizeof x); }
+static inline v4 splat(double a) { return (v4){a, a, a, a}; }
+
+#ifdef __AVX2__
+#include <immintrin.h>
+static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
+static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
+#else
+static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
+static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
+static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
+#endif
+static inline v4 even(v4 a) { return __builtin_shuffle(a, (i4){0, 0, 2, 2}); }
+static inline v4 odd(v4 a) { return __builtin_shuffle(a, (i4){1, 1, 3, 3}); }
+
+static inline void transpose(const v4 a[4], v4 b[4])
+{
+    const v4 x = __builtin_shuffle(a[0], a[1], (i4){0, 4, 2, 6}), y = __builtin_shuffle(a[0], a[1], (i4){1, 5, 3, 7});
+    const v4 z = __builtin_shuffle(a[2], a[3], (i4){0, 4, 2, 6}), w = __builtin_shuffle(a[2], a[3], (i4){1, 5, 3, 7});
+    b[0] = __builtin_shuffle(x, z, (i4){0, 1, 4, 5});
+    b[1] = __builtin_shuffle(y, w, (i4){0, 1, 4, 5});
+    b[2] = __builtin_shuffle(x, z, (i4){2, 3, 6, 7});
+    b[3] = __builtin_shuffle(y, w, (i4){2, 3, 6, 7});
+}
+
+static inline v4 choose(i4 m, v4 a, v4 b) { return (v4)((m & (i4)a) | (~m & (i4)b)); }
+
+/* Σ c_k x^k of 16 terms by Estrin's scheme: short chains, for the processor to overlap. */
+static inline v4 polynomial(const double c[16], v4 x)
+{
+    const v4 x2 = x * x, x4 = x2 * x2, x8 = x4 * x4;
+    v4 q[4];
+    for (int i = 0; i < 4; i++)
+        q[i] = fma4(fma4(splat(c[4 * i + 3]), x, splat(c[4 * i + 2])), x2, fma4(splat(c[4 * i + 1]), x, splat(c[4 * i])));
+    return fma4(fma4(q[3], x4, q[2]), x8, fma4(q[1], x4, q[0]));
+}
+
+/* ln x for finite x > 0, to 2 units in the last place: 2 artanh s, s = (m - 1)/(m + 1), m in [0.7, 1.4]. */
+static inline v4 v4_log(v4 x)
+{
+    const i4 bits = (i4)x, high = (bits & 0xfffffffffffff) > (int64_t)0x6a09e667f3bcd; /* mantissa above sqrt 2 */
+    const i4 e = (bits >> 52) - 1023 - high;
+    const v4 m = (v4)((bits & 0xfffffffffffff) | ((i4){1023, 1023, 1023, 1023} + high) << 52);
+    const v4 exponent = (v4)(e + 0x4338000000000000) - 6755399441055744.0;
+    const v4 s = (m - 1.0) / (m + 1.0), t = s * s;
+    static const double c[16] = {1. / 3, 1. / 5, 1. / 7, 1. / 9, 1. / 11, 1. / 13, 1. / 15, 1. / 17, 1. / 19, 1. / 21};
+    const v4 r = polynomial(c, t);
+    return fma4(exponent, splat(0.6931471805599453), 2.0 * fma4(r * t, s, s));
+}
+
+/* e^x for |x| < 700, to 2 units in the last place. */
+static inline v4 v4_exp(v4 x)
+{
+    const v4 shifted = fma4(x, splat(1.4426950408889634), splat(6755399441055744.0)), n = shifted - 6755399441055744.0;
+    const v4 y = fma4(n, splat(-1.9082149292705877e-10), fma4(n, splat(-0.6931471803691238), x));
+    static const double c[16] = {1, 1, 1. / 2, 1. / 6, 1. / 24, 1. / 120, 1. / 720, 1. / 5040, 1. / 40320, 1. / 362880,
+                                 1. / 3628800, 1. / 39916800, 1. / 479001600, 1. / 6227020800};
+    const v4 r = polynomial(c, y);
+    return (v4)((i4)r + ((i4)shifted << 52));
+}
+
+static inline v4 v4_cbrt(v4 x) { return v4_exp(v4_log(x) * (1.0 / 3)); }
+static inline v4 v4_sqrt(v4 x) { return (v4){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}; }
+static inline double d_minimum(double a, double b) { return a < b ? a : b; }
+static inline double d_maximum(double a, double b) { return a > b ? a : b; }
