@@ -66,6 +66,7 @@ def test_lowest_particle_is_on_the_axis(count: int) -> None:
 
 
 # measured 1.5, -3.9, -2.5, 0.33, -0.32 %: polygons for circles, 1485 being the paper's number
+@pytest.mark.serial
 @pytest.mark.parametrize(("count", "tolerance"), [(200, 0.02), (331, 0.045), (631, 0.03), (1485, 0.015), (3000, 0.015)])
 def test_nucleus_has_its_share_of_the_area(count: int, tolerance: float) -> None:
     t = cell(count)
@@ -77,6 +78,7 @@ def polygon_area(X: np.ndarray) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("count", COUNTS)
 def test_volumes_add_up_to_the_area_of_the_polygon(count: int) -> None:
     t = cell(count)
@@ -88,7 +90,8 @@ def test_volumes_add_up_to_the_area_of_the_polygon(count: int) -> None:
 
 
 def test_window_is_a_smooth_bump_of_known_weight() -> None:
-    assert 2 * quad(lambda q: float(rkpm.window(np.array(q))[0]), 0, 1, points=[0.5])[0] == pytest.approx(0.5, rel=1e-12)
+    half = quad(lambda q: float(rkpm.window(np.array(q))[0]), 0, 1, points=[0.5])[0]
+    assert half == pytest.approx(0.25, rel=1e-12)
     assert rkpm.window(np.array(0.0))[0] == pytest.approx(2 / 3)
     q, h = np.linspace(0.001, 1.2, 500), 1e-5
     slope = (rkpm.window(q + h)[0] - rkpm.window(q - h)[0]) / (2 * h)
@@ -99,13 +102,14 @@ def test_window_is_a_smooth_bump_of_known_weight() -> None:
     assert not np.any(rkpm.window(np.array([1.0, 1.5])))
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("count", COUNTS[1:])
 @pytest.mark.parametrize("dilation", DILATIONS)
 def test_gradients_of_constant_and_linear_fields_are_exact(count: int, dilation: float) -> None:
     t = cell(count, dilation)
     field = 2.0 + t.X @ np.array([0.7, -1.3])
-    assert np.abs(t.G @ np.ones(count)).max() < 1e-13 / t.spacing  # measured 2e-15
-    assert np.abs(t.G @ field - (0.7 - 1.3j)).max() < 1e-12  # measured 1e-14
+    assert np.abs(t.G @ np.ones(count)).max() < 1e-13 / t.spacing  # measured 3e-16/h
+    assert np.abs(t.G @ field - (0.7 - 1.3j)).max() < 1e-12  # measured 1.6e-14
 
 
 def test_gradients_of_linear_fields_are_exact_where_supports_differ() -> None:
@@ -116,6 +120,7 @@ def test_gradients_of_linear_fields_are_exact_where_supports_differ() -> None:
     assert np.abs(G @ (X @ np.array([0.7, -1.3])) - (0.7 - 1.3j)).max() < 1e-12  # measured 2e-15
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("dilation", [1.8, 2.2])
 def test_gradient_of_a_smooth_field_converges_with_the_second_order(dilation: float) -> None:
     def error(count: int) -> tuple[float, float]:
@@ -128,7 +133,8 @@ def test_gradient_of_a_smooth_field_converges_with_the_second_order(dilation: fl
 
     (h1, e1), (h2, e2) = error(331), error(3000)
     order = np.log(e1 / e2) / np.log(h1 / h2)
-    assert 1.7 < order < 2.4, f"h {h1:.3f} {h2:.3f}, error {e1:.2e} {e2:.2e}, order {order:.2f}"
+    # measured 2.04 and 2.00
+    assert 1.8 < order < 2.3, f"h {h1:.3f} {h2:.3f}, error {e1:.2e} {e2:.2e}, order {order:.2f}"
 
 
 # -------------------------------------------------------------------------------------------------------- adjoint
@@ -153,22 +159,23 @@ def test_divergence_is_the_adjoint_of_the_gradient(name: str) -> None:
             P[..., on] = pointwise(law, "stress", {"F": F[..., on], "Fdot": np.zeros_like(F[..., on])})
         power = scene.field("V") * (P * dw).sum(axis=(0, 1))
         assert np.abs(P).max() > 0.0
-        # measured 1e-14: sums of rounded numbers
+        # measured 1e-16: sums of rounded numbers
         assert (f * w).sum() == pytest.approx(-power.sum(), abs=1e-13 * np.abs(power).sum())
 
 
 # -------------------------------------------------------------------------------------------------- stabilisation
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("count", [19, 91, 150, 331])
 def test_stabilisation_is_symmetric_positive_and_blind_to_linear_fields(count: int) -> None:
     t = cell(count)
     S = t.S.toarray()
     values = np.linalg.eigvalsh(S)
     assert np.array_equal(S, S.T)
-    assert values[0] > -1e-13 * values[-1]  # measured -2e-15
-    assert (values < 1e-9 * values[-1]).sum() == 3  # the linear fields and nothing else
-    assert np.abs(S @ np.column_stack([np.ones(count), t.X])).max() < 1e-13 * RADIUS * S.max()  # measured 2e-15
+    assert values[0] > -1e-13 * values[-1]  # measured -5e-16
+    assert (values < 1e-8 * values[-1]).sum() == 3  # the linear fields and nothing else; the next measured 1e-4
+    assert np.abs(S @ np.column_stack([np.ones(count), t.X])).max() < 1e-13 * RADIUS * S.max()  # measured 2e-16
 
 
 def dissipation(t: Template, v: np.ndarray) -> tuple[float, float]:
@@ -182,6 +189,7 @@ def dissipation(t: Template, v: np.ndarray) -> tuple[float, float]:
 # Total over exact, measured on a disc with 3000 particles at 4.5, 6, 8, 12, 20 spacings (stabilisation's share):
 # 1.12 (0.65), 1.08 (0.42), 1.05 (0.25), 1.02 (0.12), 1.01 (0.05).  A support of 3 spacings sees less of short waves:
 # 0.89, 0.88, 0.90, 0.95, 0.98.
+@pytest.mark.serial
 @pytest.mark.parametrize("wavelength", [4.5, 6.0, 8.0, 12.0, 20.0])
 @pytest.mark.parametrize(("dilation", "low", "high"), [(2.2, 0.95, 1.15), (3.0, 0.87, 1.0)])
 @pytest.mark.parametrize("angle", [0.0, 0.5])
@@ -197,8 +205,9 @@ def test_shear_waves_lose_what_they_should(wavelength: float, dilation: float, l
     assert low < lost / exact < high
 
 
+@pytest.mark.serial
 def test_zigzag_that_the_gradient_hardly_sees_is_damped() -> None:
     t = cell(1485, nucleus=False)
     v = np.random.default_rng(3).choice([-1.0, 1.0], (1485, 2))
     stress, stabilisation = dissipation(t, v)
-    assert stabilisation > 2.0 * stress  # measured 4.9
+    assert stabilisation > 2.0 * stress  # measured 7.6

@@ -13,16 +13,27 @@ enum { GRADIENT_WIDTH = 8 };
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
+/* Places of four neighbours in fields of four numbers: `column` holds four times their local numbers. */
+static inline void neighbours(const uint32_t *column, size_t c[4])
+{
+    uint64_t pair[2];
+    memcpy(pair, column, sizeof pair);
+    c[0] = (uint32_t)pair[0];
+    c[1] = pair[0] >> 32;
+    c[2] = (uint32_t)pair[1];
+    c[3] = pair[1] >> 32;
+}
+
 /* Sum of field x gradient over the neighbours of block b, lanes 00 10 01 11; also S x field, rows (0 1), (2 3). */
 static inline void gather(const Scene *s, long b, const double *field, v4 grad[4], v4 stab[2])
 {
     v4 acc[4] = {{0}}, st[2] = {{0}};
     for (long k = s->first[b]; k < s->first[b + 1]; k++) {
-        const uint32_t *c = s->column + 4 * k;
         const double *a = s->gradient + GRADIENT_WIDTH * k;
         const v4 g01 = load(a), g23 = load(a + 4);
-        const v4 x0 = twice(field + 4 * (size_t)c[0]), x1 = twice(field + 4 * (size_t)c[1]);
-        const v4 x2 = twice(field + 4 * (size_t)c[2]), x3 = twice(field + 4 * (size_t)c[3]);
+        size_t c[4];
+        neighbours(s->column + 4 * k, c);
+        const v4 x0 = twice(field + c[0]), x1 = twice(field + c[1]), x2 = twice(field + c[2]), x3 = twice(field + c[3]);
         acc[0] = fma4(x0, even(g01), acc[0]);
         acc[1] = fma4(x1, odd(g01), acc[1]);
         acc[2] = fma4(x2, even(g23), acc[2]);
@@ -35,10 +46,10 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
     }
 #ifdef STABILISED
     for (long k = s->first_outer[b]; k < s->first_outer[b + 1]; k++) {
-        const uint32_t *c = s->column_outer + 4 * k;
         const v4 w = load(s->outer + 4 * k);
-        const v4 x0 = twice(field + 4 * (size_t)c[0]), x1 = twice(field + 4 * (size_t)c[1]);
-        const v4 x2 = twice(field + 4 * (size_t)c[2]), x3 = twice(field + 4 * (size_t)c[3]);
+        size_t c[4];
+        neighbours(s->column_outer + 4 * k, c);
+        const v4 x0 = twice(field + c[0]), x1 = twice(field + c[1]), x2 = twice(field + c[2]), x3 = twice(field + c[3]);
         st[0] = fma4(halves(x0, x1), even(w), st[0]);
         st[1] = fma4(halves(x2, x3), odd(w), st[1]);
     }
@@ -118,12 +129,13 @@ static inline void divergence(const Scene *s, long b, v4 f[2])
 {
     v4 acc[4] = {{0}};
     for (long k = s->first[b]; k < s->first[b + 1]; k++) {
-        const uint32_t *c = s->column + 4 * k;
         const v4 h01 = load(s->adjoint + 8 * k), h23 = load(s->adjoint + 8 * k + 4);
-        acc[0] = fma4(load(s->Q + 4 * (size_t)c[0]), even(h01), acc[0]);
-        acc[1] = fma4(load(s->Q + 4 * (size_t)c[1]), odd(h01), acc[1]);
-        acc[2] = fma4(load(s->Q + 4 * (size_t)c[2]), even(h23), acc[2]);
-        acc[3] = fma4(load(s->Q + 4 * (size_t)c[3]), odd(h23), acc[3]);
+        size_t c[4];
+        neighbours(s->column + 4 * k, c);
+        acc[0] = fma4(load(s->Q + c[0]), even(h01), acc[0]);
+        acc[1] = fma4(load(s->Q + c[1]), odd(h01), acc[1]);
+        acc[2] = fma4(load(s->Q + c[2]), even(h23), acc[2]);
+        acc[3] = fma4(load(s->Q + c[3]), odd(h23), acc[3]);
     }
     for (int i = 0; i < 2; i++) {
         const v4 low = __builtin_shuffle(acc[2 * i], acc[2 * i + 1], (i4){0, 1, 4, 5});
@@ -326,7 +338,7 @@ static void director_gradient(const Scene *s)
             double g[2] = {0, 0};
             for (long k = s->first[b]; k < s->first[b + 1]; k++) {
                 const double *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
-                const double d = wrapped(s->director[2 * (size_t)s->column[4 * k + i]] - own);
+                const double d = wrapped(s->director[s->column[4 * k + i] / 2] - own);
                 g[0] += a[0] * d;
                 g[1] += a[2] * d;
             }
@@ -369,7 +381,7 @@ static void director_torque(const Scene *s)
         double torque = 0;
         for (long k = s->first[b]; k < s->first[b + 1]; k++) {
             const double *h = s->adjoint + 8 * k + 4 * (lane / 2) + lane % 2;
-            const size_t j = s->column[4 * k + lane];
+            const size_t j = s->column[4 * k + lane] / 4;
             const double *flux = s->director_flux + 8 * (j / 4) + j % 4;
             torque += h[0] * flux[0] + h[2] * flux[4];
         }

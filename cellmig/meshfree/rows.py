@@ -150,8 +150,8 @@ def _slots(row: np.ndarray, n_blocks: int) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _columns(first: np.ndarray, group: np.ndarray, lane: np.ndarray, col: np.ndarray, n_rows: int) -> np.ndarray:
-    """Neighbours (groups, 4); where a row has fewer than its block, the row itself, with coefficient zero."""
+    """Four times the neighbours (groups, 4); where a row has too few for its block, the row itself, with zeros."""
     block = np.repeat(np.arange(len(first) - 1), np.diff(first))
     columns = np.minimum(4 * block[:, None] + np.arange(4), max(n_rows - 1, 0))
     columns[group, lane] = col
-    return columns.astype(np.uint32)
+    return (4 * columns).astype(np.uint32)  # where they stand in fields of four numbers
