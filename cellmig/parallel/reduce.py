@@ -23,16 +23,19 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     top = np.where(np.isnan(top), np.inf, top)
     comm.Allreduce(MPI.IN_PLACE, top, MPI.MAX)
     shape = values.shape[1:] if group is None else (groups, *values.shape[1:])
+    top = np.maximum(top, 1e-200)  # so that powers of two below it exist
     if not np.isfinite(top).all():
         return np.full(shape, np.nan)
     exponent = np.frexp(top)[1]
-    limbs, rest = np.zeros((3, groups, flat.shape[1]), np.int64), flat
-    where = np.zeros(len(flat), np.intp) if group is None else group
-    for i in range(3):
+    group = np.zeros(len(flat), np.intp) if group is None else group
+    order = np.argsort(group, kind="stable")
+    present, start = np.unique(group[order], return_index=True)
+    limbs, rest = np.zeros((3, groups, flat.shape[1]), np.int64), flat[order]
+    for i in range(3 if len(flat) else 0):
         unit = exponent - _BITS * (i + 1)
-        whole = np.rint(np.ldexp(rest, -unit))
-        np.add.at(limbs[i], where, whole.astype(np.int64))
-        rest = rest - np.ldexp(whole, unit)
+        whole = np.rint(rest * np.ldexp(1.0, -unit))
+        limbs[i, present] = np.add.reduceat(whole.astype(np.int64), start)
+        rest = rest - whole * np.ldexp(1.0, unit)
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
     exact = [(int(a) << 2 * _BITS) + (int(b) << _BITS) + int(c) for a, b, c in limbs.reshape(3, -1).T]
     powers = np.tile(exponent - 3 * _BITS, groups)
