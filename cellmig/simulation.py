@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import math
-import time as clock
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from mpi4py import MPI
 
 from . import meshfree, model
@@ -74,7 +72,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     contact = unless(why((len(case.cells) == 1, "one cell alone"), (case.contact is None, "the case has none")),
                      "adhesion between cells", case.contact or nothing)
     push = case.protrusion
-    protrusion = unless(why((push is None, "the case has none"), (push is not None and not push.cells, "no cell protrudes"),
+    protrusion = unless(why((push is None, "the case has none"),
+                            (push is not None and not push.cells, "no cell protrudes"),
                             (push is not None and push.strength == 0, "its strength is zero"),
                             (case.substrate is None, "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
@@ -106,7 +105,8 @@ class Simulation:
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()
         protruding = np.array([c.name in names for c in case.cells])
-        self.mechanics = Mechanics(self.scene, self.terms, self.swarm, owner, comm, case.director, case.seed, protruding)
+        self.mechanics = Mechanics(self.scene, self.terms, self.swarm, owner, comm, case.director, case.seed,
+                                   protruding)
         self.control = step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
         self.integrator = Integrator(self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)

@@ -96,7 +96,7 @@ def abs_part(G: sparse.csr_matrix, part: str) -> sparse.csr_matrix:
 
 
 def _strain_operator(gx, gy, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
-    """v -> Σ_I V (2 shear d + volumetric tr d) ∇N: linear operator on (n, 2) fields, flattened by components."""
+    """V -> Σ_I V (2 shear d + volumetric tr d) ∇N: linear operator on (n, 2) fields, flattened by components."""
     n = len(V)
 
     def apply(v: np.ndarray) -> np.ndarray:

@@ -66,7 +66,8 @@ class Kernel:
         text, vectors = _source(materials, terms)
         members = [(f"material_{i}", "double *") for i in range(len(materials))]
         fields = [(name, _TYPES[kind]) for name, kind in [*FIELDS.items(), *members]]
-        fields += [("acceleration", ctypes.c_double * 2), ("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
+        fields += [("acceleration", ctypes.c_double * 2)]
+        fields += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
         self._kinds = {**FIELDS, **dict(members)}
         self._structure = type("Scene", (ctypes.Structure,), {"_fields_": fields})()
         self._address = ctypes.byref(self._structure)
@@ -106,7 +107,8 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     """C source of the scene and the parameter vectors of its laws."""
     members = [f"    {kind}{'' if kind.endswith('*') else ' '}{name};" for name, kind in FIELDS.items()]
     members += [f"    double *material_{i};" for i in range(len(materials))]
-    members += ["    double acceleration[2];", "    int (*ghost_begin)(void *, int, int), (*ghost_end)(void *, int, int);"]
+    members += ["    double acceleration[2];"]
+    members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
     parts = [VECTORS.read_text(), "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
     vectors: dict[str, list[float]] = {}
 
@@ -148,7 +150,8 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
         if active and hasattr(methods, "active_stress"):
             parts.append(t.function("active_stress", f"active_stress_{i}"))
             lines.append(f"active_stress_{i}({p}, F, h, t); ADD(p, t);")
-        stress.append(f"    if (mask & {1 << i}) {{ v4 p[2][2], t[2][2], d = {{0}}; (void)t; {' '.join(lines)} KEEP({i}); }}")
+        body = " ".join(["v4 p[2][2], t[2][2], d = {0}; (void)t;", *lines, f"KEEP({i});"])
+        stress.append(f"    if (mask & {1 << i}) {{ {body} }}")
         vectors[f"material_{i}"] = t.vector()
     fields = ""
     if director != "none" or active:

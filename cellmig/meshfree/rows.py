@@ -128,7 +128,7 @@ def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For CSR rows: position in `rows` and index of every entry, in order."""
     count = ptr[rows + 1] - ptr[rows]
     which = np.repeat(np.arange(len(rows)), count)
-    begin = np.repeat(ptr[rows] - np.concatenate([[0], np.cumsum(count)[:-1]]).astype(int) if len(rows) else ptr[:0], count)
+    begin = np.repeat(ptr[rows] - (np.cumsum(count) - count), count)
     return which, begin + np.arange(count.sum())
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
+
 from petsc4py import PETSc
 
 
@@ -37,7 +38,7 @@ class GhostedField:
         self.vec.destroy()
 
 
-@lru_cache(maxsize=None)
+@cache
 def exchange_functions() -> tuple[int, int]:
     """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd, so that steps in C can exchange ghosts."""
     library = ctypes.CDLL(petsc_library())

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+
 from mpi4py import MPI
 
 _BITS = 30  # of one limb; three limbs hold 90 bits below the largest value, 2³³ values fit

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+
 from petsc4py import PETSc
 
 FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.RealType), "v": (2, PETSc.RealType),

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
 from petsc4py import PETSc
 
-from .mechanics import ACCOUNTS, Mechanics
+from .mechanics import ACCOUNTS, SKIN, Mechanics
 from .step import NumericsError, StepControl, binding
 
 BATCH = 200  # steps between two looks at the stable step
@@ -25,7 +26,7 @@ class Integrator:
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
         self.mechanics, self.control, self.factor = mechanics, control, factor
-        self.mechanism, self.dt, self.count = "", 0.0, {}
+        self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
         self.ts = ts = PETSc.TS().create(comm=mechanics.comm)
@@ -82,14 +83,11 @@ class Integrator:
         m = self.mechanics
         limits = m.limits()
         self._check(limits)
-        from .mechanics import SKIN
-
         if limits["displaced"] > 0.2 * SKIN:
             m.renew_lists()
             limits["displaced"] = 0.0
-        self.mechanism, stable = binding(self.control.stable(limits))
-        self.stable = stable
-        self.dt = self.fixed_step or self.factor * stable
+        self.mechanism, self.stable = binding(self.control.stable(limits))
+        self.dt = self.fixed_step or self.factor * self.stable
         for name, worse in (("J_min", min), ("J_max", max)):
             self.extremes[name] = worse(self.extremes[name], limits[name])
         if self.dt < LEAST_STEP:
@@ -106,11 +104,12 @@ class Integrator:
     def _broken(self, cause: str) -> None:
         particle, J = self.mechanics.worst_particle()
         scene = self.mechanics.scene
-        cell = int(scene.cell[particle])
-        raise NumericsError(
-            f"the numbers broke at {self.ts.getTime():.6g} µs: {cause}; particle {particle} of cell {cell + 1} has "
-            f"J = {J:.4g}; try a smaller time.step_factor, weaker protrusion, or finer particles"
-        )
+        remedy = "try a smaller time.step_factor, a weaker protrusion or finer particles"
+        if self.fixed_step and self.fixed_step > self.stable:
+            remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the stable "
+                      f"one, which {self.mechanism} sets: take time.step = \"auto\"")
+        raise NumericsError(f"the numbers broke at {self.ts.getTime():.6g} µs: {cause}; particle {particle} of cell "
+                            f"{int(scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
 
     # ------------------------------------------------------------ PETSc's own types
 
@@ -130,14 +129,16 @@ class Integrator:
         m = self.mechanics
         self._take(ts.getSolution())
         m.state.exchange()
-        self._account(ts.getTimeStep() if self._last_time is None else ts.getTime() - self._last_time)
+        dt = ts.getTime() - self._last_time
         self._last_time = ts.getTime()
+        m.relax_director(dt)
+        self._account(dt)
         self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
-        self._note_step(ts.getTimeStep())
+        self._note_step(dt)
         if not np.isfinite(ts.getSolution().norm()):
             self._broken("a value is not finite any more")
         limits = m.limits()
-        if limits["displaced"] > 0.2:
+        if limits["displaced"] > 0.5 * SKIN:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())
@@ -146,15 +147,12 @@ class Integrator:
         self.extremes["dt_min"] = min(self.extremes["dt_min"], dt)
         self.extremes["dt_max"] = max(self.extremes["dt_max"], dt)
 
-    def _powers(self) -> np.ndarray:
-        return self.mechanics.powers()
-
     def _account_start(self) -> None:
-        self._loss, self._last_time = self._powers(), self.ts.getTime()
+        self._loss, self._last_time = self.mechanics.powers(), self.ts.getTime()
 
     def _account(self, dt: float) -> None:
         """Losses and work over a step by the trapezoidal rule."""
-        now = self._powers()
+        now = self.mechanics.powers()
         for name, before, after in zip(ACCOUNTS, self._loss, now, strict=True):
             self.mechanics.kernel[name][: self.mechanics.n_owned] += 0.5 * dt * (before + after)
         self._loss = now

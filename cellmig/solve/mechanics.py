@@ -1,10 +1,11 @@
-"""Equation (2) on one rank: M u'' = F_body + F_cs + F_cc + F_d - F_int, for its particles, with ghosts of the others."""
+"""Equation (2) on one rank, M u'' = F_body + F_cs + F_cc + F_d - F_int, with ghosts of what others own."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -280,6 +281,11 @@ class Mechanics:
         self.moved = 0.0
         return out[: self.n_owned]
 
+    def relax_director(self, dt: float) -> None:
+        """The director alone goes on by dt [µs], for integrators that hold it still within a step; collective."""
+        if self.terms.director == "relaxing" and self.kernel("relax_director", float(dt)):
+            raise PETSc.Error(75)
+
     def powers(self) -> np.ndarray:
         """Rates of the accounts (4, n_owned) for the state as it is; collective."""
         kept = [self.kernel[name].copy() for name in ACCOUNTS]
@@ -349,7 +355,7 @@ FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64),
 
 
 def _roughness(length: np.ndarray, law: Any, seed: int, cell: int) -> np.ndarray:
-    """α of a cell's surface particles (m,) [-]: random points `patch` apart, linear between, averaged over dual arcs."""
+    """α of a cell's surface particles (m,) [-]: random at points `patch` apart, linear between, mean over dual arcs."""
     if not law.random:
         return np.full(len(length), 0.5)
     arc = np.concatenate([[0.0], np.cumsum(length)])
