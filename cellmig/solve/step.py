@@ -31,7 +31,7 @@ class StepControl:
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
         stiffness = terms.substrate.stiffness if terms.substrate else 0.0
-        stiffness += 2.0 * terms.contact.stiffness if terms.contact else 0.0
+        stiffness += 2.0 * terms.contact.stiffness if terms.contact and len(scene.kind) > 1 else 0.0
         self.contact = stiffness * max(_length_per_mass(t) for t in used)
         self.director = max(t.spacing for t in used) ** 2 / (4.0 * mobility) if mobility else math.inf
 
