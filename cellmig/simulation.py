@@ -81,12 +81,15 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
     active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
-    stabilised = unless(None if any(m.stabilisation for m in case.materials.values()) else "its viscosity is zero",
-                        "stabilisation", True, False)
+    used = case.materials.values()
+    stabilised = unless(None if any(m.stabilisation for m in used) else "its viscosity is zero",
+                        "viscous stabilisation", True, False)
+    stiffened = unless(None if any(m.stabilisation_modulus for m in used) else "its modulus is zero",
+                       "elastic stabilisation", True, False)
     damped = unless(None if case.numerics.bulk_viscosity else "its viscosity is zero", "bulk damping", True, False)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
-    return Terms(substrate, contact, protrusion, director, active, stabilised, damped, force, skipped)
+    return Terms(substrate, contact, protrusion, director, active, stabilised, damped, stiffened, force, skipped)
 
 
 class Simulation:

@@ -21,7 +21,8 @@ class Template:
     """Discretised kind of cell about its centre; particles are numbered by material, then in strips.
 
     X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int, counterclockwise, closed;
-    G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S : (n, n) CSR [Pa µs];  spacing : h [µm];
+    G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
+    spacing : h [µm];
     laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     """
 
@@ -31,6 +32,7 @@ class Template:
     surface: np.ndarray
     G: sparse.csr_matrix
     S: sparse.csr_matrix
+    E: sparse.csr_matrix
     spacing: float
     laws: tuple
     damping: np.ndarray
@@ -87,7 +89,7 @@ class Template:
         shear = self._by_law("shear_modulus")
         viscous = _largest(_strain_operator(gx, gy, self.V, self._by_law("viscosity"), self.damping), 2 * n)
         elastic = _largest(_strain_operator(gx, gy, self.V, shear, self.elastic_weight - 2.0 * shear), 2 * n)
-        return stab, viscous, elastic
+        return stab, viscous, elastic + _largest(scale @ self.E @ scale, n)
 
 
 def abs_part(G: sparse.csr_matrix, part: str) -> sparse.csr_matrix:
@@ -111,6 +113,8 @@ def _strain_operator(gx, gy, V: np.ndarray, shear: np.ndarray, volumetric: np.nd
 
 def _largest(operator: Any, n: int) -> float:
     """Largest eigenvalue, rounded up to three digits so that no last bit of it matters."""
+    if sparse.issparse(operator) and operator.nnz == 0:
+        return 0.0
     start = np.cos(np.arange(n) ** 1.5)
     top = eigsh(operator, 1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
     return float(f"{max(top, 0.0) * 1.01:.2e}")
@@ -130,9 +134,10 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     G = rkpm.gradients(X, rkpm.supports(X, edges, dilation * spacing))
     body, inner = laws
     inner = inner if inner is not None else body
-    S = stabilisation(X, V, edges, np.where(nucleus, inner.stabilisation, body.stabilisation))
+    S, E = (stabilisation(X, V, edges, np.where(nucleus, getattr(inner, name), getattr(body, name)))
+            for name in ("stabilisation", "stabilisation_modulus"))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
-    return Template(X, V, nucleus, place[layout.surface], G, S, spacing, laws, bulk_viscosity * spacing * wave)
+    return Template(X, V, nucleus, place[layout.surface], G, S, E, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

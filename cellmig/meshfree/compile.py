@@ -33,6 +33,7 @@ FIELDS: dict[str, str] = {
     # neighbours
     "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
     "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
+    "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "double *",
     # step control
     "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
@@ -124,7 +125,8 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     scalar("contact", terms.contact, ["primitive", "potential", "slope"])
     scalar("protrusion", terms.protrusion, ["ramp", "ramp_slope"])
     has = {"VISCOUS": any(hasattr(m, "dissipation") for m in materials), "STABILISED": terms.stabilised,
-           "BULK_DAMPED": terms.bulk_damped, "DIRECTOR": terms.director != "none" or terms.active,
+           "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
+           "DIRECTOR": terms.director != "none" or terms.active,
            "DIRECTOR_RELAXES": terms.director == "relaxing"}
     parts += [f"#define {name} 1" for name, present in has.items() if present]
     return "\n".join([*parts, STEP.read_text()]), vectors

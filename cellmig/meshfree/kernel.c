@@ -24,6 +24,19 @@ static inline void neighbours(const uint32_t *column, size_t c[4])
     c[3] = pair[1] >> 32;
 }
 
+/* Adds to st the sum of field x coefficient over the neighbours of block b, rows (0 1), (2 3). */
+static inline void gather_scalar(const long *first, const uint32_t *column, const double *coefficient, long b,
+                                 const double *field, v4 st[2])
+{
+    for (long k = first[b]; k < first[b + 1]; k++) {
+        const v4 w = load(coefficient + 4 * k);
+        size_t c[4];
+        neighbours(column + 4 * k, c);
+        st[0] = fma4(halves(twice(field + c[0]), twice(field + c[1])), even(w), st[0]);
+        st[1] = fma4(halves(twice(field + c[2]), twice(field + c[3])), odd(w), st[1]);
+    }
+}
+
 /* Sum of field x gradient over the neighbours of block b, lanes 00 10 01 11; also S x field, rows (0 1), (2 3). */
 static inline void gather(const Scene *s, long b, const double *field, v4 grad[4], v4 stab[2])
 {
@@ -45,21 +58,14 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
 #endif
     }
 #ifdef STABILISED
-    for (long k = s->first_outer[b]; k < s->first_outer[b + 1]; k++) {
-        const v4 w = load(s->outer + 4 * k);
-        size_t c[4];
-        neighbours(s->column_outer + 4 * k, c);
-        const v4 x0 = twice(field + c[0]), x1 = twice(field + c[1]), x2 = twice(field + c[2]), x3 = twice(field + c[3]);
-        st[0] = fma4(halves(x0, x1), even(w), st[0]);
-        st[1] = fma4(halves(x2, x3), odd(w), st[1]);
-    }
+    gather_scalar(s->first_outer, s->column_outer, s->outer, b, field, st);
 #endif
     transpose(acc, grad);
     stab[0] = st[0];
     stab[1] = st[1];
 }
 
-/* Stress of block b from F and its rate; V P to Q, -S v to the force, losses of power times dt to the accounts. */
+/* Stress of block b from F and its rate; V P to Q, -S v - E u to the force, losses of power times dt to the accounts. */
 static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double dt)
 {
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
@@ -80,8 +86,12 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
     transpose(lanes, rows);
     for (int i = 0; i < 4; i++) store(s->Q + 16 * b + 4 * i, rows[i]);
 
-    store(s->force + 8 * b, -stab[0]);
-    store(s->force + 8 * b + 4, -stab[1]);
+    v4 resistance[2] = {stab[0], stab[1]};
+#ifdef STIFFENED
+    gather_scalar(s->first_stiff, s->column_stiff, s->stiff, b, s->state, resistance);
+#endif
+    store(s->force + 8 * b, -resistance[0]);
+    store(s->force + 8 * b + 4, -resistance[1]);
 #ifdef STABILISED
     const double *z = s->state + 16 * b;
     numerical += (v4){z[2] * stab[0][0] + z[3] * stab[0][1], z[6] * stab[0][2] + z[7] * stab[0][3],
@@ -513,6 +523,21 @@ int relax_director(const Scene *s, double dt)
 {
     return director_ready(s) || director_step(s, dt);
 }
+
+#ifdef STIFFENED
+/* Energies u·E u/2 of the elastic stabilisation, by rows. */
+void stiffness_energy(const Scene *s, double *out)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        v4 st[2] = {{0}};
+        gather_scalar(s->first_stiff, s->column_stiff, s->stiff, b, s->state, st);
+        for (int i = 0; i < 4; i++) {
+            const double *u = s->state + 16 * b + 4 * i;
+            out[4 * b + i] = 0.5 * (u[0] * st[i / 2][2 * (i % 2)] + u[1] * st[i / 2][2 * (i % 2) + 1]);
+        }
+    }
+}
+#endif
 
 /* Velocity gradients Ḟ by blocks, lanes 00 10 01 11. */
 void velocity_gradient(const Scene *s, double *out)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from .body import Scene, Template
+from .body import Scene
+from .terms import Terms
 
 
 @dataclass(frozen=True)
@@ -58,70 +59,102 @@ def reach(pattern: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
     return mask | (abs(pattern) @ mask.astype(float) > 0)
 
 
-def entries(t: Template) -> tuple[tuple, tuple]:
-    """A template's neighbours in CSR: (indptr, indices, G, H, S) on the pattern of G, (indptr, indices, S) outside it.
+def blocks(scene: Scene, numbering: Numbering, terms: Terms) -> dict[str, np.ndarray]:
+    """Arrays of the kernel for a rank's rows, by their names there.
 
-    H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.
+    `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
+    is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
     """
-    G = t.G
+    out = gradient_blocks(scene, numbering, terms.stabilised)
+    if terms.stabilised:
+        rest = [_outside(t.S, t.G) for t in scene.templates]
+        out["first_outer"], out["column_outer"], out["outer"] = scalar_blocks(scene, numbering, rest)
+    if terms.stiffened:
+        stiff = [t.E for t in scene.templates]
+        out["first_stiff"], out["column_stiff"], out["stiff"] = scalar_blocks(scene, numbering, stiff)
+    return out
+
+
+def gradient_blocks(scene: Scene, numbering: Numbering, stabilised: bool) -> dict[str, np.ndarray]:
+    """Blocks of G and H, and of S on their pattern if `stabilised`, for the rows whose stresses are computed."""
+    patterns = [t.G for t in scene.templates]
+    row, col, kind, at = _entries(scene, numbering, patterns, numbering.n_rows)
+    first, group, lane = _slots(row, -(-numbering.n_rows // 4))
+    pair = 4 * (lane // 2) + lane % 2
+    gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
+    G = _values([t.data for t in patterns], kind, at)
+    gradient[group, pair], gradient[group, pair + 2] = G.real, G.imag
+    assembled = row < numbering.n_owned  # the others' rows serve for their stress only
+    H = np.where(assembled, _values([_adjoint(t) for t in patterns], kind, at), 0)
+    adjoint[group, pair], adjoint[group, pair + 2] = H.real, H.imag
+    if stabilised:
+        S = _values([_inside(t.S, t.G) for t in scene.templates], kind, at)
+        gradient[group, 8 + _STAB_LANE[lane]] = np.where(assembled, S, 0)
+    return {"first": first, "column": _columns(first, group, lane, col, numbering.n_rows),
+            "gradient": gradient, "adjoint": adjoint}
+
+
+def scalar_blocks(scene: Scene, numbering: Numbering, matrices: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Blocks (first, column, values) of scalar matrices, one CSR for each template, for the owned rows."""
+    row, col, kind, at = _entries(scene, numbering, matrices, numbering.n_owned)
+    first, group, lane = _slots(row, -(-numbering.n_rows // 4))
+    values = np.zeros((first[-1], 4))
+    values[group, _STAB_LANE[lane]] = _values([m.data for m in matrices], kind, at)
+    return first, _columns(first, group, lane, col, numbering.n_rows), values
+
+
+_STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
+
+
+def _adjoint(G: sparse.csr_matrix) -> np.ndarray:
+    """-Gᵀ on the pattern of G."""
     H = -G.T.tocsr()
     H.sort_indices()
     if not np.array_equal(H.indices, G.indices):
         raise AssertionError("the neighbours are not symmetric")
-    rows = np.repeat(np.arange(G.shape[0]), np.diff(G.indptr))
-    inner = np.asarray(t.S[rows, G.indices]).ravel()
-    S = t.S.tocoo()
-    n = np.int64(G.shape[0])
-    outside = ~np.isin(S.row * n + S.col, rows * n + G.indices)
-    outer = sparse.csr_matrix((S.data[outside], (S.row[outside], S.col[outside])), S.shape)
-    outer.sort_indices()
-    return (G.indptr, G.indices, G.data, H.data, inner), (outer.indptr, outer.indices, outer.data)
+    return H.data
 
 
-def blocks(scene: Scene, numbering: Numbering, stabilised: bool) -> dict[str, np.ndarray]:
-    """Arrays `first, column, gradient, adjoint` of the kernel for a rank's rows.
+def _inside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> np.ndarray:
+    """Entries of S on the pattern of G."""
+    return np.asarray(S[np.repeat(np.arange(G.shape[0]), np.diff(G.indptr)), G.indices]).ravel()
 
-    If `stabilised`, S is in `gradient` where its pattern is that of G, else in `first_outer, column_outer, outer`.
+
+def _outside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """S without its entries on the pattern of G."""
+    n, S = np.int64(G.shape[0]), S.tocoo()
+    on = np.repeat(np.arange(n), np.diff(G.indptr)) * n + G.indices
+    out = ~np.isin(S.row * n + S.col, on)
+    rest = sparse.csr_matrix((S.data[out], (S.row[out], S.col[out])), S.shape)
+    rest.sort_indices()
+    return rest
+
+
+def _entries(scene: Scene, numbering: Numbering, patterns: list, n_rows: int) -> tuple[np.ndarray, ...]:
+    """Entries of the first n_rows rows: row, column (local), template and place in its CSR.
+
+    They ascend by row, and within a row by the global id of the column.
     """
-    n_rows, n_owned = numbering.n_rows, numbering.n_owned
-    row_ids = numbering.ids[:n_rows]
-    kinds = [entries(t) for t in scene.templates]
+    ids = numbering.ids[:n_rows]
     place = np.full(scene.size, -1)
     place[numbering.ids] = np.arange(len(numbering.ids))
+    parts = [np.zeros((4, 0), np.int64)]
+    for c in np.unique(scene.cell[ids]):
+        rows = np.flatnonzero(scene.cell[ids] == c)
+        pattern = patterns[scene.kind[c]]
+        which, at = _expand(pattern.indptr, ids[rows] - scene.offset[c])
+        column = place[pattern.indices[at] + scene.offset[c]]
+        parts.append(np.stack([rows[which], column, np.full_like(at, scene.kind[c]), at]))
+    entries = np.concatenate(parts, axis=1)
+    return tuple(entries[:, np.argsort(entries[0], kind="stable")])
 
-    inner, outer = [], []
-    for c in np.unique(scene.cell[row_ids]) if n_rows else []:
-        rows = np.flatnonzero(scene.cell[row_ids] == c)
-        local = row_ids[rows] - scene.offset[c]
-        (ptr, idx, G, H, S), (optr, oidx, oS) = kinds[scene.kind[c]]
-        r, e = _expand(ptr, local)
-        keep = rows[r] < n_owned  # only owned rows are stabilised and assembled
-        inner.append((rows[r], place[idx[e] + scene.offset[c]], G[e], np.where(keep, H[e], 0), np.where(keep, S[e], 0)))
-        r, e = _expand(optr, local[rows < n_owned])
-        outer.append((rows[rows < n_owned][r], place[oidx[e] + scene.offset[c]], oS[e]))
 
-    n_blocks = -(-n_rows // 4)
-    out: dict[str, np.ndarray] = {}
-    row, col, G, H, S = _joined(inner, 5)
-    out["first"], group, lane = _slots(row, n_blocks)
-    out["column"] = _columns(out["first"], group, lane, col, n_rows)
-    pair = 4 * (lane // 2) + lane % 2
-    gradient, adjoint = np.zeros((out["first"][-1], 12 if stabilised else 8)), np.zeros((out["first"][-1], 8))
-    gradient[group, pair], gradient[group, pair + 2] = G.real, G.imag
-    adjoint[group, pair], adjoint[group, pair + 2] = H.real, H.imag
-    out["gradient"], out["adjoint"] = gradient, adjoint
-    if not stabilised:
-        return out
-    gradient[group, 8 + _STAB_LANE[lane]] = S.real
-    row, col, S = _joined(outer, 3)
-    out["first_outer"], group, lane = _slots(row, n_blocks)
-    out["column_outer"] = _columns(out["first_outer"], group, lane, col, n_rows)
-    out["outer"] = np.zeros((out["first_outer"][-1], 4))
-    out["outer"][group, _STAB_LANE[lane]] = S.real
+def _values(data: list[np.ndarray], kind: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values of entries, from the data of each template."""
+    out = np.zeros(len(at), data[0].dtype)
+    for k, values in enumerate(data):
+        out[kind == k] = values[at[kind == k]]
     return out
-
-
-_STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
 
 
 def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,15 +163,6 @@ def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     which = np.repeat(np.arange(len(rows)), count)
     begin = np.repeat(ptr[rows] - (np.cumsum(count) - count), count)
     return which, begin + np.arange(count.sum())
-
-
-def _joined(parts: list, n: int) -> list[np.ndarray]:
-    """Entries of all cells, sorted by row; within a row they keep their order, which is that of global ids."""
-    if not parts:
-        return [np.zeros(0, int)] * 2 + [np.zeros(0)] * (n - 2)
-    joined = [np.concatenate([p[i] for p in parts]) for i in range(n)]
-    order = np.argsort(joined[0], kind="stable")
-    return [a[order] for a in joined]
 
 
 def _slots(row: np.ndarray, n_blocks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,6 +12,9 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
     About each particle I, with the weights κ_IJ = V_I / (E_I |X_J - X_I|²) of its E_I edges, the velocity differences
     v_J - v_I less their best linear fit are resisted with the viscosity μs of I.
 
+    The same matrix made with a modulus in place of the viscosity gives elastic forces -E u with the energy u·E u/2;
+    as it sees only what is not linear, it is indifferent to rotations.
+
     Parameters
     ----------
     X : (n, 2) -- reference positions [µm];  V : (n,) -- volumes [µm²];
@@ -22,6 +25,8 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
     S : (n, n) CSR [Pa µs], zero row sums, zero on linear velocity fields.
     """
     n = len(X)
+    if not viscosity.any():
+        return sparse.csr_matrix((n, n))
     I = np.concatenate([edges[:, 0], edges[:, 1]])
     J = np.concatenate([edges[:, 1], edges[:, 0]])
     order = np.lexsort((J, I))
@@ -37,11 +42,12 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
     fit = np.linalg.solve(root[I], (weight[:, None] * d)[:, :, None])[:, :, 0]  # whitened least squares, per edge
     Y = [sparse.csr_matrix((fit[:, k], (I, e)), (n, len(I))) @ B for k in range(2)]
     S = B.T @ sparse.diags(weight) @ B - Y[0].T @ Y[0] - Y[1].T @ Y[1]
-    S = (0.5 * (S + S.T)).tolil()
-    S.setdiag(0.0)
-    S = S.tocsr()
+    S = 0.5 * (S + S.T)
+    S = (S - sparse.diags(S.diagonal())).tocsr()
     S.eliminate_zeros()
-    return (S - sparse.diags(np.asarray(S.sum(axis=1)).ravel())).tocsr()
+    S = (S - sparse.diags(np.asarray(S.sum(axis=1)).ravel())).tocsr()
+    S.eliminate_zeros()
+    return S
 
 
 def _safe_root(A: np.ndarray) -> np.ndarray:

@@ -11,8 +11,8 @@ class Terms:
     """What a scene lacks is None, "none" or False; it is not compiled, stored or exchanged.
 
     substrate, contact, protrusion : laws or None;  director : "none", "frozen" or "relaxing";  active : whether ζ
-    acts;  stabilised, bulk_damped : the numerical viscosities;  acceleration : of the body force (2,) [µm/µs²] or
-    None;  skipped : why a term is absent, by its name, for the log.
+    acts;  stabilised, bulk_damped, stiffened : the numerical viscosities and stiffness;  acceleration : of the body
+    force (2,) [µm/µs²] or None;  skipped : why a term is absent, by its name, for the log.
     """
 
     substrate: Any = None
@@ -22,5 +22,6 @@ class Terms:
     active: bool = False
     stabilised: bool = True
     bulk_damped: bool = True
+    stiffened: bool = False
     acceleration: tuple | None = None
     skipped: dict = field(default_factory=dict)

@@ -19,6 +19,7 @@ class MooneyRivlin:
     C1: float = quantity("Pa", "first constant C1 of equation (8)", above=0)
     C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
     lame: float = quantity("Pa", "volumetric constant λ of equation (8)", above=0)
+    stabilisation_modulus: float = quantity("Pa", "modulus of the elastic stabilisation", "0 Pa", minimum=0)
     stabilisation: float = quantity("Pa s", "viscosity μs of the numerical stabilisation", "4 mPa s", minimum=0)
 
     energy_column = "elastic"

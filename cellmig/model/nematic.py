@@ -26,6 +26,7 @@ class Nematic:
 
     energy_column = "compression"
     shear_modulus = 0.0
+    stabilisation_modulus = 0.0  # a fluid has no shape to go back to
 
     @property
     def sound_speed(self) -> float:

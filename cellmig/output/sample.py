@@ -159,6 +159,7 @@ class Sampler:
             parts["protrusion_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
         for name in ("viscous_loss", "numerical_loss"):
             parts[name] = m.kernel[name][: m.n_owned]
+        parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         self._start = self._start or entries

@@ -106,8 +106,8 @@ class Integrator:
         scene = self.mechanics.scene
         remedy = "try a smaller time.step_factor, a weaker protrusion or finer particles"
         if self.fixed_step and self.fixed_step > self.stable:
-            remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the stable "
-                      f"one, which {self.mechanism} sets: take time.step = \"auto\"")
+            remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
+                      f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")
         raise NumericsError(f"the numbers broke at {self.ts.getTime():.6g} µs: {cause}; particle {particle} of cell "
                             f"{int(scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
 

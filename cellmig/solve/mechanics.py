@@ -98,7 +98,7 @@ class Mechanics:
             k[name] = np.zeros(self._capacity)
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
-        for name, values in blocks(scene, self.base, self.terms.stabilised).items():
+        for name, values in blocks(scene, self.base, self.terms).items():
             k[name] = values
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
@@ -312,6 +312,13 @@ class Mechanics:
         else:
             self.kernel({"substrate": "substrate_adhesion", "contact": "cell_adhesion"}[term], force, energy)
         return force[: self.n_owned], energy[: self.n_owned]
+
+    def stabilisation_energy(self) -> np.ndarray:
+        """Energy of the elastic stabilisation (n_owned,) [pN]."""
+        out = np.zeros(4 * -(-self.base.n_rows // 4))
+        if self.terms.stiffened:
+            self.kernel("stiffness_energy", out)
+        return out[: self.n_owned]
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Surface segments that start at a particle of this rank: local ends (e, 2), current ends (e, 2, 2) [µm]."""
