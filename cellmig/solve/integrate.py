@@ -76,30 +76,33 @@ class Integrator:
         if not self.leapfrog:
             self._take(m.solution)
             m.state.exchange()
+        self._seen()
         return ts.getTime()
 
     def look(self) -> int:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
         m = self.mechanics
-        limits = m.limits()
-        self._check(limits)
+        limits = self._seen()
         if limits["displaced"] > 0.2 * SKIN:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.mechanism, self.stable = binding(self.control.stable(limits))
         self.dt = self.fixed_step or self.factor * self.stable
-        for name, worse in (("J_min", min), ("J_max", max)):
-            self.extremes[name] = worse(self.extremes[name], limits[name])
         if self.dt < LEAST_STEP:
             self._broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         room = 0.5 * SKIN - limits["displaced"]
         return max(1, min(BATCH, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
-    def _check(self, limits: dict[str, float]) -> None:
+    def _seen(self) -> dict[str, float]:
+        """Limits of the state as it is, which is sound; collective."""
+        limits = self.mechanics.limits()
         if not all(math.isfinite(limits[n]) for n in ("viscous", "elastic", "speed", "displaced")):
             self._broken("a value is not finite any more")
         if limits["J_min"] <= 0.0:
             self._broken("a particle is inverted")
+        for name, worse in (("J_min", min), ("J_max", max)):
+            self.extremes[name] = worse(self.extremes[name], limits[name])
+        return limits
 
     def _broken(self, cause: str) -> None:
         particle, J = self.mechanics.worst_particle()
