@@ -16,7 +16,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from cellmig.case.registry import laws
-from cellmig.meshfree.compile import _PREAMBLE, compiled
+from cellmig.meshfree.compile import VECTORS, compiled
 from cellmig.meshfree.translate import SHAPES, Translator
 from cellmig.model.director import STARTS, start_angle
 from cellmig.output.sample import pointwise
@@ -357,7 +357,7 @@ def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray]) -
     lines.append(f"memcpy(out + i * {size}, &result, sizeof result);")
     signature = ", ".join(f"const double *in_{a}" for a in shapes)
     source = "\n".join([
-        _PREAMBLE, "static inline double d_log(double x) { return log(x); }",
+        VECTORS.read_text(), "static inline double d_log(double x) { return log(x); }",
         "static inline double d_cbrt(double x) { return cbrt(x); }",
         "static inline double d_sqrt(double x) { return sqrt(x); }", function,
         f"void run(long n, const double *p, {signature}, double *out) {{",
