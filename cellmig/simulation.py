@@ -84,7 +84,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     used = case.materials.values()
     stabilised = unless(None if any(m.stabilisation for m in used) else "its viscosity is zero",
                         "viscous stabilisation", True, False)
-    stiffened = unless(None if any(m.stabilisation_modulus for m in used) else "its modulus is zero",
+    stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
                        "elastic stabilisation", True, False)
     damped = unless(None if case.numerics.bulk_viscosity else "its viscosity is zero", "bulk damping", True, False)
     force = case.body_force if case.body_force and any(case.body_force) else None

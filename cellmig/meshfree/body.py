@@ -131,13 +131,15 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     X = layout.X[order]
     nucleus = layout.nucleus[order] & (laws[1] is not None)
     V, edges = rkpm.dual_cells(X)
-    G = rkpm.gradients(X, rkpm.supports(X, edges, dilation * spacing))
+    surface = place[layout.surface]
+    support = rkpm.supports(X, edges, dilation * spacing)
+    G = rkpm.consistent(rkpm.gradients(X, support), X, V, support, surface)
     body, inner = laws
     inner = inner if inner is not None else body
-    S, E = (stabilisation(X, V, edges, np.where(nucleus, getattr(inner, name), getattr(body, name)))
-            for name in ("stabilisation", "stabilisation_modulus"))
+    S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
+    E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
-    return Template(X, V, nucleus, place[layout.surface], G, S, E, spacing, laws, bulk_viscosity * spacing * wave)
+    return Template(X, V, nucleus, surface, G, S, E, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

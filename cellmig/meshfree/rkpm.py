@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay, cKDTree
 
 
@@ -77,6 +78,50 @@ def gradients(X: np.ndarray, support: np.ndarray) -> sparse.csr_matrix:
         db = -np.linalg.solve(M, np.einsum("nij,nj->ni", dM, b)[:, :, None])[:, :, 0]
         G[:, k] = np.einsum("ei,ei->e", db[I], p) * w + np.einsum("ei,ei->e", b[I], dp) * w
         G[:, k] += np.einsum("ei,ei->e", b[I], p) * dw[:, k]
-    diagonal = I == J
-    G[diagonal] -= np.add.reduceat(G, start)
-    return sparse.csr_matrix((G[:, 0] + 1j * G[:, 1], J, np.append(start, len(I))), (n, n))
+    G = sparse.csr_matrix((G[:, 0] + 1j * G[:, 1], J, np.append(start, len(I))), (n, n))
+    return _closed(G)
+
+
+def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """G with its diagonal minus the sum of the other entries of the row."""
+    G.setdiag(G.diagonal() - np.asarray(G.sum(axis=1)).ravel())
+    return G
+
+
+def surface_normals(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Integral of the outward normal times the surface shape functions (n, 2) [µm], the surface a closed polygon."""
+    along = X[np.roll(surface, -1)] - X[surface]
+    half = 0.5 * np.column_stack([along[:, 1], -along[:, 0]])
+    b = np.zeros_like(X)
+    np.add.at(b, surface, half)
+    np.add.at(b, np.roll(surface, -1), half)
+    return b
+
+
+def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, surface: np.ndarray
+               ) -> sparse.csr_matrix:
+    r"""Gradients next to G for which the divergence theorem holds: Σ_I V_I G_IJ = ∮ n N_J, with the pattern of G.
+
+    Nodal integration violates it, and a uniform stress then does work inside the body.  The change D is the smallest,
+    Σ D_IJ² / w_IJ with the window w, that keeps linear fields exact: D_IJ = V_I w_IJ (γ_J less its weighted linear fit
+    about I), where γ solves a symmetric system.  In the spirit of Chen, Hillman & Rüter (2013), but for trial and test
+    functions alike, so that forces have an energy.
+    """
+    n = len(X)
+    rows = np.repeat(np.arange(n), np.diff(G.indptr))
+    d = X[G.indices] - X[rows]
+    w = window(np.linalg.norm(d, axis=1) / support[G.indices])[0]
+    p = np.column_stack([np.ones(len(d)), d])
+    M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], G.indptr[:-1])
+    fit = np.linalg.solve(np.linalg.cholesky(M)[rows], (w[:, None] * p)[:, :, None])[:, :, 0]
+    Y = [sparse.csr_matrix((f, G.indices, G.indptr), G.shape) for f in fit.T]
+    V2 = sparse.diags(V**2)
+    A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
+    missing = surface_normals(X, surface) - np.column_stack([(V @ G).real, (V @ G).imag])
+    free = np.ones(n, bool)
+    free[surface[np.arange(3) * len(surface) // 3]] = False  # γ is known up to a linear function, which changes nothing
+    gamma = np.zeros((n, 2))
+    gamma[free] = splu(A.tocsc()[free][:, free], options={"SymmetricMode": True}).solve(missing[free])
+    part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
+    D = V[rows] * (part[:, 0] + 1j * part[:, 1])
+    return _closed(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))

@@ -19,8 +19,9 @@ class MooneyRivlin:
     C1: float = quantity("Pa", "first constant C1 of equation (8)", above=0)
     C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
     lame: float = quantity("Pa", "volumetric constant λ of equation (8)", above=0)
-    stabilisation_modulus: float = quantity("Pa", "modulus of the elastic stabilisation", "0 Pa", minimum=0)
-    stabilisation: float = quantity("Pa s", "viscosity μs of the numerical stabilisation", "4 mPa s", minimum=0)
+    stabilisation: float = quantity("", "viscosity of the numerical stabilisation over ρ c h, c = sqrt(G/ρ)", 0.15,
+                                    minimum=0)
+    stiffening: float = quantity("", "modulus of the numerical stabilisation over G", 0.2, minimum=0)
 
     energy_column = "elastic"
     viscosity = 0.0
@@ -39,6 +40,15 @@ class MooneyRivlin:
     def sound_speed(self) -> float:
         """Speed of compression waves at rest, sqrt((K + 4G/3)/ρ) [µm/µs]."""
         return float(sqrt((self.bulk_modulus + 4.0 / 3.0 * self.shear_modulus) / self.density))
+
+    @property
+    def numerical_modulus(self) -> float:
+        """Modulus of the elastic stabilisation [Pa]."""
+        return self.stiffening * self.shear_modulus
+
+    def numerical_viscosity(self, spacing: float) -> float:
+        """Viscosity of the viscous stabilisation [Pa µs] for particles `spacing` [µm] apart."""
+        return self.stabilisation * float(sqrt(self.density * self.shear_modulus)) * spacing
 
     def energy(self, F):
         """Energy W per reference volume [Pa] (8); F is (2, 2, ...) or nested tuples."""

@@ -22,16 +22,20 @@ class Nematic:
     reduced_bulk_modulus: float = quantity("Pa", "bulk modulus that the run uses in place of k", above=0)
     eta: float = quantity("pN", "coupling coefficient η of director gradients", "0 pN", minimum=0)
     zeta: float = quantity("Pa", "activity ζ; > 0 extensile, < 0 contractile", "0 Pa")
-    stabilisation: float = quantity("Pa s", "viscosity μs of the numerical stabilisation", "4 mPa s", minimum=0)
+    stabilisation: float = quantity("", "viscosity of the numerical stabilisation over μ", 4.0, minimum=0)
 
     energy_column = "compression"
     shear_modulus = 0.0
-    stabilisation_modulus = 0.0  # a fluid has no shape to go back to
+    numerical_modulus = 0.0  # a fluid has no shape to go back to
 
     @property
     def sound_speed(self) -> float:
         """Speed of sound with the reduced modulus, sqrt(k/ρ) [µm/µs]."""
         return float(sqrt(self.reduced_bulk_modulus / self.density))
+
+    def numerical_viscosity(self, spacing: float) -> float:
+        """Viscosity of the viscous stabilisation [Pa µs], whatever the `spacing` [µm]: calibrated on shear waves."""
+        return self.stabilisation * self.viscosity
 
     def energy(self, F):
         """Energy of compression per reference volume, k (J² - 1 - 2 ln J) / 4 [Pa]."""

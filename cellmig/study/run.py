@@ -178,7 +178,9 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     for name, law in case.materials.items():
         if law not in simulation.scene.materials:
             continue
-        said = f"{law.law}, stabilised with {law.stabilisation / 1e3:g} mPa s"
+        viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
+        said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
+        said += f" and {law.numerical_modulus:.3g} Pa" if law.numerical_modulus else ""
         if hasattr(law, "reduced_bulk_modulus"):
             said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
         rows.append((name, said))
