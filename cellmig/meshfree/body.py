@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from . import rkpm
+from .recovery import recovery
 from .stabilisation import stabilisation
 
 STRIP = 3.0  # height in spacings of the strips in which particles are numbered: neighbours stay close in memory
@@ -22,7 +23,7 @@ class Template:
 
     X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int, counterclockwise, closed;
     G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
-    spacing : h [µm];
+    R : (n, n) CSR, recovery of stress;  spacing : h [µm];
     laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     """
 
@@ -33,6 +34,7 @@ class Template:
     G: sparse.csr_matrix
     S: sparse.csr_matrix
     E: sparse.csr_matrix
+    R: sparse.csr_matrix
     spacing: float
     laws: tuple
     damping: np.ndarray
@@ -139,7 +141,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
-    return Template(X, V, nucleus, surface, G, S, E, spacing, laws, bulk_viscosity * spacing * wave)
+    return Template(X, V, nucleus, surface, G, S, E, recovery(X, G, support, nucleus), spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

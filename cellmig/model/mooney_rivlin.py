@@ -21,7 +21,7 @@ class MooneyRivlin:
     lame: float = quantity("Pa", "volumetric constant λ of equation (8)", above=0)
     stabilisation: float = quantity("", "viscosity of the numerical stabilisation over ρ c h, c = sqrt(G/ρ)", 0.15,
                                     minimum=0)
-    stiffening: float = quantity("", "modulus of the numerical stabilisation over G", 0.2, minimum=0)
+    stiffening: float = quantity("", "modulus of the numerical stabilisation over G", 0.5, minimum=0)
 
     energy_column = "elastic"
     viscosity = 0.0

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..meshfree.rows import owned_rows
 from ..parallel.reduce import exact_sum
 
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
@@ -38,6 +39,8 @@ class Sampler:
         for c in range(self.n_cells):
             self.surface[scene.surface(c)] = np.arange(len(scene.surface(c)))
         self.surface = self.surface[ids]
+        self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
+        self._recovery = owned_rows(scene, m.base, [t.R for t in scene.templates])
         self._start: dict[str, float] | None = None
 
     def _sum(self, values: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
@@ -48,15 +51,26 @@ class Sampler:
     # ------------------------------------------------------------ per particle
 
     def stresses(self) -> dict[str, np.ndarray]:
-        """Cauchy stress (n, 3, 3), effective stress, J and pressure, without the numerical damping [Pa]."""
-        m, terms = self.mechanics, self.mechanics.terms
+        """Stress of the owned particles [Pa], without the numerical damping, and J.
+
+        The Cauchy stress (n, 3, 3) is recovered: linear fits over the neighbours in the same material.  The effective
+        stress and the pressure are those of the recovered stress; J is nodal.
+        """
+        m = self.mechanics
         F, rate = m.tensors()
-        n = F.shape[2]
-        everything = {"F": F, "Fdot": rate, **self._director()}
-        stress = np.zeros((n, 3, 3))
         J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-        for i, law in enumerate(m.scene.materials):
-            on = self.material == i
+        nodal = self._nodal_stress({"F": F, "Fdot": rate, **self._director()}, J)
+        stress = (self._recovery @ nodal.reshape(-1, 9)).reshape(-1, 3, 3)
+        mean = np.trace(stress, axis1=1, axis2=2) / 3.0
+        deviator = stress - mean[:, None, None] * np.eye(3)
+        effective = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+        return {"stress": stress, "effective_stress": effective, "J": J[: m.n_owned], "pressure": -mean}
+
+    def _nodal_stress(self, everything: dict[str, np.ndarray], J: np.ndarray) -> np.ndarray:
+        """Cauchy stress of all rows (n_rows, 3, 3) [Pa]."""
+        terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
+        for i, law in enumerate(self.mechanics.scene.materials):
+            on = self._rows_material == i
             local = {k: v[..., on] for k, v in everything.items()}
             P = np.array(pointwise(law, "stress", local))
             if terms.director != "none" and hasattr(law, "director_stress"):
@@ -65,18 +79,15 @@ class Sampler:
                 P = P + np.array(pointwise(law, "active_stress", local))
             stress[on, :2, :2] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
             stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
-        mean = np.trace(stress, axis1=1, axis2=2) / 3.0
-        deviator = stress - mean[:, None, None] * np.eye(3)
-        effective = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
-        return {"stress": stress, "effective_stress": effective, "J": J, "pressure": -mean}
+        return stress
 
     def _director(self) -> dict[str, np.ndarray]:
+        """Reference gradient of θ and axis h of the rows, (2, n_rows) each."""
         m = self.mechanics
         if m.theta is None:
             return {}
-        by_lane = [np.moveaxis(m.kernel[a], 2, 1).reshape(-1, 2)[: m.n_owned].T
-                   for a in ("director_gradient", "director_axis")]
-        return {"gradient": by_lane[0], "director": by_lane[1]}
+        return {name: m.by_row(m.kernel[a]).T
+                for name, a in (("gradient", "director_gradient"), ("director", "director_axis"))}
 
     def fields(self) -> dict[str, np.ndarray]:
         """The fields of a frame, for the owned particles, those that the scene has."""
@@ -88,7 +99,7 @@ class Sampler:
             if getattr(terms, term) is not None:
                 out[name] = m.surface_force(term)[0]
         if m.theta is not None:
-            out["director"] = self._director()["director"].T
+            out["director"] = self._director()["director"].T[: m.n_owned]
         return out
 
     # ------------------------------------------------------------ per cell
@@ -143,7 +154,8 @@ class Sampler:
         m, terms = self.mechanics, self.mechanics.terms
         v = m.state.owned[:, 2:] + half_step * acceleration[:, 2:]
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
-        everything = {"F": m.tensors()[0], **self._director()}
+        rows = {"F": m.tensors()[0], **self._director()}
+        everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
         for i, law in enumerate(m.scene.materials):
             on = self.material == i
             local = {k: q[..., on] for k, q in everything.items()}
@@ -165,7 +177,7 @@ class Sampler:
         self._start = self._start or entries
         change = {name: value - self._start[name] for name, value in entries.items()}
         missing = sum(change.values()) - 2.0 * change["protrusion_work"]
-        largest = max(abs(c) for c in change.values())
+        largest = max(map(abs, [*entries.values(), *change.values()]))
         entries["closure"] = abs(missing) / largest if largest else 0.0
         return entries
 

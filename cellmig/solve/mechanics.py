@@ -298,11 +298,14 @@ class Mechanics:
         return rates
 
     def tensors(self) -> tuple[np.ndarray, np.ndarray]:
-        """F and Ḟ of the owned particles, (2, 2, n_owned) each [-], [1/µs]; current after `rate`."""
+        """F and Ḟ of the rows, owned first, (2, 2, n_rows) each [-], [1/µs]; current after `rate`."""
         rates = np.zeros_like(self.kernel["F"])
         self.kernel("velocity_gradient", rates)
-        return tuple(np.moveaxis(a, 2, 1).reshape(-1, 2, 2)[: self.n_owned].transpose(2, 1, 0)
-                     for a in (self.kernel["F"], rates))
+        return tuple(self.by_row(a).reshape(-1, 2, 2).transpose(2, 1, 0) for a in (self.kernel["F"], rates))
+
+    def by_row(self, blocks: np.ndarray) -> np.ndarray:
+        """Values that the kernel keeps by blocks, (n_blocks, k, 4), as (n_rows, k)."""
+        return np.moveaxis(blocks, 2, 1).reshape(-1, blocks.shape[1])[: self.base.n_rows]
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
         """Force (n_owned, 2) [pN/µm] of "substrate", "contact" or "protrusion", and energy (n_owned,) [pN]."""

@@ -1,0 +1,28 @@
+"""Recovered stress: what nodal integration leaves of particle-to-particle noise is fitted away, linear fields are not."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from .rkpm import window
+
+
+def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, region: np.ndarray) -> sparse.csr_matrix:
+    """Matrix R (n, n): values at the particles of the window-weighted linear fits over their neighbours.
+
+    A fit stays within its own `region` (n,), as stress jumps between materials; where that leaves too few neighbours
+    for a linear one it is constant.  Rows sum to one.
+    """
+    rows = np.repeat(np.arange(len(X)), np.diff(pattern.indptr))
+    d = X[pattern.indices] - X[rows]
+    w = window(np.linalg.norm(d, axis=1) / support[pattern.indices])[0] * (region[rows] == region[pattern.indices])
+    p = np.column_stack([np.ones(len(d)), d / support.max()])
+    M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], pattern.indptr[:-1])
+    thin = np.linalg.cond(M) > 1e4
+    M[thin] = np.diag([0.0, 1.0, 1.0]) + M[thin, :1, :1] * np.diag([1.0, 0.0, 0.0])
+    first = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (len(X), 3, 1)))[:, :, 0]
+    values = w * np.einsum("ei,ei->e", first[rows], p)
+    R = sparse.csr_matrix((values, pattern.indices.copy(), pattern.indptr.copy()), pattern.shape)
+    R.eliminate_zeros()
+    return R
