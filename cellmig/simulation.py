@@ -115,6 +115,7 @@ class Simulation:
         self.integrator = Integrator(self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics)
         self.time = 0.0
+        self.sample()  # the ledger counts from here
 
     def _start(self, ids: np.ndarray) -> dict[str, np.ndarray]:
         """State of some particles at the start."""
