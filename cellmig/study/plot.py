@@ -21,9 +21,9 @@ from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
 
 _PAPER_TIMES = (0.05, 0.51, 0.67)  # of the end: 20, 204 and 268 of 400 us
-_RC = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
+STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
        "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
 _UNITS = {"um": "µm", "us": "µs"}
 
 
@@ -45,8 +45,8 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     directory = Path(directory)
     out = Path(out or directory)
     out.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context(_RC):
-        figures = {"shapes.png": _shapes(directory, times, field), "displacement.png": _displacement(directory),
+    with matplotlib.rc_context(STYLE):
+        figures = {"shapes.png": shapes(directory, times, field), "displacement.png": _displacement(directory),
                    "ledger.png": _ledger(directory)}
         figures = {name: figure for name, figure in figures.items() if figure}
         if not figures:
@@ -65,7 +65,8 @@ def _chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
     return [found[k] for k in sorted({int(np.argmin(np.abs(there - time))) for time in wanted})]
 
 
-def _shapes(directory: Path, times: Sequence[float] | None, field: str) -> Figure | None:
+def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
+    """Snapshots of a run at the frames nearest to `times` [us], filled with a field; None if it has no frames."""
     found = frames(directory)
     if not found:
         return None
@@ -167,7 +168,7 @@ def _displacement(directory: Path) -> Figure | None:
     for cell in np.unique(history["cell"]):
         rows = history["cell"] == cell
         time = history["time_us"][rows]
-        colour = _COLOURS[(cell - 1) % len(_COLOURS)]
+        colour = COLOURS[(cell - 1) % len(COLOURS)]
         style = {"color": colour, "label": f"cell {cell}"} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
         upper.plot(time, history["ux_um"][rows], **style)
         if cell:
@@ -191,8 +192,8 @@ def _ledger(directory: Path) -> Figure | None:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     entries = [name for name in ledger if name not in ("time_us", "closure") and np.nan_to_num(ledger[name]).any()]
     for number, name in enumerate(entries):
-        style = "-" if number < len(_COLOURS) else "--"
-        upper.plot(ledger["time_us"], ledger[name], color=_COLOURS[number % len(_COLOURS)], ls=style,
+        style = "-" if number < len(COLOURS) else "--"
+        upper.plot(ledger["time_us"], ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
                    label=name.replace("_", " "))
     lower.plot(ledger["time_us"], 100 * ledger["closure"], color="0.2")
     upper.set_ylabel("energy per thickness [pN]")

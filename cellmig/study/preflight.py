@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
+
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
@@ -19,34 +21,61 @@ PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 SETUP_BYTES = 700  # per particle, beside what is counted: templates, numbering (measured on 1e4 to 1e5 particles)
 
 
+class Cost(NamedTuple):
+    """What a run takes.
+
+    particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
+    step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
+    row_bytes : float -- of the kernel's arrays per particle;  skipped : dict -- terms that are, and why.
+    """
+
+    particles: int
+    spacing: float
+    stable: dict[str, float]
+    step: float
+    steps: int
+    per_step: float
+    row_bytes: float
+    skipped: dict[str, str]
+
+    @property
+    def seconds(self) -> float:
+        """On one core, without output, if the step stays as it is at rest."""
+        return self.steps * self.particles * self.per_step
+
+
+def cost(case: Case) -> Cost:
+    """What a case takes; timed now, on some cells of it if it is large."""
+    size = sum(particle_count(case, c.shape) for c in case.cells)
+    part = dataclasses.replace(case, cells=case.cells[: max(1, PROBE * len(case.cells) // max(size, 1))])
+    scene, terms = discretise(part), find_terms(case)
+    stable = step_control(case, scene, terms).stable()
+    step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
+    per_step, row_bytes = _timed(part)
+    return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
+                row_bytes, terms.skipped)
+
+
 def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
-    size = sum(particle_count(case, c.shape) for c in case.cells)
-    cells = case.cells[: max(1, PROBE * len(case.cells) // max(size, 1))]
-    part = dataclasses.replace(case, cells=cells)
-    scene, terms = discretise(part), find_terms(case)
-    steps = step_control(case, scene, terms).stable()
-    mechanism, stable = binding(steps)
-    step = case.time.step if case.time.step != "auto" else case.time.step_factor * stable
-    count = math.ceil(case.time.end / step)
-    seconds, row_bytes = _timed(part)
-    wall = count * size * seconds
-    spacing = max(t.spacing for t in scene.templates)
+    c = cost(case)
+    mechanism, stable = binding(c.stable)
     return two_columns([
         (case.path, case.title or "valid"),
-        ("particles", f"{size} in {len(case.cells)} cells, spacing {spacing:.3g} µm, "
+        ("particles", f"{c.particles} in {len(case.cells)} cells, spacing {c.spacing:.3g} µm, "
                       f"support {case.particles.dilation:g} spacings"),
-        ("stable step", "  ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in steps.items()) + " (at rest)"),
-        ("step", f"{1e3 * step:.3g} ns, " + (f"{case.time.step_factor:g} of the one by {mechanism}; it shrinks as "
-                                            "particles are squeezed" if case.time.step == "auto" else
-                                            f"as the case says: {step / stable:.3g} of the stable one")),
-        ("steps", f"{count} to {case.time.end:g} µs"),
-        ("time", f"{clock(wall)} on one core, {clock(wall / 2)} on two if they share well "
-                 f"({1e9 * seconds:.0f} ns per particle-step, timed now)"),
-        ("memory", f"{_bytes(size * (row_bytes + SETUP_BYTES))} in all"),
-        ("disk", f"{_bytes((case.time.frames + 1) * size * _frame_bytes(case))} in {case.time.frames + 1} frames"),
-        *_modulus(case), *_resolved(case, spacing),
-        ("skipped", "; ".join(f"{name}: {why}" for name, why in terms.skipped.items()) or "nothing"),
+        ("stable step", "  ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items()) + " (at rest)"),
+        ("step", f"{1e3 * c.step:.3g} ns, " + (f"{case.time.step_factor:g} of the one by {mechanism}; it shrinks as "
+                                              "particles are squeezed" if case.time.step == "auto" else
+                                              f"as the case says: {c.step / stable:.3g} of the stable one")),
+        ("steps", f"{c.steps} to {case.time.end:g} µs"),
+        ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
+                 f"({1e9 * c.per_step:.0f} ns per particle-step, timed now)"),
+        ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all"),
+        ("disk", f"{_bytes((case.time.frames + 1) * c.particles * _frame_bytes(case))} "
+                 f"in {case.time.frames + 1} frames"),
+        *_modulus(case), *_resolved(case, c.spacing),
+        ("skipped", "; ".join(f"{name}: {why}" for name, why in c.skipped.items()) or "nothing"),
     ])
 
 

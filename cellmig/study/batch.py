@@ -1,0 +1,126 @@
+"""Many runs: one process each, as many at once as there are cores; what is there already is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import IO
+
+from tqdm import tqdm
+
+from cellmig import meshfree, model
+from cellmig.case.load import load
+from cellmig.case.registry import discover
+from cellmig.case.schema import Case
+from cellmig.output.log import clock
+from cellmig.output.manifest import read_manifest
+
+_PAUSE, _NEXT_LINE = 0.05, 30.0  # wall seconds
+_LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_", "CELLMIG_TERMINAL")  # would make a process believe that it is a rank
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run to be: a case file under some `--set`, and the directory that it leaves."""
+
+    name: str
+    case: Path
+    sets: tuple[str, ...]
+    directory: Path
+
+    def load(self) -> Case:
+        """The case that this run is of."""
+        discover(model)
+        discover(meshfree)
+        return load(self.case, self.sets)
+
+    def is_done(self) -> bool:
+        """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
+        manifest = read_manifest(self.directory)
+        if manifest.get("exit_status") != 0:
+            return False
+        case = self.load()
+        return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
+
+    def start(self, errors: IO[str]) -> subprocess.Popen:
+        """Start it; what it says about a failure goes to `errors`."""
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
+        command = [sys.executable, "-m", "cellmig", "run", str(self.case), "--out", str(self.directory), "--quiet"]
+        for text in self.sets:
+            command += ["--set", text]
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
+                                env=environment | {"OPENBLAS_NUM_THREADS": "1"})
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended: its exit code, and a message if that is not 0."""
+
+    job: Job
+    code: int
+    message: str = ""
+
+
+def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = ()) -> Iterator[Ended]:
+    """Run jobs in order, `at_once` of them at a time, and tell of each as it ends; a failure stops no other.
+
+    As soon as `asked` is not empty, nothing more is started and what runs is asked to stop, too.
+    """
+    waiting, active = list(jobs)[::-1], {}
+    with ExitStack() as files:
+        try:
+            while (waiting or active) and not asked:
+                while waiting and len(active) < at_once:
+                    job, errors = waiting.pop(), files.enter_context(tempfile.TemporaryFile("w+"))
+                    active[job.start(errors)] = job, errors
+                time.sleep(_PAUSE)
+                for process in [p for p in active if p.poll() is not None]:
+                    yield _ended(process.returncode, *active.pop(process))
+        finally:
+            for process in active:
+                process.terminate()
+            for process in active:
+                process.wait()
+
+
+def _ended(code: int, job: Job, errors: IO[str]) -> Ended:
+    if code == 0:
+        return Ended(job, code)
+    errors.seek(0)
+    said = errors.read().strip().split("\n")[-1].removeprefix("cellmig: ")
+    cause = read_manifest(job.directory).get("cause")
+    return Ended(job, code, cause or said or f"killed by signal {-code}")
+
+
+class Count:
+    """How many runs have ended: a bar on a terminal, else a line now and then."""
+
+    def __init__(self, total: int) -> None:
+        watched = "CELLMIG_TERMINAL" in os.environ or sys.stdout.isatty()
+        self._bar = tqdm(total=total, unit="run", file=sys.stdout, leave=False, disable=not watched, dynamic_ncols=True)
+        self._total, self._done, self._begin = total, 0, perf_counter()
+        self._due = float("inf") if watched else self._begin + _NEXT_LINE
+
+    def __call__(self, ended: Ended) -> None:
+        """After a run."""
+        self._done += 1
+        self._bar.update()
+        if ended.code:
+            tqdm.write(f"{ended.job.name} failed (exit code {ended.code}): {ended.message}", file=sys.stdout)
+        if (now := perf_counter()) >= self._due:
+            self._due = now + _NEXT_LINE
+            left = (now - self._begin) * (self._total - self._done) / self._done
+            print(f"{self._done} of {self._total} runs, {clock(now - self._begin)}, left {clock(left)}", flush=True)
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._bar.close()

@@ -1,0 +1,171 @@
+"""Numbers of one run that the paper's claims turn on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import Frame, frames
+
+CELLS = (1, 2, 3)  # right, middle, left
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run left: history.csv, the manifest, the frames."""
+
+    history: dict[str, np.ndarray]
+    manifest: dict[str, Any] = field(default_factory=dict)
+    frames: list[Frame] = field(default_factory=list)
+    directory: Path | None = None
+
+    @staticmethod
+    def read(directory: Path) -> Outcome:
+        """From the directory of a finished run."""
+        return Outcome(read_table(directory / "history.csv"), read_manifest(directory), frames(directory), directory)
+
+    def series(self, column: str, cell: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Times [us] and a column of history.csv; cell 0 is the aggregate."""
+        rows = self.history["cell"] == cell
+        return self.history["time_us"][rows], self.history[column][rows]
+
+    def at(self, column: str, time: float, cell: int = 0) -> float:
+        """A column at a time [us], linear between the samples."""
+        return float(np.interp(time, *self.series(column, cell)))
+
+    def frame(self, time: float) -> dict[str, np.ndarray] | None:
+        """The fields of the frame nearest to a time [us]; None without frames."""
+        return min(self.frames, key=lambda frame: abs(frame.time - time)).read() if self.frames else None
+
+    def apart(self, cell: int) -> float:
+        """For how long [us] an outer cell has no contact with the middle one, its only neighbour."""
+        time, contact = self.series("cell_contact_um", cell)
+        return float(np.mean(contact == 0.0) * time[-1])
+
+    @property
+    def separated(self) -> float:
+        """The same of both outer cells together [us]."""
+        return self.apart(1) + self.apart(3)
+
+    @property
+    def impulse(self) -> float:
+        """Impulse of the protrusion along x [pN us/um]; nan if the manifest has none."""
+        return float(self.manifest.get("protrusion_impulse_pN_us_per_um", np.nan))
+
+    @cached_property
+    def nucleus(self) -> int:
+        """What `material` is in a nucleus."""
+        case = self.manifest["case"]
+        used = [name for name in case["materials"]
+                if any(name in (cell["material"], cell.get("nucleus")) for cell in case["cells"])]
+        return used.index(case["cells"][0]["nucleus"])
+
+
+# ------------------------------------------------------------------------------------------------------------ shape
+
+
+def circularity(outcome: Outcome, time: float) -> float:
+    """4 pi A/P^2 of the cell that is least round [-]: 1 for a disc."""
+    return min(4.0 * np.pi * outcome.at("area_um2", time, cell) / outcome.at("perimeter_um", time, cell) ** 2
+               for cell in CELLS)
+
+
+def aspect(outcome: Outcome, time: float) -> float | None:
+    """Height over width of the cell where that is farthest from 1 [-]."""
+    fields = outcome.frame(time)
+    if fields is None:
+        return None
+    extents = [np.ptp(_positions(fields, cell), axis=0) for cell in CELLS]
+    return max((height / width for width, height in extents), key=lambda ratio: abs(np.log(ratio)))
+
+
+def gap(outcome: Outcome, time: float, height: float) -> float | None:
+    """Horizontal distance [um] of the outlines of Cell-1 and Cell-2 at a height [um] above the substrate."""
+    fields = outcome.frame(time)
+    if fields is None:
+        return None
+    right, left = (_crossings(_outline(fields, cell), height) for cell in (1, 2))
+    return float(right.min() - left.max()) if len(right) and len(left) else np.nan
+
+
+def _positions(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
+    on = fields["cell"] == cell
+    return (fields["X"] + fields["u"])[on, :2]
+
+
+def _outline(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
+    """Surface particles of a cell in order, the first again at the end (n, 2) [um]."""
+    place = fields["surface"][fields["cell"] == cell]
+    order = np.argsort(place, kind="stable")[np.count_nonzero(place < 0):]
+    return _positions(fields, cell)[np.append(order, order[:1])]
+
+
+def _crossings(line: np.ndarray, height: float) -> np.ndarray:
+    """Where a polyline (n, 2) crosses a height: x [um]."""
+    (x0, y0), (x1, y1) = line[:-1].T, line[1:].T
+    on = (y0 - height) * (y1 - height) < 0.0
+    return x0[on] + (height - y0[on]) / (y1[on] - y0[on]) * (x1 - x0)[on]
+
+
+# ----------------------------------------------------------------------------------------------------------- stress
+
+
+class Oscillation(NamedTuple):
+    """changes : sign changes;  deviation, slow : standard deviation, raw and smoothed;  push, pull, scale : [Pa]."""
+
+    changes: int
+    deviation: float
+    slow: float
+    push: float
+    pull: float
+    scale: float
+
+
+def oscillation(outcome: Outcome, start: float = 20.0, window: float = 10.0) -> Oscillation:
+    """How sigma11 at the lower centre of Cell-2 swings about its linear trend after `start` [us].
+
+    Sign changes are counted of its means over a `window` [us]: the ring of sound and the jumps of the contact line do
+    not count as push and pull.  The scale is the mean effective stress of the cell over the same time.
+    """
+    time, stress = outcome.series("sigma11_lower_centre_pa", 2)
+    late = time >= start
+    time, stress = time[late], stress[late]
+    swing = stress - np.polyval(np.polyfit(time, stress, 1), time)
+    width = min(len(swing), 1 + round(window / (time[1] - time[0])))
+    slow = np.convolve(swing, np.ones(width) / width, "valid")
+    signs = np.sign(slow[slow != 0.0])
+    scale = outcome.series("effective_stress_pa", 2)[1][late].mean()
+    return Oscillation(int(np.count_nonzero(np.diff(signs))), float(swing.std()), float(slow.std()),
+                       float(max(0.0, -stress.min())), float(max(0.0, stress.max())), float(scale))
+
+
+def stresses(outcome: Outcome, start: float, end: float) -> dict[str, dict[int, float]]:
+    """Mean effective stress [Pa] from `start` to `end` [us], by part of the cell and cell; empty without frames.
+
+    That of the whole cell is of history.csv, by volume; the others are of the frames, over particles, which are all
+    about as large.  The bottom is the lowest quarter of the height that the cell has at the time.
+    """
+    chosen = [frame.read() for frame in outcome.frames if start <= frame.time <= end]
+    if not chosen:
+        return {}
+    time = outcome.series("effective_stress_pa")[0]
+    late = (time >= start) & (time <= end)
+    found = {"whole cell": {cell: float(outcome.series("effective_stress_pa", cell)[1][late].mean()) for cell in CELLS}}
+    parts = [{cell: _by_part(fields, cell, outcome.nucleus) for cell in CELLS} for fields in chosen]
+    for name in parts[0][CELLS[0]]:
+        found[name] = {cell: float(np.mean([part[cell][name] for part in parts])) for cell in CELLS}
+    return found
+
+
+def _by_part(fields: dict[str, np.ndarray], cell: int, nucleus: int) -> dict[str, float]:
+    on = fields["cell"] == cell
+    stress, inner, y = fields["effective_stress"][on], fields["material"][on] == nucleus, _positions(fields, cell)[:, 1]
+    low = y < y.min() + 0.25 * np.ptp(y)
+    return {"nucleus": stress[inner].mean(), "cytoplasm": stress[~inner].mean(),
+            "cytoplasm at the bottom": stress[~inner & low].mean()}

@@ -1,0 +1,237 @@
+"""`cellmig paper`: the cases and studies over many random seeds, claims R1 to R6 judged, figures drawn."""
+
+from __future__ import annotations
+
+import csv
+import os
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from cellmig.case.schema import Case
+from cellmig.output.directory import OutputError
+from cellmig.output.log import clock
+from cellmig.output.manifest import read_manifest
+
+from .batch import Count, Ended, Job, run_all
+from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, study, text_of
+from .figures import draw
+from .measures import CELLS, Outcome
+from .preflight import cost
+from .run import BROKEN, DONE, STOPPED, stop_requests
+
+CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
+FOLDER = Path(__file__).parents[2] / "cases"
+# Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.
+_FRAMES, _QUICK_FRAMES = 100, 20
+_QUICK = ("particles.per_cell=331", "time.samples=200")
+_CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy!r} pN um",
+            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength!r}"}
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A case of the paper, or a multiple of one strength in it, and the claims that turn on it."""
+
+    case: str
+    claims: tuple[str, ...]
+    frames: bool = False
+    what: str = ""
+    factor: float = 1.0
+
+    def sets(self, base: Case, quick: bool) -> tuple[str, ...]:
+        """How it differs from the case file `base`."""
+        frames = (_QUICK_FRAMES if quick else _FRAMES) if self.frames else 1
+        changed = (_CHANGED[self.what](base, self.factor),) if self.what else ()
+        return (f"time.frames={frames}", *(_QUICK if quick else ()), *changed)
+
+
+CONFIGURATIONS = {
+    "all_protrude": Configuration("all_protrude", ("R1", "R2", "R3", "R5", "R6"), frames=True),
+    "one_three": Configuration("one_three", ("R3", "R4"), frames=True),
+    "two_three": Configuration("two_three", ("R3",)),
+    "three_only": Configuration("three_only", ("R3",)),
+    **{study("adhesion", f): Configuration("all_protrude", ("R5",), False, "adhesion", f) for f in ADHESION if f != 1},
+    **{study("protrusion", f): Configuration("all_protrude", ("R6",), False, "protrusion", f)
+       for f in PROTRUSION if f != 1},
+}
+
+
+def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = ()) -> int:
+    """Run what is missing, judge the claims, draw the figures, write the numbers.
+
+    Parameters
+    ----------
+    out : Path -- directory of everything; the runs are in `runs/<configuration>/seed<seed>` of it.
+    seeds : int -- the case's own seed and the numbers that follow it.
+    at_once : int -- runs at a time; by default one for each core.
+    quick : bool -- coarse particles, few frames and samples.
+    only : list of str -- keys of claims; by default all.
+
+    Returns
+    -------
+    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    """
+    claims = list(dict.fromkeys(only)) or list(CLAIMS)
+    jobs = plan(out, seeds, quick, claims)
+    with stop_requests() as asked:
+        failed = _run_missing(list(jobs.values()), at_once or len(os.sched_getaffinity(0)), asked)
+    if asked:
+        print("stopped; the same command goes on from here")
+        return STOPPED
+    failed |= unsound(jobs)
+    results = collect(jobs, failed)
+    judged = [CLAIMS[key](results) for key in claims]
+    print("", *table(judged, seeds), sep="\n", flush=True)
+    _write_claims(out / "claims.csv", judged)
+    _write_runs(out / "runs.csv", jobs, failed)
+    print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
+    return next(iter(failed.values())).code if failed else DONE
+
+
+def plan(out: Path, seeds: int, quick: bool, claims: Sequence[str]) -> dict[tuple[str, int], Job]:
+    """All runs that the claims turn on, by configuration and seed; seed by seed, so that a part of them is of use."""
+    wanted = {name: c for name, c in CONFIGURATIONS.items() if set(c.claims) & set(claims)}
+    bases = {c.case: Job("", FOLDER / f"{c.case}.toml", (), out).load() for c in wanted.values()}
+    return {(name, bases[c.case].seed + k): Job(
+        f"{name}, seed {bases[c.case].seed + k}", FOLDER / f"{c.case}.toml",
+        (*c.sets(bases[c.case], quick), f"seed={bases[c.case].seed + k}"),
+        out / "runs" / name / f"seed{bases[c.case].seed + k}") for k in range(seeds) for name, c in wanted.items()}
+
+
+def unsound(jobs: dict[tuple[str, int], Job]) -> dict[Job, Ended]:
+    """Runs to the end whose energy does not add up: they pass for no result, whatever they would say of a claim."""
+    found = {}
+    for job in jobs.values():
+        closure = read_manifest(job.directory).get("worst_closure")
+        if closure is not None and closure > CLOSES and job.is_done():
+            message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
+            found[job] = Ended(job, BROKEN, message)
+            print(f"{job.name} does not count: {message}")
+    return found
+
+
+def collect(jobs: dict[tuple[str, int], Job], failed: Mapping[Job, Ended] = MappingProxyType({})) -> Results:
+    """What came out of the runs that did not fail; says so where they are not of one source."""
+    results: dict[str, dict[int, Outcome]] = {}
+    for (name, seed), job in jobs.items():
+        if job not in failed:
+            results.setdefault(name, {})[seed] = Outcome.read(job.directory)
+    sources = {source(outcome) for runs in results.values() for outcome in runs.values()}
+    if len(sources) > 1 or any("changes" in name for name in sources):
+        print(f"note: these runs are not of one known source: {', '.join(sorted(sources))}")
+    return results
+
+
+def source(outcome: Outcome) -> str:
+    """What a run was computed with."""
+    m = outcome.manifest
+    return f"{m['commit']} ({m['tree']})" if "commit" in m else f"version {m.get('cellmig')}"
+
+
+def _run_missing(jobs: list[Job], at_once: int, asked: list[int]) -> dict[Job, Ended]:
+    """Run the jobs that are not done; those that failed."""
+    missing = [job for job in jobs if not job.is_done()]
+    case = jobs[0].load()
+    print(f"{len(jobs)} runs of {len(case.cells)} cells, {case.particles.per_cell} particles each, to "
+          f"{case.time.end:g} µs; {len(jobs) - len(missing)} of them are there already", flush=True)
+    if not missing:
+        return {}
+    rounds = -(-len(missing) // at_once)
+    print(f"{len(missing)} to go, {at_once} at a time: about {clock(rounds * cost(case).seconds)} and more if others "
+          "use the machine", flush=True)
+    count, failed = Count(len(missing)), {}
+    for ended in run_all(missing, at_once, asked):
+        count(ended)
+        if ended.code:
+            failed[ended.job] = ended
+    count.close()
+    return failed
+
+
+# ------------------------------------------------------------------------------------------------------- what is said
+
+
+def table(claims: list[Claim], seeds: int) -> list[str]:
+    """Claim / what was measured / in how many seeds / verdict, as lines; what is missing is said."""
+    lines = [_line("claim", "measured", "holds in", "verdict"), "-" * 134]
+    for claim in claims:
+        lines.append(_line(f"{claim.key}  {claim.text}", "", f"{len(claim.held)} of {len(claim.seeds)}",
+                           claim.verdict))
+        lines += [_line(f"      {part.text}", text_of(part.values.values()) if part.values else "-",
+                        f"{len(part.held)} of {len(part.values)}", part.verdict) for part in claim.parts]
+        why = [*_scatter(claim), *claim.why] if claim.verdict != HOLDS else []
+        for text in [*claim.notes, *(f"why: {reason}" for reason in why)]:
+            lines += textwrap.wrap(text, 134, initial_indent=" " * 6, subsequent_indent=" " * 8)
+        if missing := seeds - len(claim.seeds):
+            lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed")
+    return lines
+
+
+def _line(claim: str, measured: str, seeds: str, verdict: str) -> str:
+    return f"{claim:<88} {measured:>17}  {seeds:>8}  {verdict}".rstrip()
+
+
+def _scatter(claim: Claim) -> list[str]:
+    """Of each part that does not hold in all seeds, how its mean compares with the scatter."""
+    said = []
+    for part in claim.parts:
+        if part.values and part.verdict != HOLDS:
+            errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 else ""
+            said.append(f"{part.what}: mean {part.mean:.3g} {'misses' if part.verdict == FAILS else 'keeps'} its bound"
+                        f"{errors}; by seed {', '.join(f'{v:.3g}' for v in part.values.values())}")
+    return said
+
+
+def _write_claims(path: Path, claims: list[Claim]) -> None:
+    seeds = sorted({seed for claim in claims for part in claim.parts for seed in part.values})
+    _write(path, [{"claim": claim.key, **_entries(part), **{f"seed{seed}": part.values.get(seed, "") for seed in seeds},
+                   "claim_verdict": claim.verdict} for claim in claims for part in claim.parts])
+
+
+def _entries(part: Part) -> dict[str, Any]:
+    return {"part": part.what, "above": part.above, "below": part.below, "mean": part.mean, "spread": part.spread,
+            "seeds": len(part.values), "holds_in": len(part.held), "verdict": part.verdict}
+
+
+def _write_runs(path: Path, jobs: dict[tuple[str, int], Job], failed: Mapping[Job, Ended]) -> None:
+    rows = []
+    for (name, seed), job in jobs.items():
+        c = CONFIGURATIONS[name]
+        row: dict[str, Any] = {"configuration": name, "protruding": CASES[c.case], "changed": c.what,
+                               "factor": c.factor, "seed": seed}
+        if job in failed:
+            rows.append(row | {"exit_code": failed[job].code, "message": failed[job].message})
+        else:
+            rows.append(row | {"exit_code": DONE, "message": ""} | _numbers(Outcome.read(job.directory)))
+    _write(path, rows)
+
+
+def _numbers(outcome: Outcome) -> dict[str, Any]:
+    """What a finished run did, as a row."""
+    m = outcome.manifest
+    row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_closure", "state_hash")}
+    row["source"] = source(outcome)
+    row["impulse_pn_us_per_um"] = outcome.impulse
+    for time in (20.0, 24.0, 204.0, 268.0, END):
+        for column in ("ux_um", "substrate_contact_um", "cell_contact_um"):
+            row[f"{column}_at_{time:g}us"] = outcome.at(column, time)
+    for cell in CELLS:
+        row[f"ux_um_of_cell{cell}_at_{END:g}us"] = outcome.at("ux_um", END, cell)
+        row[f"apart_us_of_cell{cell}"] = outcome.apart(cell)
+    return row
+
+
+def _write(path: Path, rows: list[dict[str, Any]]) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
