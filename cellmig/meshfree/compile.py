@@ -29,7 +29,8 @@ FIELDS: dict[str, str] = {
     # state (ux uy vx vy) of owned and ghosts, and what the rows keep
     "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
     "volume": "double *", "inverse_mass": "double *", "bulk_damping": "double *", "material": "double *",
-    "mask": "int32_t *", "viscous_loss": "double *", "numerical_loss": "double *",
+    "mask": "int32_t *", "resistance": "double *", "viscous_loss": "double *",
+    "numerical_loss": "double *",
     # neighbours
     "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
     "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
@@ -124,7 +125,7 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     scalar("substrate", terms.substrate, ["primitive", "potential", "slope"])
     scalar("contact", terms.contact, ["primitive", "potential", "slope"])
     scalar("protrusion", terms.protrusion, ["ramp", "ramp_slope"])
-    has = {"VISCOUS": any(hasattr(m, "dissipation") for m in materials), "STABILISED": terms.stabilised,
+    has = {"VISCOUS": any(hasattr(m, "viscous_stress") for m in materials), "STABILISED": terms.stabilised,
            "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
            "DIRECTOR": terms.director != "none" or terms.active,
            "DIRECTOR_RELAXES": terms.director == "relaxing"}
@@ -139,11 +140,10 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
         t, p = Translator(material, "v4"), f"s->material_{i}"
         methods = type(material)
         parts.append(t.function("stress", f"stress_{i}"))
-        rate = ", R" if hasattr(methods, "dissipation") else ""
-        lines = [f"stress_{i}({p}, F{rate}, p);"]
-        if rate:
-            parts.append(t.function("dissipation", f"dissipation_{i}"))
-            lines.append(f"d = dissipation_{i}({p}, F, R);")
+        lines = [f"stress_{i}({p}, F, p);"]
+        if hasattr(methods, "viscous_stress"):
+            parts.append(t.function("viscous_stress", f"viscous_stress_{i}"))
+            lines.append(f"viscous_stress_{i}({p}, F, R, w);")
         if director != "none" and hasattr(methods, "director_stress"):
             parts.append(t.function("director_stress", f"director_stress_{i}"))
             lines.append(f"director_stress_{i}({p}, F, g, t); ADD(p, t);")
@@ -152,7 +152,7 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
         if active and hasattr(methods, "active_stress"):
             parts.append(t.function("active_stress", f"active_stress_{i}"))
             lines.append(f"active_stress_{i}({p}, F, h, t); ADD(p, t);")
-        body = " ".join(["v4 p[2][2], t[2][2], d = {0}; (void)t;", *lines, f"KEEP({i});"])
+        body = " ".join(["v4 p[2][2], t[2][2], w[2][2] = {{{0}}}; (void)t;", *lines, f"KEEP({i});"])
         stress.append(f"    if (mask & {1 << i}) {{ {body} }}")
         vectors[f"material_{i}"] = t.vector()
     fields = ""
@@ -166,14 +166,15 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
 
 _DISPATCH = """#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
 #define LANES_OF(i) const i4 m = (i4)(load(s->material + 4 * b) == (double)(i))
-#define KEEP(i) LANES_OF(i); *loss = choose(m, d, *loss); \\
-    for (int a = 0; a < 2; a++) for (int c = 0; c < 2; c++) P[a][c] = choose(m, p[a][c], P[a][c])
+#define KEEP(i) LANES_OF(i); for (int a = 0; a < 2; a++) for (int c = 0; c < 2; c++) \\
+    P[a][c] = choose(m, p[a][c], P[a][c]), W[a][c] = choose(m, w[a][c], W[a][c])
 #define KEEP2(f, i) LANES_OF(i); for (int a = 0; a < 2; a++) flux[a] = choose(m, f[a], flux[a])
 
-static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 *loss)
+static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2])
 {{
     const int32_t mask = s->mask[b];
-{fields}    P[0][0] = P[0][1] = P[1][0] = P[1][1] = (v4){{0}};
+{fields}    memset(P, 0, 4 * sizeof(v4));
+    memset(W, 0, 4 * sizeof(v4));
     (void)R;
 {stress}
 }}

@@ -10,6 +10,7 @@ enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
 #else
 enum { GRADIENT_WIDTH = 8 };
 #endif
+enum { RESISTANCE_WIDTH = 28 }; /* by block: viscous stress, bulk damping, stabilising forces of the last step */
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
@@ -65,23 +66,71 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
     stab[1] = st[1];
 }
 
-/* Stress of block b from F and its rate; V P to Q, -S v - E u to the force, losses of power times dt to the accounts. */
-static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double dt)
+/* Power of two tensors, P : R. */
+static inline v4 power(const v4 P[2][2], const v4 R[2][2])
+{
+    return P[0][0] * R[0][0] + P[0][1] * R[0][1] + P[1][0] * R[1][0] + P[1][1] * R[1][1];
+}
+
+/* Power of forces on the four particles of block b, rows (0 1), (2 3), on their velocities. */
+static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
+{
+    const double *z = s->state + 16 * b;
+    return (v4){z[2] * f[0][0] + z[3] * f[0][1], z[6] * f[0][2] + z[7] * f[0][3],
+                z[10] * f[1][0] + z[11] * f[1][1], z[14] * f[1][2] + z[15] * f[1][3]};
+}
+
+/* The accounts of losses: a force that resisted over a step did work with the mean of the velocities at both its ends.
+ * `elapsed` is the last step, whose forces are in `resistance`; `dt` the step that begins. */
+static inline void account_losses(const Scene *s, long b, const v4 R[2][2], const v4 W[2][2], v4 q, v4 rate,
+                                  const v4 stab[2], double elapsed, double dt)
+{
+    double *kept = s->resistance + RESISTANCE_WIDTH * b;
+#ifdef VISCOUS
+    const v4 before[2][2] = {{load(kept), load(kept + 4)}, {load(kept + 8), load(kept + 12)}};
+    store(s->viscous_loss + 4 * b, load(s->viscous_loss + 4 * b) + (0.5 * elapsed * power(before, R) + 0.5 * dt * power(W, R)));
+    for (int i = 0; i < 4; i++) store(kept + 4 * i, W[i / 2][i % 2]);
+    kept += 16;
+#endif
+#if defined BULK_DAMPED || defined STABILISED
+    v4 lost = load(s->numerical_loss + 4 * b);
+#ifdef BULK_DAMPED
+    lost += (0.5 * elapsed * load(kept) + 0.5 * dt * q) * rate;
+    store(kept, q);
+    kept += 4;
+#endif
+#ifdef STABILISED
+    const v4 pulled[2] = {load(kept), load(kept + 4)};
+    lost += 0.5 * elapsed * power_of_forces(s, b, pulled) + 0.5 * dt * power_of_forces(s, b, stab);
+    store(kept, stab[0]);
+    store(kept + 4, stab[1]);
+#endif
+    store(s->numerical_loss + 4 * b, lost);
+#endif
+    (void)s, (void)b, (void)R, (void)W, (void)q, (void)rate, (void)stab, (void)elapsed, (void)dt, (void)kept;
+}
+
+/* Stress of block b from F and its rate: V P to Q, -S v - E u to the force, losses to the accounts. */
+static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double elapsed,
+                                double dt)
 {
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
     const v4 V = load(s->volume + 4 * b);
-    v4 P[2][2], loss = {0}, numerical = {0};
-    material_stress(s, b, F, R, P, &loss);
+    v4 P[2][2], W[2][2], q = {0}, rate = {0};
+    material_stress(s, b, F, R, P, W);
+    for (int i = 0; i < 4; i++) {
+        W[i / 2][i % 2] *= V;
+        P[i / 2][i % 2] = V * P[i / 2][i % 2] + W[i / 2][i % 2];
+    }
 #ifdef BULK_DAMPED
-    const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
-    const v4 q = load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
+    rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
+    q = V * load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
     P[0][0] += q * F[1][1];
     P[0][1] -= q * F[1][0];
     P[1][0] -= q * F[0][1];
     P[1][1] += q * F[0][0];
-    numerical = V * q * rate;
 #endif
-    const v4 lanes[4] = {V * P[0][0], V * P[1][0], V * P[0][1], V * P[1][1]};
+    const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
     v4 rows[4];
     transpose(lanes, rows);
     for (int i = 0; i < 4; i++) store(s->Q + 16 * b + 4 * i, rows[i]);
@@ -92,22 +141,11 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
 #endif
     store(s->force + 8 * b, -resistance[0]);
     store(s->force + 8 * b + 4, -resistance[1]);
-#ifdef STABILISED
-    const double *z = s->state + 16 * b;
-    numerical += (v4){z[2] * stab[0][0] + z[3] * stab[0][1], z[6] * stab[0][2] + z[7] * stab[0][3],
-                      z[10] * stab[1][0] + z[11] * stab[1][1], z[14] * stab[1][2] + z[15] * stab[1][3]};
-#endif
-#ifdef VISCOUS
-    store(s->viscous_loss + 4 * b, load(s->viscous_loss + 4 * b) + dt * V * loss);
-#endif
-#if defined STABILISED || defined BULK_DAMPED
-    store(s->numerical_loss + 4 * b, load(s->numerical_loss + 4 * b) + dt * numerical);
-#endif
-    (void)dt, (void)loss, (void)numerical, (void)stab;
+    account_losses(s, b, R, W, q, rate, stab, elapsed, dt);
 }
 
-/* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since the last call. */
-static void stress_of_rate(const Scene *s, double moved, double dt)
+/* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since F was brought up to date. */
+static void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         v4 r[4], f[4], stab[2];
@@ -116,7 +154,7 @@ static void stress_of_rate(const Scene *s, double moved, double dt)
             f[c] = load(s->F + 16 * b + 4 * c) + moved * r[c];
             store(s->F + 16 * b + 4 * c, f[c]);
         }
-        stress_block(s, b, f, r, stab, dt);
+        stress_block(s, b, f, r, stab, elapsed, dt);
     }
 }
 
@@ -481,7 +519,7 @@ int advance(const Scene *s, long n, double dt, double moved)
 {
     for (long i = 0; i < n; i++, moved = dt) {
         if (director_ready(s)) return 1;
-        stress_of_rate(s, moved, dt);
+        stress_of_rate(s, moved, moved, dt);
         if (surface_forces(s, dt) || director_step(s, dt)) return 1;
         kick_and_drift(s, dt);
         if (exchange(s, s->state_vec)) return 1;
@@ -489,12 +527,12 @@ int advance(const Scene *s, long n, double dt, double moved)
     return 0;
 }
 
-/* Rate of the owned state, (v, a), from the state as it is; no account is kept. */
-int rate(const Scene *s, double *out)
+/* Rate of the owned state, (v, a), from the state as it is; the accounts are closed for the last step, `elapsed`. */
+int rate(const Scene *s, double *out, double elapsed)
 {
     if (director_ready(s)) return 1;
     deformation(s);
-    stress_of_rate(s, 0.0, 0.0);
+    stress_of_rate(s, 0.0, elapsed, 0.0);
     if (surface_forces(s, 0.0) || director_step(s, 0.0)) return 1;
     for (long b = 0; 4 * b < s->n_owned; b++) {
         v4 f[2];
@@ -514,7 +552,7 @@ int rate(const Scene *s, double *out)
 int account(const Scene *s, double dt)
 {
     deformation(s);
-    stress_of_rate(s, 0.0, dt);
+    stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
     return surface_forces(s, dt);
 }
 

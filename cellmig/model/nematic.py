@@ -43,33 +43,23 @@ class Nematic:
         J = F00 * F11 - F01 * F10
         return 0.25 * self.reduced_bulk_modulus * (J * J - 1.0 - 2.0 * log(J))
 
-    def stress(self, F, Fdot):
-        """First Piola-Kirchhoff stress P = J σ F⁻ᵀ of pressure and viscosity [Pa]."""
+    def stress(self, F):
+        """First Piola-Kirchhoff stress P = -J p F⁻ᵀ of the pressure [Pa]."""
         (F00, F01), (F10, F11) = F
         J = F00 * F11 - F01 * F10
-        pressure = -0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)
-        d00, d01, d11 = self.stretching(F, Fdot)
-        s00 = 2.0 * self.viscosity * d00 - pressure
-        s11 = 2.0 * self.viscosity * d11 - pressure
-        s01 = 2.0 * self.viscosity * d01
-        return ((s00 * F11 - s01 * F01, s01 * F00 - s00 * F10),
-                (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))
+        mean = 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)
+        return (mean * F11, -mean * F10), (-mean * F01, mean * F00)
 
-    def stretching(self, F, Fdot):
-        """Rate of deformation d = sym(Ḟ F⁻¹), components (d00, d01, d11) [1/µs]."""
+    def viscous_stress(self, F, Fdot):
+        """First Piola-Kirchhoff stress P = J 2μ d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹); its power P : Ḟ is lost."""
         (F00, F01), (F10, F11) = F
         (R00, R01), (R10, R11) = Fdot
-        rJ = 1.0 / (F00 * F11 - F01 * F10)
-        d00 = (R00 * F11 - R01 * F10) * rJ
-        d11 = (R11 * F00 - R10 * F01) * rJ
-        d01 = 0.5 * rJ * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
-        return d00, d01, d11
-
-    def dissipation(self, F, Fdot):
-        """Viscous loss J 2μ d:d per reference volume and time [Pa/µs]."""
-        (F00, F01), (F10, F11) = F
-        d00, d01, d11 = self.stretching(F, Fdot)
-        return 2.0 * self.viscosity * (F00 * F11 - F01 * F10) * (d00 * d00 + d11 * d11 + 2.0 * d01 * d01)
+        k = 2.0 * self.viscosity / (F00 * F11 - F01 * F10)
+        s00 = k * (R00 * F11 - R01 * F10)
+        s11 = k * (R11 * F00 - R10 * F01)
+        s01 = 0.5 * k * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
+        return ((s00 * F11 - s01 * F01, s01 * F00 - s00 * F10),
+                (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))
 
     def director_stress(self, F, gradient):
         """P = -η g⊗(F⁻¹ g) [Pa], from its energy, with g = F⁻ᵀ ∇₀θ from the reference gradient ∇₀θ [1/µm]."""

@@ -73,6 +73,8 @@ class Sampler:
             on = self._rows_material == i
             local = {k: v[..., on] for k, v in everything.items()}
             P = np.array(pointwise(law, "stress", local))
+            if hasattr(law, "viscous_stress"):
+                P = P + np.array(pointwise(law, "viscous_stress", local))
             if terms.director != "none" and hasattr(law, "director_stress"):
                 P = P + np.array(pointwise(law, "director_stress", local))
             if terms.active and hasattr(law, "active_stress"):

@@ -96,6 +96,7 @@ class Mechanics:
             k[name] = np.zeros(4 * n_blocks)
         for name in ("protrusion_impulse", "protrusion_work"):
             k[name] = np.zeros(self._capacity)
+        k["resistance"] = np.zeros((n_blocks, 28))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
         for name, values in blocks(scene, self.base, self.terms).items():
@@ -276,7 +277,7 @@ class Mechanics:
         """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
         out = np.zeros((self.n_owned + 4, 4))
         self.state.exchange()
-        if self.kernel("rate", out):
+        if self.kernel("rate", out, float(self.moved)):
             raise PETSc.Error(75)
         self.moved = 0.0
         return out[: self.n_owned]
