@@ -13,8 +13,18 @@ from typing import Any
 
 from . import __version__
 from .case.messages import CaseError
+from .parallel.arguments import split_arguments
 
-DONE, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT = 0, 2, 3, 4, 5
+DONE, DIFFERENT, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+
+def _told_by_mpiexec(what: str, alone: int) -> int:
+    """RANK or SIZE as Open MPI or MPICH tell it: known before MPI has started, and where it cannot start."""
+    told = os.environ.get(f"OMPI_COMM_WORLD_{what}") or os.environ.get(f"PMI_{what}")
+    return int(told) if told else alone
+
+
+RANK, RANKS = _told_by_mpiexec("RANK", 0), _told_by_mpiexec("SIZE", 1)
 
 
 class UsageError(Exception):
@@ -22,51 +32,78 @@ class UsageError(Exception):
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports a wrong call as an exception, so that one rank speaks and all ranks end."""
+    """One rank speaks and all ranks end: a wrong call is an exception, help comes once."""
 
     def error(self, message: str) -> None:
-        raise UsageError(f"{message}\n{self.format_usage().strip()}")
+        """Refuse the call."""
+        raise UsageError(f"{message}\n{self.format_usage().strip()}\n'{self.prog} --help' tells more")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if RANK == 0:
+            super()._print_message(message, file)
+
+
+_HELP = """\
+A case alone is run: 'cellmig run --help' lists its options.  On several ranks: mpiexec -n 4 cellmig …
+Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -ts_monitor, -log_view …
+
+exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong, 3 the environment is, 4 the numbers broke,
+            5 input or output, 75 stopped on request"""
 
 
 def parser() -> Parser:
     """All commands with their options."""
-    top = Parser(prog="cellmig", description="Collective cell migration by a meshfree particle method.",
-                 epilog="A case alone is run.  Options with one dash are PETSc's: -ts_type, -ts_dt, -log_view …")
+    top = Parser(prog="cellmig", usage="cellmig CASE.toml [OPTION …]\n       cellmig COMMAND [ARGUMENT …]",
+                 description="Collective cell migration by a meshfree particle method.", epilog=_HELP,
+                 formatter_class=argparse.RawDescriptionHelpFormatter)
     top.add_argument("--version", action="version", version=f"cellmig {__version__}")
-    commands = top.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND")
+    commands = top.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND", prog="cellmig")
 
-    run = commands.add_parser("run", help="run a case")
-    run.add_argument("case", type=Path)
-    run.add_argument("--out", type=Path, help="directory of the run (default: output/<case name>)")
+    run = commands.add_parser("run", help="run a case", epilog="Options with one dash are PETSc's: -ts_type rk …",
+                              description="Run a case.  A run that is already in the directory is moved aside.  ^C, "
+                                          "SIGTERM and SIGUSR1 end a run with all its files whole.")
+    run.add_argument("case", type=Path, help="case file")
+    run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
     run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
-    run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need")
-    run.add_argument("--quiet", action="store_true", help="nothing on the screen")
+    run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
+    run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
     _sets(run)
 
     validate = commands.add_parser("validate", help="check cases and say what a run will cost")
-    validate.add_argument("cases", type=Path, nargs="+", metavar="case")
+    validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
     _sets(validate)
-
-    info = commands.add_parser("info", help="what a run was and did")
-    info.add_argument("directory", type=Path)
-    diff = commands.add_parser("diff", help="whether two runs are the same, and where they part")
-    diff.add_argument("directories", type=Path, nargs=2, metavar="directory")
-    diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0 asks for the same bits")
-    plot = commands.add_parser("plot", help="pictures of a run")
-    plot.add_argument("directory", type=Path)
-    plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
-    plot.add_argument("--field", default="effective_stress", help="what fills the shapes")
-    plot.add_argument("--out", type=Path, help="directory of the pictures (default: that of the run)")
-    commands.add_parser("schema", help="JSON schema of a case file, for editors")
+    _looks(commands)
     return top
+
+
+def _looks(commands: Any) -> None:
+    """The commands that look at runs and at this machine."""
+    info = commands.add_parser("info", help="what a run was and did")
+    info.add_argument("directory", type=Path, help="of a run")
+    diff = commands.add_parser("diff", help="whether two runs are the same, and where they part")
+    diff.add_argument("directories", type=Path, nargs=2, metavar="directory", help="of a run")
+    diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0 (default) asks for the same bits")
+    plot = commands.add_parser("plot", help="pictures of a run")
+    plot.add_argument("directory", type=Path, help="of a run")
+    plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
+    plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
+    plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
+    paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
+    paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick)")
+    paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
+    paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
+    paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
+    paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
+    commands.add_parser("schema", help="JSON schema of a case file, for editors")
+    commands.add_parser("doctor", help="what this machine has and lacks")
 
 
 def _sets(command: argparse.ArgumentParser) -> None:
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="sets",
-                         help="change a value of the case: particles.per_cell=500")
+                         help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
 
 
-COMMANDS = ("run", "validate", "info", "diff", "plot", "schema")
+COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper")
 
 
 def parse(words: list[str]) -> argparse.Namespace:
@@ -86,31 +123,52 @@ def parse(words: list[str]) -> argparse.Namespace:
 
 def run(options: argparse.Namespace, comm: Any) -> int:
     """Run a case on all ranks."""
-    case = load_together(options.case, options.sets, comm)
     until = _time(options.until, "--until") if options.until else None
-    from .study.run import Run
+    case = load_together(options.case, options.sets, comm)
+    from .study.run import Run, stop_requests
 
     directory = options.out or Path("output") / case.name
-    return Run(case, directory, comm, until=until, prune=not options.no_prune, quiet=options.quiet).go()
+    with stop_requests() as asked:
+        return Run(case, directory, comm, until=until, prune=not options.no_prune, quiet=options.quiet).go(asked)
 
 
 def validate(options: argparse.Namespace) -> int:
     """Check cases; report what each will cost."""
-    from .study.preflight import report
-
     wrong = []
     for path in options.cases:
         try:
-            print(report(_load(path, options.sets)), end="\n\n", flush=True)
+            case = _load(path, options.sets)
         except CaseError as error:
             wrong.append(error)
+            continue
+        from .study.preflight import report
+
+        print(report(case), end="\n\n", flush=True)
     for error in wrong:
-        print(error, file=sys.stderr)
+        print(f"cellmig: {error}", file=sys.stderr)
     return WRONG if wrong else DONE
 
 
+def paper(options: argparse.Namespace) -> int:
+    """The paper's claims against what is measured."""
+    from .study.claims import CLAIMS
+    from .study.paper import paper
+
+    only = [key.strip().upper() for key in options.only.split(",")] if options.only else []
+    if unknown := [key for key in only if key not in CLAIMS]:
+        raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
+    out = options.out or Path("output") / ("paper-quick" if options.quick else "paper")
+    return paper(out, options.seeds or (3 if options.quick else 8), options.jobs, options.quick, only)
+
+
 def show(options: argparse.Namespace) -> int:
-    """The commands that look at runs."""
+    """The commands that look at runs and at this machine."""
+    if options.command == "doctor":
+        from .study.doctor import examine
+
+        healthy, text = examine()
+        print(text)
+        return DONE if healthy else ENVIRONMENT
     if options.command == "schema":
         _discover()
         from .case.json_schema import json_schema
@@ -118,11 +176,10 @@ def show(options: argparse.Namespace) -> int:
         print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
         return DONE
     if options.command == "plot":
+        times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
         from .study.plot import plot
 
-        times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
-        for path in plot(options.directory, times, options.field, options.out):
-            print(path)
+        print("\n".join(map(str, plot(options.directory, times, options.field, options.out))))
         return DONE
     from .study.compare import diff, info
 
@@ -131,7 +188,7 @@ def show(options: argparse.Namespace) -> int:
         return DONE
     same, lines = diff(*options.directories, options.tolerance)
     print("\n".join(lines))
-    return DONE if same else 1
+    return DONE if same else DIFFERENT
 
 
 def _time(text: str, option: str) -> float:
@@ -141,9 +198,15 @@ def _time(text: str, option: str) -> float:
         value = number(text, "us")
     except UnitError as error:
         raise UsageError(f"{option}: {error}") from error
-    if value <= 0:
+    if value < 0 or (value == 0 and option == "--until"):
         raise UsageError(f"{option}: '{text}' is not after the start")
     return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expects a number from 1 on, not '{text}'")
+    return int(text)
 
 
 def _discover() -> None:
@@ -181,47 +244,52 @@ def load_together(path: Path, sets: list[str], comm: Any) -> Any:
 
 def main() -> None:
     """Entry point: one rank speaks, all ranks end, with the exit code of the contract."""
-    words = sys.argv[1:]
-    serial = bool(words) and words[0] in COMMANDS and words[0] != "run"
-    comm = None
+    words, comm = sys.argv[1:], None
     try:
-        if serial:
-            options = parse(words)
-            code = validate(options) if options.command == "validate" else show(options)
-        else:
-            comm, words = start_petsc(words)
-            code = run(parse(words), comm)
+        ours, petsc_options = split_arguments(words)
+        serial = bool(ours) and ours[0] in COMMANDS and ours[0] != "run"
+        options = parse(words if serial else ours)
+        if not serial or RANKS > 1:
+            comm = start_petsc(petsc_options)
+        if not serial:
+            code = run(options, comm)
+        else:  # nothing to share: other ranks than the first are idle
+            command = {"validate": validate, "paper": paper}.get(options.command, show)
+            code = command(options) if RANK == 0 else DONE
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = DONE
+    except KeyboardInterrupt:
+        code = INTERRUPTED
     except Exception as error:
         code = failure(error, comm)
     sys.exit(code)
 
 
-def start_petsc(words: list[str]) -> tuple[Any, list[str]]:
-    """Start MPI and PETSc; the communicator, and what of the command line is ours."""
-    try:
-        import petsc4py
-        from mpi4py import MPI
-    except ImportError as error:
-        raise EnvironmentProblem(f"{error.name} is missing: ./run installs what is needed") from error
-    from .parallel.arguments import split_arguments
+def start_petsc(options: list[str]) -> Any:
+    """Start MPI and PETSc with its options; returns the communicator of all ranks."""
+    import petsc4py
+    from mpi4py import MPI
 
-    ours, theirs = split_arguments(words)
-    petsc4py.init([sys.argv[0], *theirs])
-    return MPI.COMM_WORLD, ours
-
-
-class EnvironmentProblem(Exception):
-    """Something that the program needs is not there; the message is for the user."""
+    # PETSc's own handler meets a signal with a trace of its stack, even where a reader of the output has just left.
+    handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
+    petsc4py.init([sys.argv[0], *options, *handler])
+    return MPI.COMM_WORLD
 
 
 def failure(error: Exception, comm: Any) -> int:
     """Say what went wrong, once; errors of the user's are known to all ranks, others end all ranks here."""
-    codes = {"CaseError": WRONG, "UsageError": WRONG, "EnvironmentProblem": ENVIRONMENT, "CompilerError": ENVIRONMENT,
+    codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "CompilerError": ENVIRONMENT,
              "OutputError": INPUT_OUTPUT, "NumericsError": BROKEN}
-    code = codes.get(type(error).__name__)
+    code, message = codes.get(type(error).__name__), str(error)
+    if isinstance(error, ImportError) and not (error.name or "").startswith("cellmig"):
+        code, message = ENVIRONMENT, f"{error}; './run' installs what is needed, 'cellmig doctor' tells what is missing"
+    elif code is None and isinstance(error, OSError) and RANKS == 1:
+        code, message = INPUT_OUTPUT, f"{error.filename}: {error.strerror}" if error.filename else message
     if code is not None:
-        if comm is None or comm.rank == 0:
-            print(f"cellmig: {error}", file=sys.stderr, flush=True)
+        if RANK == 0:
+            print(f"cellmig: {message}", file=sys.stderr, flush=True)
         return code
     traceback.print_exception(error)
     print("cellmig: this is a mistake of the program; please report it", file=sys.stderr, flush=True)

@@ -287,7 +287,7 @@ def test_progress_is_a_line_after_5_s_and_then_every_30_s_of_wall_time(monkeypat
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == (3 if COMM.rank == 0 else 0)  # after 5, 35 and 65 s
     if COMM.rank == 0:
-        assert lines[1].split() == "70 us 17.5 % step 35 dt 1.1 ns wall 35 s left 2:45".split()
+        assert lines[1].split() == "70 µs 17.5 % step 35 dt 1.1 ns wall 35 s left 2:45".split()
 
 
 def test_progress_is_a_bar_on_a_terminal_and_the_lines_of_the_log_step_around_it(monkeypatch, capsys):
@@ -298,7 +298,7 @@ def test_progress_is_a_bar_on_a_terminal_and_the_lines_of_the_log_step_around_it
     log("a remark")
     progress.close()
     screen = capsys.readouterr().out
-    for part in ("50 % |", "200 of 400 us", "\ra remark\n"):
+    for part in ("50 % |", "200 of 400 µs", "\ra remark\n"):
         assert (part in screen) == (COMM.rank == 0)
 
 

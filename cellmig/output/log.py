@@ -14,7 +14,7 @@ from tqdm import tqdm
 from .directory import together
 
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall seconds
-_BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} us{postfix}  left {remaining}"
+_BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} µs{postfix}  left {remaining}"
 
 
 class Log:
@@ -39,9 +39,18 @@ class Log:
         with open(self._path, "a", encoding="utf-8") as file:
             file.write(text + "\n")
 
+    def error(self, text: str) -> None:
+        """Write what ended the run: to the file and, even if quiet, to the standard error."""
+        self._write(text, [write for write in self._writers if write is not _to_screen])
+        if self.root:
+            print(text, file=sys.stderr, flush=True)
+
     def __call__(self, text: str) -> None:
         """Write a line, or several."""
-        for write in list(self._writers):
+        self._write(text, list(self._writers))
+
+    def _write(self, text: str, writers: list[Callable[[str], None]]) -> None:
+        for write in writers:
             try:
                 write(text)
             except OSError:  # a full disk or a closed pipe costs the log, not the run
@@ -114,7 +123,7 @@ class Progress:
     def _line(self, time: float, step: int, dt: float, wall: float) -> str:
         done = time - self._start
         left = clock(wall * (self._end - time) / done) if done > 0 else "unknown"
-        return (f"{time:10.4g} us  {100 * time / self._end:5.1f} %  step {step:9d}  dt {1e3 * dt:8.4g} ns  "
+        return (f"{time:10.4g} µs  {100 * time / self._end:5.1f} %  step {step:9d}  dt {1e3 * dt:8.4g} ns  "
                 f"wall {clock(wall):>8}  left {left:>8}")
 
     def close(self) -> None:

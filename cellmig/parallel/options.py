@@ -1,12 +1,51 @@
-"""What is asked of PETSc: options that nothing used, its version."""
+"""What is asked of PETSc: the integrator, options that nothing used, its version."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from petsc4py import PETSc
 
+from cellmig.case.messages import suggest
+
 from .ghosts import petsc_library
+
+EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need no more than a rate of change
+
+
+class OptionError(ValueError):
+    """A PETSc option, or what a case says of PETSc, cannot be followed; the message is for the user."""
+
+
+def check_integrator(of_case: str, place: str) -> None:
+    """Refuse an integrator that is unknown or cannot be driven; `place` : where the case says which.
+
+    The option -ts_type goes before the case; "leapfrog" is a TS type of ours, written in Python as PETSc sees it.
+    """
+    options = PETSc.Options()
+    kind = options.getString("ts_type", of_case)
+    if options.hasName("ts_type"):
+        place = "-ts_type"
+        if kind == "leapfrog":
+            options["ts_type"] = PETSc.TS.Type.PYTHON
+    known = {name for key, name in vars(PETSc.TS.Type).items() if key.isupper()}
+    if kind not in known | set(EXPLICIT):
+        raise OptionError(f"{place}: there is no integrator '{kind}'{suggest(kind, EXPLICIT)}")
+    if kind not in (*EXPLICIT, PETSc.TS.Type.PYTHON):
+        raise OptionError(f"{place}: '{kind}' is implicit or splits the equations, which is not supported yet; "
+                          f"take one of {', '.join(EXPLICIT)}")
+
+
+@contextmanager
+def options_obeyed() -> Iterator[None]:
+    """While objects take their options, the same on all ranks: PETSc's complaint is one about an option."""
+    try:
+        yield
+    except PETSc.Error as error:
+        reason = str(error).strip().split("\n")[-1].partition("] ")[2]
+        raise OptionError(f"PETSc cannot follow its options: {reason or error}") from error
 
 
 def unused_options() -> list[str]:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+
 from mpi4py import MPI
 
 from cellmig import __version__
 from cellmig.case.schema import Case
-from cellmig.output.directory import fresh_directory
+from cellmig.output.directory import OutputError, fresh_directory, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
 from cellmig.output.tables import History, Ledger
 from cellmig.output.xdmf import Frames
-from cellmig.parallel.options import petsc_version, unused_options
+from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
 from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError, binding
 
@@ -33,6 +34,7 @@ class Run:
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
                  quiet: bool = False):
         """Make the directory and build the simulation; collective."""
+        check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = fresh_directory(directory, comm)
         self.log = Log(comm, self.directory, quiet)
@@ -41,44 +43,59 @@ class Run:
         self.manifest = {"case": case.resolved(), "case_file": case.path, "end_us": self.end, "exit_status": None,
                          **environment(comm), "petsc": petsc_version(), "seed": case.seed}
         self._say_header()
-        with self.timers("build"):
+        with self.timers("build"), options_obeyed():
             self.simulation = Simulation(case, comm, prune)
         self._say_scene()
+        self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self._save_manifest()
         self.history, self.ledger = History(self.directory, comm), Ledger(self.directory, comm)
         self.frames: Frames | None = None
         self.worst_closure = 0.0
         self.step_seconds = 0.0
+        self.stopping = False
 
-    def go(self) -> int:
-        """Run to the end, or until something ends it; returns the exit code; collective."""
+    def go(self, asked: Sequence[int] = ()) -> int:
+        """Run until something ends it, such as an entry in `asked`; returns the exit code; collective."""
         progress = Progress(self.log, self.end)
-        self.simulation.integrator.after_batch = lambda time: progress(time, self._integrator.steps, self._integrator.dt)
+        self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
         status, cause = DONE, ""
-        with stop_requests() as asked:
-            try:
-                for stop, sample, frame in stops(self.case, self.end):
-                    if stop > 0.0:
-                        self._advance(stop)
-                    with self.timers("output"):
-                        self._look(sample, frame)
-                    if self._integrator.finished and self.simulation.time < stop:
-                        cause = f"PETSc's TS has taken its {self._integrator.steps} steps"
-                        break
-                    if self.comm.allreduce(len(asked)):
-                        status, cause = STOPPED, "asked to stop"
-                        break
-            except NumericsError as error:
-                status, cause = BROKEN, str(error)
-                self._try_last_frame()
-            finally:
-                progress.close()
+        try:
+            for stop, sample, frame in stops(self.case, self.end):
+                if stop > 0.0:
+                    self._advance(stop)
+                status, cause = self._ended_early(stop, asked)
+                with self.timers("output"):
+                    self._look(sample or bool(cause), frame or bool(cause))
+                if cause:
+                    break
+        except NumericsError as error:
+            status, cause = BROKEN, str(error)
+            self._try_last_frame()
+        except OutputError as error:
+            status, cause = INPUT_OUTPUT, str(error)
+        finally:
+            progress.close()
         self._finish(status, cause)
         return status
 
     @property
     def _integrator(self):
         return self.simulation.integrator
+
+    def _after_batch(self, time: float, progress: Progress, asked: Sequence[int]) -> None:
+        """Between stops: the progress, and an end of this solve if any rank was asked to stop."""
+        progress(time, self._integrator.steps, self._integrator.dt)
+        if self.comm.allreduce(len(asked)):
+            self.stopping = True
+            self._integrator.ts.setMaxSteps(0)
+
+    def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
+        """Status, and why the run ends here, if it does."""
+        if self.stopping or self.comm.allreduce(len(asked)):
+            return STOPPED, "asked to stop"
+        if self._integrator.finished and self.simulation.time < stop:
+            return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
+        return DONE, ""
 
     def _advance(self, stop: float) -> None:
         with self.timers("steps"):
@@ -106,7 +123,7 @@ class Run:
 
     def _try_last_frame(self) -> None:
         """A picture of what broke, if it can be drawn at all."""
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), suppress(OutputError):
             self.simulation.time = self._integrator.ts.getTime()
             self.simulation.mechanics.rate()
             self._write_frame()
@@ -117,59 +134,72 @@ class Run:
         m = self.manifest
         commit = f" ({m['commit']}, {m['tree']})" if "commit" in m else ""
         self.log(f"cellmig {__version__}{commit}  {self.comm.size} rank{'s' * (self.comm.size > 1)}  "
-                 f"petsc {m['petsc']}  {self.case.path}")
+                 f"PETSc {m['petsc']}  {self.case.path}")
         if self.case.title:
             self.log(self.case.title)
 
     def _say_scene(self) -> None:
-        s, m = self.simulation, self.simulation.mechanics
+        s, m, run = self.simulation, self.simulation.mechanics, self._integrator
         owned = self.comm.allgather(m.n_owned)
-        ghosts = self.comm.allgather(len(m.numbering.ids) - m.n_owned)
-        mechanism, stable = binding(s.control.stable())
-        step = self._integrator.fixed_step
+        copies = self.comm.allgather(len(m.numbering.ids) - m.n_owned)
+        shared = f"; on each rank {_range(owned)} and copies of {_range(copies)} others" if self.comm.size > 1 else ""
+        cells = len(s.scene.kind)
         self.log.table([
-            ("particles", f"{s.scene.size} in {len(s.scene.kind)} cells, spacing "
-                          f"{_range([t.spacing for t in s.scene.templates])} µm, owned {_range(owned)}, "
-                          f"ghosts {_range(ghosts)} a rank"),
+            ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
+                          f"{_range([t.spacing for t in s.scene.templates])} µm{shared}"),
             *laws_said(self.case, s),
-            ("skipped", "; ".join(f"{name}: {why}" for name, why in s.terms.skipped.items()) or "nothing"),
-            ("stable step", f"{1e3 * stable:.3g} ns at rest, set by {mechanism}; taken "
-                            + (f"{1e3 * step:.3g} ns, as the user says" if step
-                               else f"{self.case.time.step_factor:g} of it, renewed as the mesh deforms")),
-            ("integrator", self.case.time.integrator if self._integrator.leapfrog else self._integrator.ts.getType()),
+            *skipped_said(s.terms.skipped),
+            ("integrator", self.case.time.integrator if run.leapfrog else f"{run.ts.getType()} of PETSc"),
+            ("time step", step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             ("output", str(self.directory)),
+            *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
 
     def _save_manifest(self) -> None:
-        skipped = self.simulation.terms.skipped
-        self.manifest |= {"skipped": skipped, "particles": self.simulation.scene.size}
-        if self.comm.rank == 0:
-            write_manifest(self.directory, self.manifest)
+        together(self.comm, lambda: write_manifest(self.directory, self.manifest), root_only=True)
 
     def _finish(self, status: int, cause: str) -> None:
-        s, run = self.simulation, self._integrator
-        wall = perf_counter() - self.begin
+        s, run, wall = self.simulation, self._integrator, perf_counter() - self.begin
         per_step = 1e9 * self.step_seconds / max(1, run.steps) / s.scene.size
-        momentum, impulse = s.sampler.momentum(), s.mechanics.impulse()
         mechanism = max(run.count, key=run.count.get) if run.count else ""
         self.manifest |= {
             "exit_status": status, "cause": cause, "time_us": s.time, "steps": run.steps,
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
             "steps_by_mechanism": run.count, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "wall_seconds": wall, "ns_per_particle_step": per_step, "worst_closure": self.worst_closure,
-            "momentum_pN_us_per_um": momentum, "protrusion_impulse_pN_us_per_um": impulse,
+            "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
-            "state_hash": s.state_hash() if status != BROKEN else None, "sections_seconds": self.timers.seconds()}
-        if self.comm.rank == 0:
-            write_manifest(self.directory, self.manifest)
-        summary = self.timers.summary(self.comm)
-        if unused := unused_options():
-            self.log("PETSc options that nothing used: " + ", ".join(unused))
-        ended = {DONE: "done", BROKEN: "BROKEN", STOPPED: "stopped"}[status]
-        self.log(f"{ended}: {s.time:.6g} µs in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per particle-step; "
-                 f"J in [{run.extremes['J_min']:.4f}, {run.extremes['J_max']:.4f}]; ledger closes to "
-                 f"{self.worst_closure:.1e}" + (f"; {cause}" if cause else ""))
-        self.log(summary)
+            "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
+            "sections_seconds": self.timers.seconds()}
+        self._save_manifest()
+        ended = {DONE: "done", BROKEN: "broken", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
+        why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
+        self.log(f"{ended}: {s.time:.6g} µs in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per particle and "
+                 f"step{why}")
+        if run.steps:
+            self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}; at most "
+                     f"{100 * self.worst_closure:.2g} % of the energy does not add up")
+        if self.manifest["unused_options"]:
+            self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
+        self.log(self.timers.summary(self.comm))
+        if status in (BROKEN, INPUT_OUTPUT):
+            self.log.error(f"cellmig: {cause}")
+
+
+def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
+    """What the time step [µs] will be and why; `stable` : by mechanism, at rest;  `fixed` : as the user says."""
+    mechanism, limit = binding(stable)
+    if not fixed:
+        return (f"{1e3 * factor * limit:.3g} ns at rest, {factor:g} of the stable one, which {mechanism} sets; "
+                "follows the deformation")
+    said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
+    return said if fixed <= limit else f"{said}: TOO LARGE"
+
+
+def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
+    """What the scene does not need, a row each."""
+    rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
+    return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
 def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
@@ -180,7 +210,7 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
             continue
         viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
         said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
-        said += f" and {law.numerical_modulus:.3g} Pa" if law.numerical_modulus else ""
+        said += f" and {law.numerical_modulus:.4g} Pa" if law.numerical_modulus else ""
         if hasattr(law, "reduced_bulk_modulus"):
             said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
         rows.append((name, said))
@@ -196,10 +226,15 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
 
 @contextmanager
 def stop_requests() -> Iterator[list[int]]:
-    """Signals that ask for a clean end, as they come: SIGTERM, SIGUSR1, ^C."""
+    """Signals that ask for a clean end, as they come: SIGTERM, SIGUSR1, ^C; a second ^C ends the program at once."""
     asked: list[int] = []
-    old = {s: signal.signal(s, lambda number, _: asked.append(number))
-           for s in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
+
+    def note(number: int, _: object) -> None:
+        if number == signal.SIGINT and signal.SIGINT in asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    old = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
     try:
         yield asked
     finally:
@@ -211,6 +246,3 @@ def _range(values: list) -> str:
     low, high = min(values), max(values)
     text = "{:.4g}" if isinstance(low, float) else "{}"
     return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"
-
-
-

@@ -1,0 +1,116 @@
+"""`cellmig doctor`: what this machine has and lacks, and what mends it.  It needs nothing but Python."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+OLDEST = (3, 11)
+MODULES = ("numpy", "scipy", "pint", "tqdm", "h5py", "meshio", "matplotlib", "mpi4py")  # Debian: python3-<name>
+PETSC = "from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
+RANKS = "from mpi4py import MPI; MPI.COMM_WORLD.rank == 0 and print(MPI.COMM_WORLD.size)"
+PATIENCE = 60.0  # s for a program that is tried
+LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_")  # would make a program that is tried believe that it is a rank
+
+
+class Finding(NamedTuple):
+    """What was looked at and found; `mend` : a command, or what else helps, if it is not as it should be."""
+
+    name: str
+    found: str
+    mend: str = ""
+
+
+def examine() -> tuple[bool, str]:
+    """Whether all is there, and the report for the user."""
+    findings = list(_findings())
+    width = max(len(f.name) for f in findings)
+    lines = [f"{f.name:<{width}}  {'LACKING: ' if f.mend else ''}{f.found}" for f in findings]
+    mends = dict.fromkeys(f.mend for f in findings if f.mend)
+    packages = sorted(mend.removeprefix("apt install ") for mend in mends if mend.startswith("apt install "))
+    others = [mend for mend in mends if not mend.startswith("apt install ")]
+    if packages:
+        others.insert(0, f"apt install {' '.join(packages)}    (Debian, as root; or ./run, which sets all up)")
+    lines += ["", "to mend it:", *(f"  {mend}" for mend in others)] if mends else ["", "nothing is missing"]
+    return not mends, "\n".join(lines)
+
+
+def _findings() -> Iterator[Finding]:
+    python = "" if sys.version_info >= OLDEST else f"a Python of {'.'.join(map(str, OLDEST))} or later"
+    yield Finding("Python", f"{platform.python_version()} ({sys.executable})", python)
+    for name in MODULES:
+        yield _tried(name, lambda name=name: _version(name), f"apt install python3-{name}")
+    yield _tried("PETSc", lambda: _output(sys.executable, "-c", PETSC), "apt install python3-petsc4py")
+    yield from _mpi()
+    yield _tried("C compiler", _compiler, "apt install gcc libc6-dev")
+    yield _tried("kernel cache", _cache, "set CELLMIG_CACHE to a directory that can be written")
+    yield _tried("output", lambda: _writable(Path.cwd()), "start from a directory that can be written, or use --out")
+    yield Finding("cores", str(len(os.sched_getaffinity(0))))
+    yield _tried("memory", _memory, "")
+
+
+def _tried(name: str, look: Callable[[], str], mend: str) -> Finding:
+    try:
+        return Finding(name, look())
+    except Exception as error:  # whatever is wrong with it, it is not there
+        reason = getattr(error, "stderr", "") or str(error) or type(error).__name__
+        return Finding(name, reason.strip().split("\n")[-1], mend)
+
+
+def _version(name: str) -> str:
+    return str(getattr(importlib.import_module(name), "__version__", "of unknown version"))
+
+
+def _output(*command: str) -> str:
+    """What a program writes; it fails where the program does."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
+    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                          timeout=PATIENCE, check=True).stdout.strip()
+
+
+def _mpi() -> Iterator[Finding]:
+    launcher = shutil.which("mpiexec.openmpi") or shutil.which("mpiexec")
+    if not launcher:
+        yield Finding("MPI", "no mpiexec", "apt install openmpi-bin")
+        return
+    root = ["--allow-run-as-root"] if os.geteuid() == 0 and "openmpi" in os.path.realpath(launcher) else []
+    command = (launcher, *root, "--oversubscribe", "-n", "2", sys.executable, "-c", RANKS)
+    yield _tried("MPI", lambda: f"{launcher} starts {_output(*command)} ranks", f"{launcher} -n 2 true    (tells more)")
+
+
+def _compiler() -> str:
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if not compiler:
+        raise FileNotFoundError("neither cc nor gcc")
+    with tempfile.TemporaryDirectory() as directory:
+        source = Path(directory) / "try.c"
+        source.write_text("#include <math.h>\n#include <stdint.h>\ndouble f(double x) { return sqrt(x); }\n")
+        _output(compiler, "-shared", "-fPIC", str(source), "-o", str(source.with_suffix(".so")), "-lm")
+    return compiler
+
+
+def _cache() -> str:
+    from cellmig.meshfree.compile import cache_directory
+
+    directory = cache_directory()
+    directory.mkdir(parents=True, exist_ok=True)
+    return _writable(directory)
+
+
+def _writable(directory: Path) -> str:
+    with tempfile.TemporaryFile(dir=directory):
+        return str(directory)
+
+
+def _memory() -> str:
+    sizes = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    total, free = (int(sizes[name].split()[0]) / 1e6 for name in ("MemTotal", "MemAvailable"))
+    return f"{free:.3g} of {total:.3g} GB free"
