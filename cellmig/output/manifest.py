@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .directory import MANIFEST, replace
+from .directory import MANIFEST, OutputError, replace
 
 _LIBRARIES = ("numpy", "numba", "h5py", "mpi4py", "petsc4py")
 
@@ -24,7 +24,10 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
 def read_manifest(directory: Path) -> dict[str, Any]:
     """The manifest of a run; empty if the run was killed before it wrote one."""
     path = Path(directory) / MANIFEST
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise OutputError(f"'{path}' is not a manifest: {error}") from error
 
 
 def _plain(value: Any) -> Any:

@@ -86,6 +86,9 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     if not lines:
         return {}
     names, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
-    columns = zip(*rows, strict=True) if rows else [()] * len(names)
-    return {name: np.array(column, dtype=str).astype(np.int64 if name == "cell" else np.float64)
-            for name, column in zip(names, columns, strict=True)}
+    try:
+        columns = zip(*rows, strict=True) if rows else [()] * len(names)
+        return {name: np.array(column, dtype=str).astype(np.int64 if name == "cell" else np.float64)
+                for name, column in zip(names, columns, strict=True)}
+    except ValueError as error:
+        raise OutputError(f"'{path}' is not a table of numbers: {error}") from error

@@ -130,7 +130,7 @@ class Frame:
         """Every field in the order of the global ids: scalars (n,), vectors (n, 3), tensors (n, 9)."""
         pieces = []
         for path in self.files:
-            with h5py.File(path, "r", locking=False) as file:
+            with _opened(path) as file:
                 pieces.append({name: data[()] for name, data in file.items() if name not in _MESH})
         fields = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
         order = np.argsort(fields["id"], kind="stable")
@@ -138,8 +138,15 @@ class Frame:
 
     def units(self) -> dict[str, str]:
         """The unit of every field."""
-        with h5py.File(self.files[0], "r", locking=False) as file:
+        with _opened(self.files[0]) as file:
             return {name: str(data.attrs["unit"]) for name, data in file.items() if name not in _MESH}
+
+
+def _opened(path: Path) -> h5py.File:
+    try:
+        return h5py.File(path, "r", locking=False)
+    except OSError as error:
+        raise OutputError(f"cannot read '{path}': {error}") from error
 
 
 def frames(directory: Path) -> list[Frame]:

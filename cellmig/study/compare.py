@@ -146,11 +146,15 @@ def _entries(manifest: dict[str, Any]) -> Iterator[tuple[str, Any]]:
         elif key == "wall_seconds" and isinstance(value, (int, float)):
             yield "wall", clock(value)
         elif isinstance(value, dict):
-            yield key.replace("_", " "), "  ".join(f"{name} {item}" for name, item in value.items())
+            yield key.replace("_", " "), "; ".join(f"{name}: {_short(item)}" for name, item in value.items())
         elif isinstance(value, list):
-            yield key.replace("_", " "), ", ".join(map(str, value)) or "nothing"
+            yield key.replace("_", " "), ", ".join(map(_short, value)) or "nothing"
         else:
-            yield key.replace("_", " "), value
+            yield key.replace("_", " "), _short(value)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
 
 
 def _history_rows(path: Path) -> Iterator[tuple[str, str]]:

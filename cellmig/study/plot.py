@@ -25,6 +25,7 @@ STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.
        "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
 _UNITS = {"um": "µm", "us": "µs"}
+_LEAST_SPAN = 1e-3  # µm, of the displacement axis
 
 
 def plot(directory: Path, times: Sequence[float] | None = None, field: str = "effective_stress",
@@ -128,9 +129,9 @@ def _colour_range(values: np.ndarray) -> tuple[Normalize, str]:
 
 
 def _on_substrate(directory: Path) -> bool:
-    """Whether the scene has a substrate; if the manifest does not tell, a run on one is the rule."""
-    adhesion = read_manifest(directory).get("case", {}).get("adhesion")
-    return adhesion is None or bool(adhesion.get("substrate"))
+    """Whether the scene has a substrate; if the manifest does not tell yet, a run on one is the rule."""
+    case = read_manifest(directory).get("case")
+    return case is None or "substrate" in case.get("adhesion", {})
 
 
 def _snapshot(ax: Axes, fields: dict[str, np.ndarray], values: np.ndarray, norm: Normalize) -> TriMesh:
@@ -163,23 +164,32 @@ def _displacement(directory: Path) -> Figure | None:
     history = _table(directory / "history.csv")
     if not history:
         return None
-    figure = Figure(figsize=(6.0, 4.6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for cell in np.unique(history["cell"]):
+    cells = [cell for cell in np.unique(history["cell"]) if cell]
+    contacts = [(name, text, style) for name, text, style in (("substrate_contact_um", "with the substrate", "-"),
+                                                              ("cell_contact_um", "with cells", ":"))
+                if np.nan_to_num(history[name]).any()]
+    panels = 2 if contacts else 1
+    figure = Figure(figsize=(6.0, 0.4 + 2.1 * panels), layout="constrained")
+    upper, *lower = figure.subplots(panels, 1, sharex=True, squeeze=False).flat
+    for cell in cells if len(cells) == 1 else [0, *cells]:
         rows = history["cell"] == cell
         time = history["time_us"][rows]
         colour = COLOURS[(cell - 1) % len(COLOURS)]
         style = {"color": colour, "label": f"cell {cell}"} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
         upper.plot(time, history["ux_um"][rows], **style)
-        if cell:
-            lower.plot(time, history["substrate_contact_um"][rows], color=colour)
-            lower.plot(time, history["cell_contact_um"][rows], color=colour, ls=":")
-    lower.plot([], [], color="0.4", label="with the substrate")
-    lower.plot([], [], color="0.4", ls=":", label="with cells")
+        for name, _, line in contacts if cell else ():
+            lower[0].plot(time, history[name][rows], color=colour, ls=line)
     upper.set_ylabel("displacement $u_x$ [µm]")
-    lower.set(ylabel="contact length [µm]", xlabel="time [µs]")
-    for ax in (upper, lower):
+    low, high = upper.get_ylim()
+    if high - low < _LEAST_SPAN:  # nothing moves: no picture of rounding errors
+        upper.set_ylim(-_LEAST_SPAN, _LEAST_SPAN)
+    for ax in lower:
+        for _, text, line in contacts:
+            ax.plot([], [], color="0.4", ls=line, label=text)
+        ax.set_ylabel("contact length [µm]")
+    for ax in (upper, *lower):
         ax.legend(loc="upper left")
+    ax.set_xlabel("time [µs]")
     return figure
 
 

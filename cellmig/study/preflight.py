@@ -17,8 +17,11 @@ from cellmig.output.sample import UNITS
 from cellmig.simulation import Simulation, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
+from .run import skipped_said, step_said
+
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
-SETUP_BYTES = 700  # per particle, beside what is counted: templates, numbering (measured on 1e4 to 1e5 particles)
+RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
+SETUP_BYTES = 4000  # per particle beside the kernel's arrays, as the scene is built (measured)
 
 
 class Cost(NamedTuple):
@@ -58,24 +61,19 @@ def cost(case: Case) -> Cost:
 
 def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
-    c = cost(case)
-    mechanism, stable = binding(c.stable)
-    return two_columns([
-        (case.path, case.title or "valid"),
-        ("particles", f"{c.particles} in {len(case.cells)} cells, spacing {c.spacing:.3g} µm, "
+    c, frames, cells = cost(case), case.time.frames + 1, len(case.cells)
+    fixed = None if case.time.step == "auto" else case.time.step
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        ("particles", f"{c.particles} in {cells} cell{'s' * (cells > 1)}, spacing {c.spacing:.3g} µm, "
                       f"support {case.particles.dilation:g} spacings"),
-        ("stable step", "  ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items()) + " (at rest)"),
-        ("step", f"{1e3 * c.step:.3g} ns, " + (f"{case.time.step_factor:g} of the one by {mechanism}; it shrinks as "
-                                              "particles are squeezed" if case.time.step == "auto" else
-                                              f"as the case says: {c.step / stable:.3g} of the stable one")),
+        ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
+        ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
         ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
-                 f"({1e9 * c.per_step:.0f} ns per particle-step, timed now)"),
-        ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all"),
-        ("disk", f"{_bytes((case.time.frames + 1) * c.particles * _frame_bytes(case))} "
-                 f"in {case.time.frames + 1} frames"),
-        *_modulus(case), *_resolved(case, c.spacing),
-        ("skipped", "; ".join(f"{name}: {why}" for name, why in c.skipped.items()) or "nothing"),
+                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
+        ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all and {_bytes(RANK_BYTES)} on each rank"),
+        ("disk", f"{_bytes(frames * c.particles * _frame_bytes(case))} in {frames} frames"),
+        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
     ])
 
 
@@ -104,15 +102,16 @@ def _modulus(case: Case) -> list[tuple[str, str]]:
             if hasattr(m, "reduced_bulk_modulus") and m.reduced_bulk_modulus < m.bulk_modulus]
 
 
-def _resolved(case: Case, spacing: float) -> list[tuple[str, str]]:
+def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     """How the lengths of the model compare with the spacing."""
     rows = []
-    for name, law in (("substrate", case.substrate), ("between cells", case.contact)):
-        if law is not None:
-            rows.append((name, f"range {1e3 * law.range:g} nm is {law.range / spacing:.2g} of the spacing: integrated "
-                               "along the surface segments, not sampled at particles"))
-    if case.protrusion is not None and case.protrusion.cells:
-        rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / spacing:.2g} "
+    for name, term, law in (("substrate", "adhesion to the substrate", case.substrate),
+                            ("between cells", "adhesion between cells", case.contact)):
+        if term not in c.skipped:
+            rows.append((name, f"range {1e3 * law.range:g} nm is {law.range / c.spacing:.2g} of the spacing: "
+                               "integrated along the surface, not sampled at particles"))
+    if "protrusion" not in c.skipped:
+        rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
                                    "spacings"))
     return rows
 
