@@ -279,7 +279,7 @@ def test_potential_is_twice_differentiable_at_the_cap_and_once_at_the_cutoff(nam
     steps = -1e-4 * law.range, 1e-4 * law.range
     second = [(law.slope(law.cap + s) - law.slope(law.cap)) / s for s in steps]
     assert second[0] == pytest.approx(second[1], rel=1e-3)  # measured 6e-4, a third derivative times the step
-    assert second[0] == pytest.approx(law.stiffness / law.bonds, rel=1e-3)
+    assert second[0] == pytest.approx(law.stiffness(0.0) / law.bonds, rel=1e-3)
     beyond = np.array([law.cutoff, 1.01 * law.cutoff, 1e3])
     assert not law.potential(beyond).any() and not law.slope(beyond).any() and not law.primitive(beyond).any()
 
@@ -289,7 +289,11 @@ def test_stiffness_is_the_largest_curvature(name: str) -> None:
     law = example("adhesion", name)
     r = distances(law)
     curvature = slope(law.slope, r, 2e-5 * law.range)
-    assert curvature.max() * law.bonds == pytest.approx(law.stiffness, rel=1e-6)
+    assert curvature.max() * law.bonds == pytest.approx(law.stiffness(0.0), rel=1e-6)
+    for least in (0.85 * law.range, law.range, 1.1 * law.range):  # of a contact whose gaps are all at least this
+        assert curvature[r >= least].max() * law.bonds <= law.stiffness(least) * (1 + 1e-9)
+        assert slope(law.slope, np.array([least]), 2e-5 * law.range)[0] * law.bonds == pytest.approx(
+            law.stiffness(least), rel=1e-6)
 
 
 def test_seifert_well_has_its_depth_at_the_equilibrium_distance() -> None:

@@ -44,7 +44,7 @@ class Particles:
 class Numerics:
     """Choices of the method that are none of the model."""
 
-    bulk_viscosity: float = quantity("", "bulk viscosity of the mean stress, over ρ c h (velocity divergence)", 0.2,
+    bulk_viscosity: float = quantity("", "bulk viscosity of the mean stress, over ρ c h (velocity divergence)", 0.05,
                                      minimum=0)
 
 

@@ -141,7 +141,8 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
-    return Template(X, V, nucleus, surface, G, S, E, recovery(X, G, support, nucleus), spacing, laws, bulk_viscosity * spacing * wave)
+    R = recovery(X, G, support, nucleus)
+    return Template(X, V, nucleus, surface, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ FIELDS: dict[str, str] = {
     "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
     "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "double *",
     # step control
-    "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
+    "least_gap": "double *", "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
     "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
     "substrate_bonds": "double", "substrate_floor": "double", "push": "double *",

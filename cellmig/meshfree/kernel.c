@@ -248,6 +248,7 @@ void substrate_adhesion(const Scene *s, double *force, double *energy)
         const long e = s->near[k], i = s->segment[2 * e], j = s->segment[2 * e + 1];
         const double g1 = s->X[2 * i + 1] + s->state[4 * i + 1], g2 = s->X[2 * j + 1] + s->state[4 * j + 1];
         double d1, d2;
+        if (g1 < s->least_gap[0]) s->least_gap[0] = g1;
         const double NL = s->substrate_bonds * s->length[e];
         const double mean = substrate_mean(s->substrate, s->substrate_floor, g1, g2, &d1, &d2);
         force[2 * i + 1] -= NL * d1;
@@ -346,6 +347,7 @@ void cell_adhesion(const Scene *s, double *force, double *energy)
     Foot *foot = s->foot;
     for (long m = 0; m < s->n_contact_nodes; m++) {
         find_foot(s, m, foot + m);
+        if (foot[m].gap < s->least_gap[1]) s->least_gap[1] = foot[m].gap;
         s->contact_pull[m] = 0;
     }
     for (long e = 0; e < s->n_contact_segments; e++) {

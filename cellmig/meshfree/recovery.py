@@ -1,4 +1,4 @@
-"""Recovered stress: what nodal integration leaves of particle-to-particle noise is fitted away, linear fields are not."""
+"""Recovered stress: the noise from particle to particle is fitted away, linear fields stay."""
 
 from __future__ import annotations
 

@@ -30,10 +30,10 @@ class Seifert:
         """Distance below which the potential is quadratic, 0.8 ε [µm]."""
         return 0.8 * self.range
 
-    @property
-    def stiffness(self) -> float:
-        """Largest stiffness of the contact per area, N U''(0.8 ε) = 47 N σ/ε² [Pa/µm]."""
-        return self.bonds * self.cap_curvature
+    def stiffness(self, least: float) -> float:
+        """Largest stiffness N U'' [Pa/µm] of a contact whose gaps are at least `least` [µm]; 47 N σ/ε² if all closed."""
+        q = (self.range / max(least, self.cap)) ** 2
+        return self.bonds * self.energy / self.range**2 * max(q * q * (20.0 * q - 12.0), 0.0)
 
     @property
     def cap_potential(self) -> float:

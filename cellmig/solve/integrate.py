@@ -14,18 +14,21 @@ from .mechanics import ACCOUNTS, SKIN, Mechanics
 from .step import NumericsError, StepControl, binding
 
 BATCH = 200  # steps between two looks at the stable step
+RECOVERY = 0.02  # of the bonds' range, by which the gaps that are expected widen from batch to batch
 LEAST_STEP = 1e-7  # µs: below, the scene has broken
 
 
 class Integrator:
     """Takes a Mechanics from stop to stop.
 
-    steps : number of steps taken;  dt : last step [µs];  mechanism : what set it;  count : steps by mechanism.
+    steps : number of steps taken;  dt : last step [µs];  mechanism : what set it;  count : steps by mechanism;
+    gaps : (2,) -- least gaps that are expected, to the substrate and between cells [µm];  redone : steps taken again.
     """
 
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
         self.mechanics, self.control, self.factor = mechanics, control, factor
+        self.gaps, self.redone = control.typical, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
@@ -86,12 +89,27 @@ class Integrator:
         if limits["displaced"] > 0.2 * SKIN:
             m.renew_lists()
             limits["displaced"] = 0.0
-        self.mechanism, self.stable = binding(self.control.stable(limits))
-        self.dt = self.fixed_step or self.factor * self.stable
+        self.limits = limits
+        self.choose()
         if self.dt < LEAST_STEP:
             self._broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         room = 0.5 * SKIN - limits["displaced"]
         return max(1, min(BATCH, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
+
+    def choose(self) -> None:
+        """The step for the state as it was looked at and the gaps that are expected."""
+        self.mechanism, self.stable = binding(self.control.stable(self.limits, self.gaps))
+        self.dt = self.fixed_step or self.factor * self.stable
+
+    def was_stable(self, dt: float) -> bool:
+        """Whether no gap of the last batch closed so far that `dt` was too large; what is expected next; collective."""
+        seen = self.mechanics.least_gaps()
+        _, stable = binding(self.control.stable(self.limits, seen))
+        if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * stable:
+            self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.ranges)
+            return True
+        self.gaps = seen - RECOVERY * self.control.ranges
+        return False
 
     def _seen(self) -> dict[str, float]:
         """Limits of the state as it is, which is sound; collective."""
@@ -179,10 +197,18 @@ class Leapfrog:
         run = self._integrator
         allowed = run.look()
         t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
-        left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
-        dt = (stop - t) / left
-        n = min(allowed, left, ts.getMaxSteps() - taken)
-        run.mechanics.advance(n, dt)
+        run.mechanics.keep()
+        while True:
+            left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
+            dt = (stop - t) / left
+            n = min(allowed, left, ts.getMaxSteps() - taken)
+            run.mechanics.least_gaps()
+            run.mechanics.advance(n, dt)
+            if run.was_stable(dt):
+                break
+            run.mechanics.go_back()
+            run.choose()
+            run.redone += n
         run.mechanics.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         run._note_step(dt)

@@ -15,9 +15,9 @@ from ..meshfree.contact import Surfaces, contact_lists
 from ..meshfree.rows import blocks, number
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField, exchange_functions
-from ..parallel.random import uniform
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
+from .roughness import roughness
 
 SKIN = 0.4  # µm by which surfaces may approach each other before the search lists are made anew
 
@@ -44,6 +44,7 @@ class Mechanics:
         self._load(swarm)
         self.moved = 0.0
         self.rebuilds = 0
+        self._kept: list = []
         self.renew_lists()
         self.kernel("deformation")
 
@@ -101,6 +102,7 @@ class Mechanics:
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
         for name, values in blocks(scene, self.base, self.terms).items():
             k[name] = values
+        k["least_gap"] = np.full(2, np.inf)
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
         k["elastic_weight"] = scene.field("elastic_weight")[self.ids]
@@ -129,7 +131,7 @@ class Mechanics:
         if self.terms.protrusion is not None:
             for c in np.flatnonzero(protruding):
                 on = s.cell == c
-                self.alpha[on] = _roughness(s.length[on], self.terms.protrusion, seed, c)
+                self.alpha[on] = roughness(s.length[on], self.terms.protrusion, seed, c)
 
     def _fill_director(self, swarm: Swarm) -> None:
         k, n_blocks = self.kernel, -(-self.base.n_rows // 4)
@@ -273,6 +275,29 @@ class Mechanics:
             raise PETSc.Error(75)
         self.moved = dt
 
+    def keep(self) -> None:
+        """Remember all that steps change, so that `go_back` can undo them."""
+        if not self._kept:
+            self._kept = [(a, a.copy()) for a in self._changing()]
+        for a, copy in self._kept:
+            np.copyto(copy, a)
+        self._kept_moved = self.moved
+
+    def go_back(self) -> None:
+        """Undo the steps since `keep`."""
+        for a, copy in self._kept:
+            np.copyto(a, copy)
+        self.moved = self._kept_moved
+
+    def _changing(self) -> list[np.ndarray]:
+        return [self._memory, self._theta_memory, *(self.kernel[name] for name in ("F", "resistance", *ACCOUNTS))]
+
+    def least_gaps(self) -> np.ndarray:
+        """Least gaps to the substrate and between cells since this was last asked (2,) [µm]; collective."""
+        least = -extreme(self.comm, -self.kernel["least_gap"])
+        self.kernel["least_gap"][:] = np.inf
+        return least
+
     def rate(self) -> np.ndarray:
         """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
         out = np.zeros((self.n_owned + 4, 4))
@@ -363,23 +388,3 @@ class Mechanics:
 
 ACCOUNTS = ("viscous_loss", "numerical_loss", "protrusion_impulse", "protrusion_work")
 FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])
-
-
-def _roughness(length: np.ndarray, law: Any, seed: int, cell: int) -> np.ndarray:
-    """α of a cell's surface particles (m,) [-]: random at points `patch` apart, linear between, mean over dual arcs."""
-    if not law.random:
-        return np.full(len(length), 0.5)
-    arc = np.concatenate([[0.0], np.cumsum(length)])
-    n = max(3, round(arc[-1] / law.patch))
-    step, a = arc[-1] / n, uniform(seed, "protrusion", cell, n)
-    ring = np.append(a, a[0])
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])
-
-    def integral(s: np.ndarray) -> np.ndarray:
-        turn, s = np.divmod(s, arc[-1])
-        i = np.minimum((s / step).astype(int), n - 1)
-        t = s - i * step
-        return turn * whole[-1] + whole[i] + t * (ring[i] + 0.5 * t / step * (ring[i + 1] - ring[i]))
-
-    low, high = arc[:-1] - 0.5 * np.roll(length, 1), arc[:-1] + 0.5 * length
-    return (integral(high) - integral(low)) / (high - low)

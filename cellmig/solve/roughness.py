@@ -1,0 +1,29 @@
+"""The random factor α of the protrusion, a function of the place on the surface, the same at every spacing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..parallel.random import uniform
+
+
+def roughness(length: np.ndarray, law: Any, seed: int, cell: int) -> np.ndarray:
+    """α of a cell's surface particles (m,) [-]: random at points `patch` apart, linear between, mean over dual arcs."""
+    if not law.random:
+        return np.full(len(length), 0.5)
+    arc = np.concatenate([[0.0], np.cumsum(length)])
+    n = max(3, round(arc[-1] / law.patch))
+    step, a = arc[-1] / n, uniform(seed, "protrusion", cell, n)
+    ring = np.append(a, a[0])
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])
+
+    def integral(s: np.ndarray) -> np.ndarray:
+        turn, s = np.divmod(s, arc[-1])
+        i = np.minimum((s / step).astype(int), n - 1)
+        t = s - i * step
+        return turn * whole[-1] + whole[i] + t * (ring[i] + 0.5 * t / step * (ring[i + 1] - ring[i]))
+
+    low, high = arc[:-1] - 0.5 * np.roll(length, 1), arc[:-1] + 0.5 * length
+    return (integral(high) - integral(low)) / (high - low)
