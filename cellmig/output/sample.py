@@ -171,8 +171,9 @@ class Sampler:
         parts["protrusion_work"] = m.kernel["protrusion_work"][: m.n_owned].copy()
         if terms.acceleration is not None:  # work of the body force, a potential
             parts["protrusion_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
-        for name in ("viscous_loss", "numerical_loss"):
-            parts[name] = m.kernel[name][: m.n_owned]
+        powers = m.powers() if half_step else np.zeros((2, m.n_owned))
+        for name, power in zip(("viscous_loss", "numerical_loss"), powers, strict=False):
+            parts[name] = m.kernel[name][: m.n_owned] + half_step * power  # up to the time of u, as the velocity
         parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
