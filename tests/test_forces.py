@@ -85,7 +85,8 @@ def assembled(sim: Simulation, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray
         for i, law in enumerate(scene.materials):
             on = scene.material[part] == i
             local = {k: q[..., on] for k, q in given.items()}
-            methods = ["stress", "viscous_stress"] + ["director_stress"] * (terms.director != "none") + ["active_stress"] * terms.active
+            methods = ["stress", "viscous_stress"]
+            methods += ["director_stress"] * (terms.director != "none") + ["active_stress"] * terms.active
             for method in methods:
                 if on.any() and hasattr(law, method):
                     P[..., on] += np.array(pointwise(law, method, local))
