@@ -220,7 +220,8 @@ class Mechanics:
             k["near"], k["n_near"] = near, len(near)
         if t.protrusion is not None:
             mean = np.bincount(s.cell, x[:, 0]) / np.bincount(s.cell)
-            push = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha * (x[:, 0] > mean[s.cell])
+            push = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha
+            push *= t.protrusion.front(x[:, 0] - mean[s.cell])
             k["push"][:] = push[ends]
         if t.contact is not None:
             self._renew_contact(x)
