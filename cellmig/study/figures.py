@@ -94,7 +94,7 @@ def _strengths(results: Results, what: str, factors: Sequence[float], label: str
             common = sorted(displacement.keys() & base.keys())
             _band(lower, time, {seed: displacement[seed] - base[seed] for seed in common}, hue, "")
     upper.set_ylabel("mean displacement [µm]")
-    lower.set(xlabel="time [µs]", ylabel="less that of × 1,\nseed by seed [µm]", xlim=(0.0, time[-1]))
+    lower.set(xlabel="time [µs]", ylabel="difference from × 1,\nseed by seed [µm]", xlim=(0.0, time[-1]))
     upper.legend(title=label, loc="upper left")
     return figure
 

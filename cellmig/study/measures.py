@@ -127,20 +127,20 @@ class Oscillation(NamedTuple):
     scale: float
 
 
-def oscillation(outcome: Outcome, start: float = 20.0, window: float = 10.0) -> Oscillation:
-    """How sigma11 at the lower centre of Cell-2 swings about its linear trend after `start` [us].
+def oscillation(outcome: Outcome, cell: int = 2, start: float = 20.0, window: float = 10.0) -> Oscillation:
+    """How sigma11 at the lower centre of a cell swings about its linear trend after `start` [us].
 
     Sign changes are counted of its means over a `window` [us]: the ring of sound and the jumps of the contact line do
     not count as push and pull.  The scale is the mean effective stress of the cell over the same time.
     """
-    time, stress = outcome.series("sigma11_lower_centre_pa", 2)
+    time, stress = outcome.series("sigma11_lower_centre_pa", cell)
     late = time >= start
     time, stress = time[late], stress[late]
     swing = stress - np.polyval(np.polyfit(time, stress, 1), time)
     width = min(len(swing), 1 + round(window / (time[1] - time[0])))
     slow = np.convolve(swing, np.ones(width) / width, "valid")
     signs = np.sign(slow[slow != 0.0])
-    scale = outcome.series("effective_stress_pa", 2)[1][late].mean()
+    scale = outcome.series("effective_stress_pa", cell)[1][late].mean()
     return Oscillation(int(np.count_nonzero(np.diff(signs))), float(swing.std()), float(slow.std()),
                        float(max(0.0, -stress.min())), float(max(0.0, stress.max())), float(scale))
 
@@ -149,7 +149,8 @@ def stresses(outcome: Outcome, start: float, end: float) -> dict[str, dict[int, 
     """Mean effective stress [Pa] from `start` to `end` [us], by part of the cell and cell; empty without frames.
 
     That of the whole cell is of history.csv, by volume; the others are of the frames, over particles, which are all
-    about as large.  The bottom is the lowest quarter of the height that the cell has at the time.
+    about as large.  The bottom is the lowest quarter of the height that the cell has at the time; the scatter is the
+    standard deviation over the particles of the nucleus.
     """
     chosen = [frame.read() for frame in outcome.frames if start <= frame.time <= end]
     if not chosen:
@@ -167,5 +168,7 @@ def _by_part(fields: dict[str, np.ndarray], cell: int, nucleus: int) -> dict[str
     on = fields["cell"] == cell
     stress, inner, y = fields["effective_stress"][on], fields["material"][on] == nucleus, _positions(fields, cell)[:, 1]
     low = y < y.min() + 0.25 * np.ptp(y)
-    return {"nucleus": stress[inner].mean(), "cytoplasm": stress[~inner].mean(),
-            "cytoplasm at the bottom": stress[~inner & low].mean()}
+    return {"nucleus": stress[inner].mean(), "scatter in the nucleus": stress[inner].std(),
+            "cytoplasm": stress[~inner].mean(),
+            "cytoplasm at the bottom": stress[~inner & low].mean(),
+            "share of the nucleus": stress[inner].sum() / stress.sum()}

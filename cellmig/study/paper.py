@@ -5,10 +5,9 @@ from __future__ import annotations
 import csv
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from cellmig.case.schema import Case
@@ -17,7 +16,7 @@ from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 
 from .batch import Count, Ended, Job, run_all
-from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, study, text_of
+from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 from .measures import CELLS, Outcome
 from .preflight import cost
@@ -29,12 +28,13 @@ FOLDER = Path(__file__).parents[2] / "cases"
 _FRAMES, _QUICK_FRAMES = 100, 20
 _QUICK = ("particles.per_cell=331", "time.samples=200")
 _CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy!r} pN um",
-            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength!r}"}
+            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength!r}",
+            "alone": lambda case, factor: f'protrusion.cells=["{case.cells[0].name}"]'}
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """A case of the paper, or a multiple of one strength in it, and the claims that turn on it."""
+    """A case of the paper, a multiple of one strength in it or a control, and the claims that turn on it."""
 
     case: str
     claims: tuple[str, ...]
@@ -54,6 +54,7 @@ CONFIGURATIONS = {
     "one_three": Configuration("one_three", ("R3", "R4"), frames=True),
     "two_three": Configuration("two_three", ("R3",)),
     "three_only": Configuration("three_only", ("R3",)),
+    "alone": Configuration("one_cell", ("R2",), what="alone"),
     **{study("adhesion", f): Configuration("all_protrude", ("R5",), False, "adhesion", f) for f in ADHESION if f != 1},
     **{study("protrusion", f): Configuration("all_protrude", ("R6",), False, "protrusion", f)
        for f in PROTRUSION if f != 1},
@@ -69,57 +70,63 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     seeds : int -- the case's own seed and the numbers that follow it.
     at_once : int -- runs at a time; by default one for each core.
     quick : bool -- coarse particles, few frames and samples.
-    only : list of str -- keys of claims; by default all.
+    only : list of str -- keys of claims that are run for and told of; by default all.  What is there already of the
+        others stays in the figures and in the files of numbers.
 
     Returns
     -------
     int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
     """
     claims = list(dict.fromkeys(only)) or list(CLAIMS)
-    jobs = plan(out, seeds, quick, claims)
+    jobs = plan(out, seeds, quick)
+    wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     with stop_requests() as asked:
-        failed = _run_missing(list(jobs.values()), at_once or len(os.sched_getaffinity(0)), asked)
+        failed = _run_missing(wanted, at_once or len(os.sched_getaffinity(0)), asked)
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED
-    failed |= unsound(jobs)
-    results = collect(jobs, failed)
-    judged = [CLAIMS[key](results) for key in claims]
-    print("", *table(judged, seeds), sep="\n", flush=True)
+    done = {key: job for key, job in jobs.items() if job.is_done()}
+    bad = unsound(done.values())
+    results = collect({key: job for key, job in done.items() if job not in bad})
+    judged = judge(results)
+    print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
     _write_claims(out / "claims.csv", judged)
-    _write_runs(out / "runs.csv", jobs, failed)
+    _write_runs(out / "runs.csv", jobs, results, failed | bad)
     print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
-    return next(iter(failed.values())).code if failed else DONE
+    return next((ended.code for ended in (failed | bad).values()), DONE)
 
 
-def plan(out: Path, seeds: int, quick: bool, claims: Sequence[str]) -> dict[tuple[str, int], Job]:
-    """All runs that the claims turn on, by configuration and seed; seed by seed, so that a part of them is of use."""
-    wanted = {name: c for name, c in CONFIGURATIONS.items() if set(c.claims) & set(claims)}
-    bases = {c.case: Job("", FOLDER / f"{c.case}.toml", (), out).load() for c in wanted.values()}
-    return {(name, bases[c.case].seed + k): Job(
-        f"{name}, seed {bases[c.case].seed + k}", FOLDER / f"{c.case}.toml",
-        (*c.sets(bases[c.case], quick), f"seed={bases[c.case].seed + k}"),
-        out / "runs" / name / f"seed{bases[c.case].seed + k}") for k in range(seeds) for name, c in wanted.items()}
+def plan(out: Path, seeds: int, quick: bool) -> dict[tuple[str, int], Job]:
+    """All runs by configuration and seed; seed by seed, so that a part of them is of use."""
+    cases = {c.case: FOLDER / f"{c.case}.toml" for c in CONFIGURATIONS.values()}
+    bases = {name: Job("", path, (), out).load() for name, path in cases.items()}
+    jobs = {}
+    for k in range(seeds):
+        for name, c in CONFIGURATIONS.items():
+            seed = bases[c.case].seed + k
+            sets = (*c.sets(bases[c.case], quick), f"seed={seed}")
+            jobs[name, seed] = Job(f"{name}, seed {seed}", cases[c.case], sets, out / "runs" / name / f"seed{seed}")
+    return jobs
 
 
-def unsound(jobs: dict[tuple[str, int], Job]) -> dict[Job, Ended]:
+def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
     """Runs to the end whose energy does not add up: they pass for no result, whatever they would say of a claim."""
     found = {}
-    for job in jobs.values():
-        closure = read_manifest(job.directory).get("worst_closure")
-        if closure is not None and closure > CLOSES and job.is_done():
+    for job in jobs:
+        closure = read_manifest(job.directory)["worst_closure"]
+        if closure is None or closure > CLOSES:
+            closure = float("nan") if closure is None else closure
             message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
             found[job] = Ended(job, BROKEN, message)
             print(f"{job.name} does not count: {message}")
     return found
 
 
-def collect(jobs: dict[tuple[str, int], Job], failed: Mapping[Job, Ended] = MappingProxyType({})) -> Results:
-    """What came out of the runs that did not fail; says so where they are not of one source."""
+def collect(jobs: Mapping[tuple[str, int], Job]) -> Results:
+    """What came out of finished runs; says so where they are not of one source."""
     results: dict[str, dict[int, Outcome]] = {}
     for (name, seed), job in jobs.items():
-        if job not in failed:
-            results.setdefault(name, {})[seed] = Outcome.read(job.directory)
+        results.setdefault(name, {})[seed] = Outcome.read(job.directory)
     sources = {source(outcome) for runs in results.values() for outcome in runs.values()}
     if len(sources) > 1 or any("changes" in name for name in sources):
         print(f"note: these runs are not of one known source: {', '.join(sorted(sources))}")
@@ -136,8 +143,8 @@ def _run_missing(jobs: list[Job], at_once: int, asked: list[int]) -> dict[Job, E
     """Run the jobs that are not done; those that failed."""
     missing = [job for job in jobs if not job.is_done()]
     case = jobs[0].load()
-    print(f"{len(jobs)} runs of {len(case.cells)} cells, {case.particles.per_cell} particles each, to "
-          f"{case.time.end:g} µs; {len(jobs) - len(missing)} of them are there already", flush=True)
+    print(f"{len(jobs)} runs of {case.particles.per_cell} particles a cell, to {case.time.end:g} µs; "
+          f"{len(jobs) - len(missing)} of them are there already", flush=True)
     if not missing:
         return {}
     rounds = -(-len(missing) // at_once)
@@ -162,12 +169,13 @@ def table(claims: list[Claim], seeds: int) -> list[str]:
         lines.append(_line(f"{claim.key}  {claim.text}", "", f"{len(claim.held)} of {len(claim.seeds)}",
                            claim.verdict))
         lines += [_line(f"      {part.text}", text_of(part.values.values()) if part.values else "-",
-                        f"{len(part.held)} of {len(part.values)}", part.verdict) for part in claim.parts]
+                        f"{len(part.held)} of {len(part.values)}",
+                        part.verdict + (" (within the scatter)" if part.errors < 1.0 else "")) for part in claim.parts]
         why = [*_scatter(claim), *claim.why] if claim.verdict != HOLDS else []
         for text in [*claim.notes, *(f"why: {reason}" for reason in why)]:
             lines += textwrap.wrap(text, 134, initial_indent=" " * 6, subsequent_indent=" " * 8)
         if missing := seeds - len(claim.seeds):
-            lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed")
+            lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed or do not count")
     return lines
 
 
@@ -180,7 +188,7 @@ def _scatter(claim: Claim) -> list[str]:
     said = []
     for part in claim.parts:
         if part.values and part.verdict != HOLDS:
-            errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 else ""
+            errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 and part.errors < 100 else ""
             said.append(f"{part.what}: mean {part.mean:.3g} {'misses' if part.verdict == FAILS else 'keeps'} its bound"
                         f"{errors}; by seed {', '.join(f'{v:.3g}' for v in part.values.values())}")
     return said
@@ -194,19 +202,21 @@ def _write_claims(path: Path, claims: list[Claim]) -> None:
 
 def _entries(part: Part) -> dict[str, Any]:
     return {"part": part.what, "above": part.above, "below": part.below, "mean": part.mean, "spread": part.spread,
-            "seeds": len(part.values), "holds_in": len(part.held), "verdict": part.verdict}
+            "standard_errors": part.errors, "seeds": len(part.values), "holds_in": len(part.held),
+            "verdict": part.verdict}
 
 
-def _write_runs(path: Path, jobs: dict[tuple[str, int], Job], failed: Mapping[Job, Ended]) -> None:
+def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results, failed: Mapping[Job, Ended]) -> None:
+    """One row a run that there is, or that failed."""
     rows = []
     for (name, seed), job in jobs.items():
         c = CONFIGURATIONS[name]
-        row: dict[str, Any] = {"configuration": name, "protruding": CASES[c.case], "changed": c.what,
+        row: dict[str, Any] = {"configuration": name, "protruding": CASES.get(c.case, "{1}"), "changed": c.what,
                                "factor": c.factor, "seed": seed}
         if job in failed:
             rows.append(row | {"exit_code": failed[job].code, "message": failed[job].message})
-        else:
-            rows.append(row | {"exit_code": DONE, "message": ""} | _numbers(Outcome.read(job.directory)))
+        elif outcome := results.get(name, {}).get(seed):
+            rows.append(row | {"exit_code": DONE, "message": ""} | _numbers(outcome))
     _write(path, rows)
 
 
@@ -219,7 +229,7 @@ def _numbers(outcome: Outcome) -> dict[str, Any]:
     for time in (20.0, 24.0, 204.0, 268.0, END):
         for column in ("ux_um", "substrate_contact_um", "cell_contact_um"):
             row[f"{column}_at_{time:g}us"] = outcome.at(column, time)
-    for cell in CELLS:
+    for cell in set(CELLS) & set(outcome.history["cell"].tolist()):
         row[f"ux_um_of_cell{cell}_at_{END:g}us"] = outcome.at("ux_um", END, cell)
         row[f"apart_us_of_cell{cell}"] = outcome.apart(cell)
     return row
