@@ -204,11 +204,13 @@ class Leapfrog:
             n = min(allowed, left, ts.getMaxSteps() - taken)
             run.mechanics.least_gaps()
             run.mechanics.advance(n, dt)
-            if run.was_stable(dt):
+            late = run.mechanics.lists_are_late()
+            if run.was_stable(dt) and not (late and n > 1):
                 break
             run.mechanics.go_back()
             run.choose()
             run.redone += n
+            allowed = max(1, n // 4) if late else allowed
         run.mechanics.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         run._note_step(dt)

@@ -268,6 +268,10 @@ class Mechanics:
         now = self._memory[self.base.local(self.surfaces.ids[self._mine]), :2]
         return float(np.linalg.norm(now - self._renewed_at, axis=1).max())
 
+    def lists_are_late(self) -> bool:
+        """Whether surfaces moved further than the search lists allow; collective."""
+        return bool(extreme(self.comm, np.array([self.displaced()]))[0] > 0.5 * SKIN)
+
     # ------------------------------------------------------------ the step
 
     def advance(self, n: int, dt: float) -> None:
