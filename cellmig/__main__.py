@@ -249,8 +249,8 @@ def main() -> None:
         ours, petsc_options = split_arguments(words)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] != "run"
         options = parse(words if serial else ours)
-        if not serial or RANKS > 1:
-            comm = start_petsc(petsc_options)
+        if not serial or options.command in ("validate", "paper") or RANKS > 1:
+            comm = start_petsc([] if serial else petsc_options)
         if not serial:
             code = run(options, comm)
         else:  # nothing to share: other ranks than the first are idle
