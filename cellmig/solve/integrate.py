@@ -42,9 +42,9 @@ class Integrator:
         else:
             ts.setType(kind)
             ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
-            adapt = PETSc.Options()
-            if not adapt.hasName("ts_adapt_type"):
-                adapt["ts_adapt_type"] = "none"
+        adapt = PETSc.Options()
+        if not adapt.hasName("ts_adapt_type"):
+            adapt["ts_adapt_type"] = "none"
         ts.setFromOptions()
         self.leapfrog = ts.getType() == PETSc.TS.Type.PYTHON
         if self.leapfrog:

@@ -165,8 +165,9 @@ class Run:
         self.manifest |= {
             "exit_status": status, "cause": cause, "time_us": s.time, "steps": run.steps,
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
-            "steps_by_mechanism": run.count, "J": [run.extremes["J_min"], run.extremes["J_max"]],
-            "wall_seconds": wall, "ns_per_particle_step": per_step, "worst_closure": self.worst_closure,
+            "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
+            "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
+            "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
@@ -187,11 +188,11 @@ class Run:
 
 
 def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
-    """What the time step [µs] will be and why; `stable` : by mechanism, at rest;  `fixed` : as the user says."""
+    """What the time step [µs] will be and why; `stable` : by mechanism;  `fixed` : as the user says."""
     mechanism, limit = binding(stable)
     if not fixed:
-        return (f"{1e3 * factor * limit:.3g} ns at rest, {factor:g} of the stable one, which {mechanism} sets; "
-                "follows the deformation")
+        return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
+                "the deformation")
     said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
     return said if fixed <= limit else f"{said}: TOO LARGE"
 
