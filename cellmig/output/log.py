@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -101,8 +102,8 @@ class Progress:
         if not log.root or log.quiet:
             self._due = float("inf")
         elif _on_terminal():
-            self._bar = tqdm(total=end, initial=start, file=sys.stdout, bar_format=_BAR, dynamic_ncols=True,
-                             leave=False)
+            width = shutil.get_terminal_size().columns - 1  # of COLUMNS if set: the terminal that mpiexec gives has none
+            self._bar = tqdm(total=end, initial=start, file=sys.stdout, bar_format=_BAR, ncols=width, leave=False)
             self._due = self._begin
         else:
             self._due = self._begin + _FIRST_LINE
