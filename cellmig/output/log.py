@@ -102,7 +102,7 @@ class Progress:
         if not log.root or log.quiet:
             self._due = float("inf")
         elif _on_terminal():
-            width = shutil.get_terminal_size().columns - 1  # of COLUMNS if set: the terminal that mpiexec gives has none
+            width = shutil.get_terminal_size().columns - 1  # COLUMNS if set: the terminal of mpiexec has none
             self._bar = tqdm(total=end, initial=start, file=sys.stdout, bar_format=_BAR, ncols=width, leave=False)
             self._due = self._begin
         else:
