@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import os
@@ -216,16 +217,32 @@ def compiled(source: str) -> Path:
         raise CompilerError("no C compiler found: install one (Debian: apt install gcc libc6-dev), or set CC")
     flags = FLAGS + _architecture()
     key = hashlib.sha256("\0".join([source, compiler, *flags]).encode()).hexdigest()[:24]
-    directory = cache_directory()
-    library = directory / f"{key}.so"
+    library = cache_directory() / f"{key}.so"
     if library.exists():
         return library
-    directory.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=directory) as scratch:
+    with tempfile.TemporaryDirectory() as scratch:
         code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
         code.write_text(source)
-        done = subprocess.run([compiler, *flags, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
+        try:
+            done = subprocess.run([compiler, *flags, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
+        except OSError as error:
+            raise CompilerError(f"the C compiler '{compiler}' cannot be started: install one (Debian: apt install gcc "
+                                "libc6-dev), or set CC") from error
         if done.returncode:
-            raise CompilerError(f"{compiler} could not compile the kernel:\n{done.stderr}")
-        made.replace(library)
-    return library
+            raise CompilerError(f"the C compiler '{compiler}' could not compile the kernel:\n{done.stderr}")
+        return _kept(made, library)
+
+
+def _kept(made: Path, library: Path) -> Path:
+    """The library in the cache, there whole or not at all; where there is no room for it, in a file of this process."""
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        part = library.with_suffix(f".{os.getpid()}")
+        shutil.copyfile(made, part)
+        part.replace(library)
+        return library
+    except OSError:
+        with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as own:
+            shutil.copyfileobj(made.open("rb"), own)
+        atexit.register(Path(own.name).unlink, missing_ok=True)
+        return Path(own.name)

@@ -31,7 +31,7 @@ class Seifert:
         return 0.8 * self.range
 
     def stiffness(self, least: float) -> float:
-        """Largest stiffness N U'' [Pa/µm] of a contact whose gaps are at least `least` [µm]; 47 N σ/ε² if all closed."""
+        """Largest stiffness N U'' [Pa/µm] of a contact with gaps of at least `least` [µm]; 47 N σ/ε² if pressed."""
         q = (self.range / max(least, self.cap)) ** 2
         return self.bonds * self.energy / self.range**2 * max(q * q * (20.0 * q - 12.0), 0.0)
 

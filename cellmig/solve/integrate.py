@@ -28,7 +28,7 @@ class Integrator:
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
         self.mechanics, self.control, self.factor = mechanics, control, factor
-        self.gaps, self.redone = control.typical, 0
+        self.redone = 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
@@ -47,6 +47,8 @@ class Integrator:
             adapt["ts_adapt_type"] = "none"
         ts.setFromOptions()
         self.leapfrog = ts.getType() == PETSc.TS.Type.PYTHON
+        # PETSc's types take no batch again: for them any contact may close as far as it can
+        self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
         if self.leapfrog:
             ts.setPythonContext(Leapfrog(self))
         else:
