@@ -18,6 +18,7 @@ from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
 
+DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}
 
 # What stands in for a parameter without a default, or whose default of zero would make a test say nothing.

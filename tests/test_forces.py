@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, forces, put, smooth
+from scenes import DAMPED, built, case, everywhere, forces, put, smooth
 
 from cellmig.case.schema import Case
 from cellmig.output.sample import pointwise
@@ -19,8 +19,8 @@ SOFT = ('materials.cytoplasm.reduced_bulk_modulus="2 kPa"', 'materials.nucleus.l
 NO_ETA = 'materials.cytoplasm.eta="0 pN"'
 
 SCENES: dict[str, Callable[[], Case]] = {
-    "nucleus": lambda: case("nucleus"),
-    "not stiffened": lambda: case("nucleus", "materials.nucleus.stiffening=0.0"),
+    "nucleus": lambda: case("nucleus", *DAMPED),
+    "not stiffened": lambda: case("nucleus", *DAMPED, "materials.nucleus.stiffening=0.0"),
     "stiff": lambda: case("one_three"),
     "three cells": lambda: case("all_protrude", *SOFT, NO_ETA),
     "frozen director": lambda: case("one_cell", *SOFT, 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',

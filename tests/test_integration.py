@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import CASES, built, case, everywhere, put
+from scenes import CASES, DAMPED, built, case, everywhere, put
 
 from cellmig.case.schema import Case
 from cellmig.solve.step import NumericsError
 
-UNDAMPED = ("materials.nucleus.stabilisation=0.0", "numerics.bulk_viscosity=0.0")
 IN_THE_AIR = 'cells.0.centre=["0 um", "50 um"]'
 
 
@@ -38,7 +37,7 @@ def rms(a: np.ndarray) -> float:
 
 # Positions converge with the second order; damping sees the velocity of half a step before, which makes it the first.
 # Measured 1.83, 1.98 and 1.18, 1.09.
-@pytest.mark.parametrize(("sets", "order"), [(UNDAMPED, 2), ((), 1)])
+@pytest.mark.parametrize(("sets", "order"), [((), 2), (DAMPED, 1)])
 def test_leapfrog_converges_with_its_order(sets: tuple, order: int) -> None:
     x = [after(stepped("nucleus", step, *sets), 1.0)[:, :2] for step in (4, 2, 1, 0.5)]
     change = [rms(a - b) for a, b in pairwise(x)]
@@ -49,7 +48,7 @@ def test_leapfrog_converges_with_its_order(sets: tuple, order: int) -> None:
 
 def test_runge_kutta_converges_with_the_third_order() -> None:
     """PETSc's default type of it, 3bs; measured 3.01."""
-    x = [after(stepped("nucleus", step, integrator="rk"), 1.0)[:, :2] for step in (4, 2, 1)]
+    x = [after(stepped("nucleus", step, *DAMPED, integrator="rk"), 1.0)[:, :2] for step in (4, 2, 1)]
     change = [rms(a - b) for a, b in pairwise(x)]
     found = np.log2(np.divide(change[:-1], change[1:]))
     assert np.abs(found - 3).max() < 0.1, f"changes {change}, orders {found}"
@@ -58,7 +57,8 @@ def test_runge_kutta_converges_with_the_third_order() -> None:
 @pytest.mark.parametrize(("name", "per_cell", "tolerance"), [("all_protrude", 93, 4e-3), ("nucleus", 150, 2e-5)])
 def test_leapfrog_and_runge_kutta_agree_as_steps_shrink(name: str, per_cell: int, tolerance: float) -> None:
     def difference(step: float) -> float:
-        a, b = (after(stepped(name, step, integrator=i, per_cell=per_cell), 0.1)[:, :2] for i in ("leapfrog", "rk"))
+        a, b = (after(stepped(name, step, *DAMPED, integrator=i, per_cell=per_cell), 0.1)[:, :2]
+                for i in ("leapfrog", "rk"))
         return float(np.abs(a - b).max() / np.abs(b).max())
 
     coarse, fine = difference(1.0), difference(0.25)
@@ -73,7 +73,7 @@ def test_leapfrog_and_runge_kutta_agree_as_steps_shrink(name: str, per_cell: int
 # some 15 periods of the slowest mode.
 @pytest.mark.parametrize(("step", "tolerance"), [('"auto"', 1e-3), ('"2 ns"', 5e-5)])
 def test_an_elastic_disc_keeps_its_energy(step: str, tolerance: float) -> None:
-    with built(case("nucleus", f"time.step={step}", *UNDAMPED)) as sim:
+    with built(case("nucleus", f"time.step={step}")) as sim:
         energy = []
         for time in np.linspace(0.0, 20.0, 41):
             sim.go(float(time))
@@ -201,7 +201,7 @@ STICKY = 'materials.cytoplasm.viscosity="100 mPa s"'
 
 # Where elasticity alone sets it the estimate is sharp: measured stable at 1.0, not finite after 300 steps of 1.05.
 def test_stable_step_of_an_undamped_disc_is_sharp() -> None:
-    quiet = case("nucleus", AT_REST, *UNDAMPED)
+    quiet = case("nucleus", AT_REST)
     assert growth(quiet, 0.95) < 5.0  # measured 0.7; 1.7 at 1.0
     assert growth(quiet, 1.05) > 1e3
 

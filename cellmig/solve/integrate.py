@@ -48,6 +48,7 @@ class Integrator:
         ts.setFromOptions()
         self.leapfrog = ts.getType() == PETSc.TS.Type.PYTHON
         # PETSc's types take no batch again: for them any contact may close as far as it can
+        self.touches = control.touches
         self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
         if self.leapfrog:
             ts.setPythonContext(Leapfrog(self))
@@ -87,14 +88,16 @@ class Integrator:
     def look(self) -> int:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
         m = self.mechanics
-        limits = self._seen()
-        if limits["displaced"] > 0.2 * SKIN:
+        self.limits = limits = self._seen()
+        if self.touches and limits["displaced"] > 0.2 * SKIN:
             m.renew_lists()
             limits["displaced"] = 0.0
-        self.limits = limits
         self.choose()
         if self.dt < LEAST_STEP:
             self._broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
+        if not self.touches:
+            return BATCH
+        m.least_gaps()  # those of the steps to come count
         room = 0.5 * SKIN - limits["displaced"]
         return max(1, min(BATCH, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
@@ -199,13 +202,15 @@ class Leapfrog:
         run = self._integrator
         allowed = run.look()
         t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
-        run.mechanics.keep()
+        if run.touches:
+            run.mechanics.keep()
         while True:
             left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
             dt = (stop - t) / left
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            run.mechanics.least_gaps()
             run.mechanics.advance(n, dt)
+            if not run.touches:
+                break
             late = run.mechanics.lists_are_late()
             if run.was_stable(dt) and not (late and n > 1):
                 break
