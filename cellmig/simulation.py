@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from . import meshfree, model
+from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
 from .case.schema import Case
 from .meshfree.body import Scene, template
@@ -41,8 +42,12 @@ def discretise(case: Case) -> Scene:
     templates, material_of = [], []
     for shape, body, nucleus in kinds:
         pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
-        templates.append(template(shape, particle_count(case, shape), case.particles.dilation, pair,
-                                  case.numerics.bulk_viscosity))
+        try:
+            templates.append(template(shape, particle_count(case, shape), case.particles.dilation, pair,
+                                      case.numerics.bulk_viscosity))
+        except ValueError as error:  # the particles do not suit the shape
+            name = next(c.name for c in case.cells if c.shape == shape)
+            raise CaseError([Mistake(case.path, None, "particles", f"'{name}': {error}")]) from error
         material_of.append((used.index(body), used.index(nucleus or body)))
     return Scene(
         templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],

@@ -164,8 +164,13 @@ class _Reader:
                 self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")
                 found[key] = None
         ordered(self.source, cls, found, path)
-        wrong = any(found[k] is None for k in found)
-        return None if wrong else cls(**found)
+        if any(found[k] is None for k in found):
+            return None
+        try:
+            return cls(**found)
+        except ValueError as error:  # what a class demands of its parameters together
+            self.wrong(path, str(error))
+            return None
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one key, None if it has a mistake."""

@@ -132,10 +132,10 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     place[order] = np.arange(count)
     X = layout.X[order]
     nucleus = layout.nucleus[order] & (laws[1] is not None)
-    V, edges = rkpm.dual_cells(X)
     surface = place[layout.surface]
+    V, edges = rkpm.dual_cells(X, surface)
     support = rkpm.supports(X, edges, dilation * spacing)
-    G = rkpm.consistent(rkpm.gradients(X, support), X, V, support, surface)
+    G = rkpm.consistent(rkpm.gradients(X, support, surface), X, V, support, surface)
     body, inner = laws
     inner = inner if inner is not None else body
     S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))

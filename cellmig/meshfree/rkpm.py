@@ -7,6 +7,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay, cKDTree
 
+from . import polygons
+
 
 def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic spline w(q) and dw/dq for the distance q in supports, w(0) = 2/3, w(1) = 0 [-]."""
@@ -16,18 +18,24 @@ def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(q < 1.0, w, 0.0), np.where(q < 1.0, dw, 0.0)
 
 
-def dual_cells(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median dual cells of the Delaunay triangulation of a convex body.
+def dual_cells(X: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median dual cells of the Delaunay triangulation of the body within the closed polygon `surface` (m,) int.
 
     Returns
     -------
     V : (n,) -- volumes per thickness [µm²];  edges : (m, 2) int -- Delaunay edges, each once, lower index first.
+
+    Raises ValueError if the particles are too coarse for their outline, so that an edge crosses it.
     """
     tri = Delaunay(X).simplices
     a, b = X[tri[:, 1]] - X[tri[:, 0]], X[tri[:, 2]] - X[tri[:, 0]]
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     whole = area > 1e-9 * area.mean()  # Qhull may add slivers along a straight edge
+    between = np.flatnonzero(whole & np.isin(tri, surface).all(axis=1))  # only these may lie outside, in a hollow
+    whole[between] = polygons.inside(X[tri[between]].mean(axis=1), X[surface])
     tri, area = tri[whole], area[whole]
+    if abs(area.sum() - polygons.area(X[surface])) > 1e-9 * area.sum():
+        raise ValueError("the particles are too coarse for their outline: take more of them")
     V = np.bincount(tri.ravel(), np.repeat(area / 3.0, 3), len(X))
     edges = np.sort(np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]]), axis=1)
     return V, np.unique(edges, axis=0)
@@ -41,15 +49,17 @@ def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
     return np.maximum(radius, 1.15 * longest)
 
 
-def gradients(X: np.ndarray, support: np.ndarray) -> sparse.csr_matrix:
+def gradients(X: np.ndarray, support: np.ndarray, surface: np.ndarray | None = None) -> sparse.csr_matrix:
     """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
 
-    Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
+    No kernel reaches across a hollow of the closed polygon `surface` (m,) int.  Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
     is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.
     """
     pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
     d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
     pairs = pairs[d < np.maximum(support[pairs[:, 0]], support[pairs[:, 1]])]
+    if surface is not None and not polygons.is_convex(X[surface]):
+        pairs = pairs[polygons.visible(pairs, X, X[surface])]
     n, own = len(X), np.arange(len(X))
     I = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
     J = np.concatenate([own, pairs[:, 1], pairs[:, 0]])

@@ -1,0 +1,95 @@
+"""Polygons: closed outlines as arrays of corners (k, 2) [µm], counterclockwise unless it says otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Out-of-plane component of a × b for vectors along the last axis."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def area(polygon: np.ndarray) -> float:
+    """Area [µm²], negative if the corners run clockwise."""
+    return 0.5 * float(cross(polygon, np.roll(polygon, -1, axis=0)).sum())
+
+
+def centroid(polygon: np.ndarray) -> np.ndarray:
+    """Centre of the area (2,) [µm]."""
+    origin = polygon[0]  # near: far from zero, differences of large products would lose digits
+    p = polygon - origin
+    q = np.roll(p, -1, axis=0)
+    c = cross(p, q)
+    return origin + (c[:, None] * (p + q)).sum(axis=0) / (3.0 * c.sum())
+
+
+def is_convex(polygon: np.ndarray) -> bool:
+    """Whether it turns left, or not at all, in every corner."""
+    before = polygon - np.roll(polygon, 1, axis=0)
+    return bool((cross(before, np.roll(before, -1, axis=0)) >= -1e-9 * (before**2).sum(axis=1).max()).all())
+
+
+def inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Which points (n, 2) a polygon of either sense holds (n,) bool, by crossings of a ray along x."""
+    within = np.zeros(len(points), bool)
+    x, y = points.T
+    for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if p[1] != q[1]:
+            across = (p[1] <= y) != (q[1] <= y)
+            within ^= across & (x < p[0] + (y - p[1]) * ((q[0] - p[0]) / (q[1] - p[1])))
+    return within
+
+
+def distance(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Distance of points (n, 2) from the outline (n,) [µm]."""
+    least = np.full(len(points), np.inf)
+    for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        d, e = points - p, q - p
+        along = np.clip(d @ e / max(float(e @ e), 1e-300), 0.0, 1.0)
+        least = np.minimum(least, np.linalg.norm(d - along[:, None] * e, axis=1))
+    return least
+
+
+def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
+    """Two edges that meet although they are no neighbours, by their first corners; None if the outline is simple."""
+    n, p, q = len(polygon), polygon, np.roll(polygon, -1, axis=0)
+    longest = np.linalg.norm(q - p, axis=1).max()
+    near = cKDTree(0.5 * (p + q)).query_pairs(longest * (1.0 + 1e-9), output_type="ndarray")
+    apart = (near[:, 1] - near[:, 0]) % n
+    near = near[(apart > 1) & (apart < n - 1)]
+    i, j = near.T
+    found = near[_meet(p[i], q[i], p[j], q[j])]
+    return tuple(map(int, min(found.tolist()))) if len(found) else None
+
+
+def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Whether the segments ab and cd (n, 2) each share a point, ends included."""
+    sides = [np.sign(s) for s in (cross(b - a, c - a), cross(b - a, d - a), cross(d - c, a - c), cross(d - c, b - c))]
+    boxes = (np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d))).all(-1)
+    return boxes & (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0)
+
+
+def visible(pairs: np.ndarray, X: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Which pairs (n, 2) of the points X see each other within the polygon, of whose edges they may be ends (n,) bool.
+
+    A line that leaves by less than a tenth of its length, as along an outline that is a little hollow, counts as inside.
+    """
+    a, b = X[pairs[:, 0]], X[pairs[:, 1]]
+    p, q = polygon, np.roll(polygon, -1, axis=0)
+    length = np.linalg.norm(b - a, axis=1)
+    middle = 0.5 * (a + b)
+    reach = 0.5 * (length.max() + np.linalg.norm(q - p, axis=1).max())
+    near = cKDTree(middle).sparse_distance_matrix(cKDTree(0.5 * (p + q)), reach, output_type="coo_matrix")
+    i, j = near.row, near.col
+    s, t = cross(b[i] - a[i], p[j] - a[i]), cross(b[i] - a[i], q[j] - a[i])
+    u, w = cross(q[j] - p[j], a[i] - p[j]), cross(q[j] - p[j], b[i] - p[j])
+    tiny = 1e-9 * length[i] * length.max()
+    through = (s * t < 0) & (u * w < 0) & (np.minimum.reduce([abs(s), abs(t), abs(u), abs(w)]) > tiny)
+    sees = np.ones(len(pairs), bool)
+    sees[i[through]] = False
+    check = np.unique(i[sees[i]])  # near the outline: those between two of its points may run outside all along
+    out = check[~inside(middle[check], polygon)]
+    sees[out[distance(middle[out], polygon) > 0.1 * length[out]]] = False
+    return sees

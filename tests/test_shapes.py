@@ -1,0 +1,150 @@
+"""Every shape: particles as asked for, a closed outline, volumes that fill it, and gradients exact to its edge."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scenes import built, case, example
+
+from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError
+from cellmig.case.registry import laws
+from cellmig.meshfree import polygons, rkpm
+from cellmig.meshfree.body import Template, template
+
+STAR = [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [5.0, 2.5] * 5, strict=True)]
+T = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+LOBES = (5 + 1.5 * np.cos(3 * T))[:, None] * np.column_stack([np.cos(T), np.sin(T)])
+# name: (registered shape, its parameters, fewest particles that resolve it, least V/h² measured)
+SHAPES = {
+    "disc": ("disc", {"radius": 5.0, "nucleus_ratio": 0.3}, 30, 0.34),
+    "ellipse": ("ellipse", {"a": 6.0, "b": 4.0, "nucleus_ratio": 0.3}, 19, 0.23),
+    "thin ellipse": ("ellipse", {"a": 8.0, "b": 2.0, "nucleus_ratio": 0.3}, 19, 0.20),
+    "square": ("polygon", {"corners": ((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0))}, 19, 0.17),
+    "clockwise triangle": ("polygon", {"corners": ((-4.0, -4.0), (0.0, 4.0), (4.0, -4.0)), "nucleus_ratio": 0.4}, 19,
+                           0.13),
+    "L": ("polygon", {"corners": ((0.0, 0.0), (6.0, 0.0), (6.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0))}, 19, 0.17),
+    "notch": ("polygon", {"corners": ((-5.0, -4.0), (5.0, -4.0), (5.0, 4.0), (0.6, 4.0), (0.0, -1.0), (-0.6, 4.0),
+                                      (-5.0, 4.0))}, 40, 0.16),
+    "star": ("polygon", {"corners": tuple(STAR), "nucleus_ratio": 0.3}, 60, 0.13),
+    "smooth outline": ("polygon", {"corners": tuple(map(tuple, LOBES.tolist())), "nucleus_ratio": 0.3}, 19, 0.20),
+}
+COUNTS = [19, 60, 150, 331, 1000]
+every = pytest.mark.parametrize(("name", "count"), [(name, count) for name, (_, _, fewest, _) in SHAPES.items()
+                                                    for count in COUNTS if count >= fewest])
+pytestmark = pytest.mark.serial
+
+
+def shape(name: str):
+    kind, parameters, *_ = SHAPES[name]
+    return laws("shape")[kind](**parameters)
+
+
+@cache
+def cell(name: str, count: int) -> Template:
+    gel, core = example("material", "nematic"), example("material", "mooney-rivlin")
+    return template(shape(name), count, 2.2, (gel, core if shape(name).nucleus_ratio else None), 0.2)
+
+
+def test_every_registered_shape_is_tested_here() -> None:
+    assert {kind for kind, *_ in SHAPES.values()} == set(laws("shape"))
+
+
+@every
+def test_a_shape_has_exactly_the_particles_asked_for(name: str, count: int) -> None:
+    assert len(np.unique(cell(name, count).X.round(9), axis=0)) == count
+
+
+@every
+def test_surface_is_a_closed_counterclockwise_polygon_on_the_outline(name: str, count: int) -> None:
+    t = cell(name, count)
+    ring, outline = t.X[t.surface], shape(name).outline(4000)
+    assert polygons.area(ring) > 0 and polygons.crossing(ring) is None
+    assert polygons.distance(ring, outline).max() < 1e-3 * t.spacing
+    others = np.setdiff1d(np.arange(count), t.surface)
+    assert polygons.inside(t.X[others], ring).all()
+    assert polygons.distance(t.X[others], ring).min() > 0.25 * t.spacing
+
+
+@every
+def test_volumes_fill_the_outline_and_none_is_a_needle(name: str, count: int) -> None:
+    t = cell(name, count)
+    assert t.V.sum() == pytest.approx(polygons.area(t.X[t.surface]), rel=1e-12)  # measured 4e-16
+    assert t.V.sum() == pytest.approx(shape(name).area, rel=1.0 / count)  # polygons in curves, measured 0.8 / count
+    assert t.V.min() > 0.95 * SHAPES[name][3] * t.spacing**2
+
+
+@every
+def test_lowest_point_and_outline_bound_the_particles(name: str, count: int) -> None:
+    t, outline = cell(name, count), shape(name).outline(720)
+    assert t.X[:, 1].min() >= shape(name).lowest() - 1e-9
+    assert len(outline) >= 720 and polygons.area(outline) == pytest.approx(shape(name).area, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "nucleus_ratio" in s[1]])
+def test_nucleus_has_its_share_of_the_area(name: str) -> None:
+    t = cell(name, 1000)
+    share = t.V[t.nucleus].sum() / t.V.sum()
+    assert share == pytest.approx(shape(name).nucleus_ratio ** 2, rel=0.05)  # measured within 3 %
+    assert not t.nucleus[t.surface].any()
+
+
+@every
+def test_gradients_of_linear_fields_are_exact(name: str, count: int) -> None:
+    t = cell(name, count)
+    assert np.abs(t.G @ (2.0 + t.X @ np.array([0.7, -1.3])) - (0.7 - 1.3j)).max() < 1e-12  # measured 3e-14
+
+
+@every
+def test_gradients_obey_the_divergence_theorem(name: str, count: int) -> None:
+    t = cell(name, count)
+    total, normal = t.V @ t.G, rkpm.surface_normals(t.X, t.surface)
+    error = np.abs(np.column_stack([total.real, total.imag]) - normal).max()
+    assert error < 1e-11 * np.abs(normal).max()  # measured 4e-13
+
+
+def test_kernels_do_not_reach_across_a_hollow() -> None:
+    t = cell("notch", 1000)
+    side = np.where((t.X[:, 1] > 2.0), np.sign(t.X[:, 0]), 0.0)  # the notch parts the arms above y = -1
+    rows = np.repeat(np.arange(1000), np.diff(t.G.indptr))
+    near = np.linalg.norm(t.X[rows] - t.X[t.G.indices], axis=1)
+    assert (side[rows] * side[t.G.indices] >= 0).all()
+    assert near.max() < 2.2 * t.spacing * 1.2
+
+
+def test_the_sense_of_the_corners_does_not_matter() -> None:
+    corners = SHAPES["L"][1]["corners"]
+    one, other = (laws("shape")["polygon"](corners=c) for c in (corners, corners[:1] + corners[:0:-1]))
+    assert one.area == other.area and one.lowest() == other.lowest()
+    assert polygons.area(other.outline()) > 0
+
+
+def polygon_case(corners: list, **more) -> dict:
+    return case("one_cell").resolved() | {"cells": [{
+        "name": "Cell-1", "shape": "polygon", "material": "cytoplasm", "centre": ["0 um", "10 um"], **more,
+        "corners": [[f"{x} um", f"{y} um"] for x, y in corners]}]}
+
+
+BOW = [(0, 0), (4, 4), (4, 0), (0, 4)]
+C = [(0, 0), (6, 0), (6, 2), (1, 2), (1, 4), (6, 4), (6, 6), (0, 6)]
+
+
+@pytest.mark.parametrize(("corners", "more", "message"), [
+    (BOW, {}, "corners: the outline crosses or touches itself: the edge from (0, 0) um meets that from (4, 0) um"),
+    ([(0, 0), (4, 0)], {}, "corners: a polygon has at least three"),
+    ([(0, 0), (4, 0), (8, 0)], {}, "corners: the"),
+    ([(0, 0), (0, 0), (0, 0)], {}, "corners: a polygon has at least three"),
+    (C, {"nucleus_ratio": 0.3, "nucleus": "nucleus"}, "all of which is in sight from the centre"),
+])
+def test_outlines_that_bound_no_cell_are_refused(corners: list, more: dict, message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        from_dict(polygon_case(corners, **more))
+    assert message in str(error.value)
+
+
+def test_too_few_particles_for_an_outline_are_a_mistake_of_the_case() -> None:
+    few = from_dict(polygon_case(STAR) | {"particles": {"per_cell": 10}})
+    with pytest.raises(CaseError, match="'Cell-1': 10 particles are too few for such an outline"), built(few):
+        pass
