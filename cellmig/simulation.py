@@ -100,7 +100,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
 class Simulation:
     """A case built on the ranks of a communicator, ready to run; `destroy` it when done.
 
-    scene, terms, mechanics, integrator, sampler : its parts;  stops : (k,) -- times of samples and frames [µs].
+    scene, terms, mechanics, control, integrator, sampler : its parts;  time : where it is [µs].
     """
 
     def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True):
@@ -177,7 +177,9 @@ def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
 
 def stops(case: Case, end: float) -> list[tuple[float, bool, bool]]:
     """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame."""
-    sample = {round(case.time.end * i / case.time.samples, 9) for i in range(case.time.samples + 1)}
-    frame = {round(case.time.end * i / case.time.frames, 9) for i in range(case.time.frames + 1)}
-    times = sorted(t for t in sample | frame | {end} if t <= end)
-    return [(t, t in sample or t == end, t in frame or t == end) for t in times]
+
+    def every(count: int) -> set[float]:
+        return {round(case.time.end * i / count, 9) for i in range(int(end / case.time.end * count * (1 + 1e-12)) + 1)}
+
+    sample, frame = every(case.time.samples), every(case.time.frames)
+    return [(t, t in sample or t == end, t in frame or t == end) for t in sorted(sample | frame | {end})]

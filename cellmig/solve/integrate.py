@@ -28,37 +28,35 @@ class Integrator:
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
         self.mechanics, self.control, self.factor = mechanics, control, factor
-        self.redone = 0
+        self.touches, self.redone = control.touches, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
-        self.ts = ts = PETSc.TS().create(comm=mechanics.comm)
+        options = PETSc.Options()
+        self.fixed_step = options.getReal("ts_dt") if options.hasName("ts_dt") else fixed_step
+        self.ts = self._ts(kind, options)
+        self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
+        if self.leapfrog:
+            self.ts.setPythonContext(Leapfrog(self))
+        else:
+            self.ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
+            self.ts.setPostStep(self._after_step)
+        # PETSc's types take no batch again: for them any contact may close as far as it can
+        self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
+        self._loss: np.ndarray | None = None
+
+    def _ts(self, kind: str, options: PETSc.Options) -> PETSc.TS:
+        """A TS of this type, or of that of the options; steps are ours to choose unless -ts_adapt_type is given."""
+        ts = PETSc.TS().create(comm=self.mechanics.comm)
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
         ts.setTime(0.0)
         ts.setMaxSteps(2**31 - 1)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
-        if kind == "leapfrog":
-            ts.setType(PETSc.TS.Type.PYTHON)
-        else:
-            ts.setType(kind)
-            ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
-        adapt = PETSc.Options()
-        if not adapt.hasName("ts_adapt_type"):
-            adapt["ts_adapt_type"] = "none"
+        ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else kind)
+        if not options.hasName("ts_adapt_type"):
+            options["ts_adapt_type"] = "none"
         ts.setFromOptions()
-        self.leapfrog = ts.getType() == PETSc.TS.Type.PYTHON
-        # PETSc's types take no batch again: for them any contact may close as far as it can
-        self.touches = control.touches
-        self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
-        if self.leapfrog:
-            ts.setPythonContext(Leapfrog(self))
-        else:
-            if ts.getType() != kind:
-                ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
-            ts.setPostStep(self._after_step)
-        given = PETSc.Options()
-        self.fixed_step = given.getReal("ts_dt") if given.hasName("ts_dt") else fixed_step
-        self._loss: np.ndarray | None = None
+        return ts
 
     @property
     def steps(self) -> int:
