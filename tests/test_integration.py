@@ -134,10 +134,11 @@ def test_every_case_takes_steps_and_its_ledger_closes(name: str) -> None:
         assert ledger["numerical_loss"] > 0.0 and min(ledger["viscous_loss"], ledger["kinetic"]) >= 0.0
 
 
-@pytest.mark.parametrize("name", ["paper", "director_radial"])
-def test_the_ledger_closes_with_the_second_order(name: str) -> None:
+@pytest.mark.parametrize(("name", "sets"), [("paper", []), ("director_radial", []),
+                                            ("all_protrude", ["protrusion.strength=3.0"])])
+def test_the_ledger_closes_with_the_second_order(name: str, sets: list[str]) -> None:
     def closure(step: float) -> float:
-        with built(stepped(name, step)) as sim:
+        with built(stepped(name, step, *sets)) as sim:
             sim.sample()
             sim.go(1.0)
             return sim.sample()[1]["closure"]

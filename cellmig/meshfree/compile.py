@@ -40,7 +40,7 @@ FIELDS: dict[str, str] = {
     "least_gap": "double *", "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
     "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
-    "substrate_bonds": "double", "substrate_floor": "double", "push": "double *",
+    "substrate_bonds": "double", "substrate_floor": "double", "push": "double *", "pushed": "double *",
     "protrusion_impulse": "double *", "protrusion_work": "double *",
     # contact between cells
     "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",

@@ -259,12 +259,15 @@ void substrate_adhesion(const Scene *s, double *force, double *energy)
 #endif
 
 #ifdef PROTRUSION
-/* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half. */
-void protrude(const Scene *s, double *force, double *impulse, double *work, double dt)
+/* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half.  Its work is
+ * accounted with the velocities at both ends of a step, as losses are: `pushed` has the forces of the last step, which
+ * took `elapsed`; `dt` is the step that begins. */
+void protrude(const Scene *s, double *force, double *impulse, double *work, double elapsed, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k];
-        if (s->push[2 * e] == 0 && s->push[2 * e + 1] == 0) continue;
+        double *pushed = s->pushed + 2 * e;
+        if (s->push[2 * e] == 0 && s->push[2 * e + 1] == 0 && pushed[0] == 0 && pushed[1] == 0) continue;
         const long node[2] = {s->segment[2 * e], s->segment[2 * e + 1]};
         const double g1 = s->X[2 * node[0] + 1] + s->state[4 * node[0] + 1];
         const double g2 = s->X[2 * node[1] + 1] + s->state[4 * node[1] + 1], dg = g2 - g1;
@@ -275,7 +278,8 @@ void protrude(const Scene *s, double *force, double *impulse, double *work, doub
             force[2 * node[i]] += f;
             if (!impulse) continue;
             impulse[node[i]] += dt * f;
-            work[node[i]] += dt * f * s->state[4 * node[i] + 2];
+            work[node[i]] += 0.5 * (elapsed * pushed[i] + dt * f) * s->state[4 * node[i] + 2];
+            pushed[i] = f;
         }
     }
 }
@@ -473,7 +477,7 @@ static inline int exchange(const Scene *s, void *vec)
     return s->ghost_begin(vec, 1, 0) || s->ghost_end(vec, 1, 0);
 }
 
-static int surface_forces(const Scene *s, double dt)
+static int surface_forces(const Scene *s, double elapsed, double dt)
 {
     memset(s->force + 8 * s->n_blocks, 0, sizeof(double) * (size_t)(2 * s->n_local > 8 * s->n_blocks ? 2 * s->n_local - 8 * s->n_blocks : 0));
 #ifdef SUBSTRATE
@@ -483,8 +487,9 @@ static int surface_forces(const Scene *s, double dt)
     cell_adhesion(s, s->force, 0);
 #endif
 #ifdef PROTRUSION
-    protrude(s, s->force, dt > 0 ? s->protrusion_impulse : 0, s->protrusion_work, dt);
+    protrude(s, s->force, s->protrusion_impulse, s->protrusion_work, elapsed, dt);
 #endif
+    (void)elapsed;
     (void)dt;
     return 0;
 }
@@ -522,7 +527,7 @@ int advance(const Scene *s, long n, double dt, double moved)
     for (long i = 0; i < n; i++, moved = dt) {
         if (director_ready(s)) return 1;
         stress_of_rate(s, moved, moved, dt);
-        if (surface_forces(s, dt) || director_step(s, dt)) return 1;
+        if (surface_forces(s, moved, dt) || director_step(s, dt)) return 1;
         kick_and_drift(s, dt);
         if (exchange(s, s->state_vec)) return 1;
     }
@@ -535,7 +540,7 @@ int rate(const Scene *s, double *out, double elapsed)
     if (director_ready(s)) return 1;
     deformation(s);
     stress_of_rate(s, 0.0, elapsed, 0.0);
-    if (surface_forces(s, 0.0) || director_step(s, 0.0)) return 1;
+    if (surface_forces(s, elapsed, 0.0) || director_step(s, 0.0)) return 1;
     for (long b = 0; 4 * b < s->n_owned; b++) {
         v4 f[2];
         divergence(s, b, f);
@@ -555,7 +560,7 @@ int account(const Scene *s, double dt)
 {
     deformation(s);
     stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
-    return surface_forces(s, dt);
+    return surface_forces(s, 0.0, 0.0) || surface_forces(s, dt, dt);
 }
 
 /* The director alone goes on by dt, for integrators that hold it still within a step. */

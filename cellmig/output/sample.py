@@ -168,12 +168,11 @@ class Sampler:
                     parts[name] = parts[name] + self.V * density
         for name, term in (("adhesion_substrate", "substrate"), ("adhesion_cells", "contact")):
             parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
-        parts["protrusion_work"] = m.kernel["protrusion_work"][: m.n_owned].copy()
+        viscous, numerical, _, work = m.powers() if half_step else np.zeros((4, m.n_owned))
+        for name, power in (("protrusion_work", work), ("viscous_loss", viscous), ("numerical_loss", numerical)):
+            parts[name] = m.kernel[name][: m.n_owned] + half_step * power  # up to the time of u, as the velocity
         if terms.acceleration is not None:  # work of the body force, a potential
             parts["protrusion_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
-        powers = m.powers() if half_step else np.zeros((2, m.n_owned))
-        for name, power in zip(("viscous_loss", "numerical_loss"), powers, strict=False):
-            parts[name] = m.kernel[name][: m.n_owned] + half_step * power  # up to the time of u, as the velocity
         parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))

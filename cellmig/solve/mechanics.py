@@ -121,7 +121,7 @@ class Mechanics:
         ends = np.column_stack([self._segments, s.after[self._segments]])
         k["segment"] = self.base.local(s.ids[ends])
         k["length"] = s.length[self._segments]
-        k["push"] = np.zeros(ends.shape)
+        k["push"], k["pushed"] = np.zeros(ends.shape), np.zeros(ends.shape)
         if self.terms.substrate is not None:
             k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
         if self.terms.contact is not None:
@@ -295,7 +295,8 @@ class Mechanics:
         self.moved = self._kept_moved
 
     def _changing(self) -> list[np.ndarray]:
-        return [self._memory, self._theta_memory, *(self.kernel[name] for name in ("F", "resistance", *ACCOUNTS))]
+        return [self._memory, self._theta_memory,
+                *(self.kernel[name] for name in ("F", "resistance", "pushed", *ACCOUNTS))]
 
     def least_gaps(self) -> np.ndarray:
         """Least gaps to the substrate and between cells since this was last asked (2,) [µm]; collective."""
@@ -342,7 +343,7 @@ class Mechanics:
         """Force (n_owned, 2) [pN/µm] of "substrate", "contact" or "protrusion", and energy (n_owned,) [pN]."""
         force, energy = np.zeros((self._capacity, 2)), np.zeros(self._capacity)
         if term == "protrusion":
-            self.kernel("protrude", force, None, None, 0.0)
+            self.kernel("protrude", force, None, None, 0.0, 0.0)
         else:
             self.kernel({"substrate": "substrate_adhesion", "contact": "cell_adhesion"}[term], force, energy)
         return force[: self.n_owned], energy[: self.n_owned]
