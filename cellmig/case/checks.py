@@ -111,7 +111,7 @@ def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]
     for cell, _ in cells if particles.per_cell or particles.spacing else ():
         count = particles.per_cell or cell.shape.area / particles.spacing**2
         total += count
-        if count < 7:
+        if round(count) < 7:
             source.wrong(("particles", key), f"leaves '{cell.name}' with {count:.0f} particles; at least 7 are needed")
             return
     if total > MOST_PARTICLES:
