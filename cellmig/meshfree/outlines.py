@@ -169,7 +169,7 @@ def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
 
 
 def _lattice(polygon: np.ndarray, h: float, count: int) -> np.ndarray:
-    """`count` points of the triangular lattice with the widest spacing that has as many inside, clear of the outline."""
+    """`count` points of the widest triangular lattice that has as many inside a polygon, clear of the outline."""
     low, high = 0.3 * h, 2.0 * h
     for _ in range(25):
         s = 0.5 * (low + high)

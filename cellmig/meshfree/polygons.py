@@ -52,6 +52,13 @@ def distance(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     return least
 
 
+def depth(a: np.ndarray, b: np.ndarray) -> float:
+    """How deep corners of the polygon a lie within the polygon b [µm], 0 if none does."""
+    boxed = ((a > b.min(axis=0)) & (a < b.max(axis=0))).all(axis=1)
+    within = a[boxed][inside(a[boxed], b)]
+    return float(distance(within, b).max(initial=0.0))
+
+
 def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
     """Two edges that meet although they are no neighbours, by their first corners; None if the outline is simple."""
     n, p, q = len(polygon), polygon, np.roll(polygon, -1, axis=0)
@@ -74,7 +81,7 @@ def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndar
 def visible(pairs: np.ndarray, X: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     """Which pairs (n, 2) of the points X see each other within the polygon, of whose edges they may be ends (n,) bool.
 
-    A line that leaves by less than a tenth of its length, as along an outline that is a little hollow, counts as inside.
+    A line that leaves by less than a tenth of its length, as where an outline is a little hollow, counts as inside.
     """
     a, b = X[pairs[:, 0]], X[pairs[:, 1]]
     p, q = polygon, np.roll(polygon, -1, axis=0)

@@ -52,8 +52,9 @@ def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
 def gradients(X: np.ndarray, support: np.ndarray, surface: np.ndarray | None = None) -> sparse.csr_matrix:
     """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
 
-    No kernel reaches across a hollow of the closed polygon `surface` (m,) int.  Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
-    is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.
+    Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
+    is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.  No kernel reaches across a hollow of
+    the closed polygon `surface` (m,) int.
     """
     pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
     d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
