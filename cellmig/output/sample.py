@@ -10,6 +10,7 @@ import numpy as np
 from ..meshfree.rows import owned_rows
 from ..parallel.reduce import exact_sum
 
+STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
 UNITS = {"id": "1", "cell": "1", "material": "1", "surface": "1", "X": "um", "u": "um", "v": "um/us", "stress": "Pa",
          "effective_stress": "Pa", "J": "1", "pressure": "Pa", "director": "1", "adhesion_force": "pN/um",
@@ -41,6 +42,7 @@ class Sampler:
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
         self._recovery = owned_rows(scene, m.base, [t.R for t in scene.templates])
+        self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self._start: dict[str, float] | None = None
 
     def _sum(self, values: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
@@ -179,8 +181,8 @@ class Sampler:
         self._start = self._start or entries
         change = {name: value - self._start[name] for name, value in entries.items()}
         missing = sum(change.values()) - 2.0 * change["protrusion_work"]
-        largest = max(map(abs, [*entries.values(), *change.values()]))
-        entries["closure"] = abs(missing) / largest if largest else 0.0
+        largest = max(map(abs, [self._negligible, *entries.values(), *change.values()]))
+        entries["closure"] = abs(missing) / largest
         return entries
 
     def momentum(self) -> np.ndarray:

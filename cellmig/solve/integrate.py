@@ -92,7 +92,7 @@ class Integrator:
             limits["displaced"] = 0.0
         self.choose()
         if self.dt < LEAST_STEP:
-            self._broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
+            self.broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         if not self.touches:
             return BATCH
         m.least_gaps()  # those of the steps to come count
@@ -118,14 +118,15 @@ class Integrator:
         """Limits of the state as it is, which is sound; collective."""
         limits = self.mechanics.limits()
         if not all(math.isfinite(limits[n]) for n in ("viscous", "elastic", "speed", "displaced")):
-            self._broken("a value is not finite any more")
+            self.broken("a value is not finite any more")
         if limits["J_min"] <= 0.0:
-            self._broken("a particle is inverted")
+            self.broken("a particle is inverted")
         for name, worse in (("J_min", min), ("J_max", max)):
             self.extremes[name] = worse(self.extremes[name], limits[name])
         return limits
 
-    def _broken(self, cause: str) -> None:
+    def broken(self, cause: str) -> None:
+        """End the run, with the particle that is worst off and a remedy; collective."""
         particle, J = self.mechanics.worst_particle()
         scene = self.mechanics.scene
         remedy = "try a smaller time.step_factor, a weaker protrusion or finer particles"
@@ -160,7 +161,7 @@ class Integrator:
         self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
         self._note_step(dt)
         if not np.isfinite(ts.getSolution().norm()):
-            self._broken("a value is not finite any more")
+            self.broken("a value is not finite any more")
         limits = m.limits()
         if limits["displaced"] > 0.5 * SKIN:
             m.renew_lists()

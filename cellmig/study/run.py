@@ -26,6 +26,7 @@ from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError, binding
 
 DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
+CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
 
 
 class Run:
@@ -114,6 +115,9 @@ class Run:
             self.ledger.write(s.time, entries)
         if frame:
             self._write_frame()
+        if entries["closure"] > CLOSURE:  # shapes may look right for long after
+            self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
+                                    f"{100 * CLOSURE:g} % at most")
 
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
