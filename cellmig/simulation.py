@@ -92,9 +92,15 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
                        "elastic stabilisation", True, False)
     damped = unless(None if case.numerics.bulk_viscosity else "its viscosity is zero", "bulk damping", True, False)
+    cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
+    friction = unless(why((case.friction is None, "the case has none"),
+                          (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
+                      case.friction if case.substrate is not None else None)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
-    return Terms(substrate, contact, protrusion, director, active, stabilised, damped, stiffened, force, skipped)
+    return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
+                 director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
+                 acceleration=force, skipped=skipped)
 
 
 class Simulation:

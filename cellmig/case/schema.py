@@ -90,6 +90,9 @@ class Case:
     substrate: Any = _law("adhesion", "adhesion to the substrate y = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
     protrusion: Any = _law("protrusion", "push of the leading edge", default_law="edge")
+    cortex: Any = _law("cortex", "tension of the cells' surfaces; absent: none, as in the paper",
+                       default_law="line-tension")
+    friction: Any = _law("friction", "drag on the substrate; absent: none, as in the paper", default_law="bonds")
     director: Any = _law("director", "director field of the cytoplasm; absent: uniform")
     body_force: tuple | None = parameter("acceleration by a force on the whole body", None, unit="m/s^2", shape=(2,),
                                          at=("body_force", "acceleration"))

@@ -39,8 +39,9 @@ FIELDS: dict[str, str] = {
     # step control
     "least_gap": "double *", "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
-    "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
-    "substrate_bonds": "double", "substrate_floor": "double", "push": "double *", "pushed": "double *",
+    "n_segments": "long", "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
+    "substrate_bonds": "double", "substrate_floor": "double", "substrate_depth": "double", "push": "double *",
+    "pushed": "double *",
     "protrusion_impulse": "double *", "protrusion_work": "double *",
     # contact between cells
     "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",
@@ -52,10 +53,15 @@ FIELDS: dict[str, str] = {
     "director_mobility": "double *", "n_anchors": "long", "n_anchors_anywhere": "long", "anchor": "int32_t *",
     "anchor_offset": "double *", "anchor_owned": "int32_t *",
     # parameters of the laws
-    "substrate": "double *", "contact": "double *", "protrusion": "double *",
+    "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
+    "friction": "double *",
     # ghosts
     "state_vec": "void *", "director_vec": "void *",
 }
+
+
+SURFACE_LAWS = {"substrate": ("primitive", "potential", "slope"), "contact": ("primitive", "potential", "slope"),
+                "protrusion": ("ramp", "ramp_slope"), "cortex": ("energy", "tension"), "friction": ("drag",)}
 
 
 class Kernel:
@@ -115,17 +121,12 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     parts = [VECTORS.read_text(), "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
     vectors: dict[str, list[float]] = {}
 
-    def scalar(name: str, law: Any, methods: list[str]) -> None:
-        if law is None:
-            return
-        t = Translator(law, "double")
-        parts.append(f"#define {name.upper()} 1\n" + "".join(t.function(m, f"{name}_{m}") for m in methods))
-        vectors[name] = t.vector()
-
     parts.append(_materials(materials, terms.director, terms.active, vectors))
-    scalar("substrate", terms.substrate, ["primitive", "potential", "slope"])
-    scalar("contact", terms.contact, ["primitive", "potential", "slope"])
-    scalar("protrusion", terms.protrusion, ["ramp", "ramp_slope"])
+    for name, methods in SURFACE_LAWS.items():
+        if (law := getattr(terms, name)) is not None:
+            t = Translator(law, "double")
+            parts += [f"#define {name.upper()} 1", *(t.function(m, f"{name}_{m}") for m in methods)]
+            vectors[name] = t.vector()
     has = {"VISCOUS": any(hasattr(m, "viscous_stress") for m in materials), "STABILISED": terms.stabilised,
            "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
            "DIRECTOR": terms.director != "none" or terms.active,

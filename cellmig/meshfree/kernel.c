@@ -258,6 +258,46 @@ void substrate_adhesion(const Scene *s, double *force, double *energy)
 }
 #endif
 
+#ifdef FRICTION
+/* Drag of the closed bonds on particles that move along the substrate; the loss of power times dt to the account. */
+static void bond_friction(const Scene *s, double *force, double dt)
+{
+    for (long k = 0; k < s->n_near; k++) {
+        const long e = s->near[k];
+        const int32_t *node = s->segment + 2 * e;
+        const double g1 = s->X[2 * node[0] + 1] + s->state[4 * node[0] + 1];
+        const double g2 = s->X[2 * node[1] + 1] + s->state[4 * node[1] + 1];
+        double d1, d2;
+        const double closed = -substrate_mean(s->substrate, s->substrate_floor, g1, g2, &d1, &d2) / s->substrate_depth;
+        const double share = closed < 0 ? 0 : closed > 1 ? 1 : closed;
+        for (int i = 0; i < 2; i++) {
+            const double v = s->state[4 * node[i] + 2], f = 0.5 * s->length[e] * friction_drag(s->friction, share, v);
+            force[2 * node[i]] -= f;
+            s->viscous_loss[node[i]] += dt * f * v;
+        }
+    }
+}
+#endif
+
+#ifdef CORTEX
+/* Tension of the surfaces, along their segments; energy by the first particle of each, if asked. */
+void cortex_pull(const Scene *s, double *force, double *energy)
+{
+    for (long e = 0; e < s->n_segments; e++) {
+        const long i = s->segment[2 * e], j = s->segment[2 * e + 1];
+        const double x = s->X[2 * j] + s->state[4 * j] - s->X[2 * i] - s->state[4 * i];
+        const double y = s->X[2 * j + 1] + s->state[4 * j + 1] - s->X[2 * i + 1] - s->state[4 * i + 1];
+        const double length = sqrt(x * x + y * y), stretch = length / s->length[e];
+        const double t = cortex_tension(s->cortex, stretch) / length;
+        force[2 * i] += t * x;
+        force[2 * i + 1] += t * y;
+        force[2 * j] -= t * x;
+        force[2 * j + 1] -= t * y;
+        if (energy) energy[i] += s->length[e] * cortex_energy(s->cortex, stretch);
+    }
+}
+#endif
+
 #ifdef PROTRUSION
 /* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half.  Its work is
  * accounted with the velocities at both ends of a step, as losses are: `pushed` has the forces of the last step, which
@@ -485,6 +525,12 @@ static int surface_forces(const Scene *s, double elapsed, double dt)
 #endif
 #ifdef CONTACT
     cell_adhesion(s, s->force, 0);
+#endif
+#ifdef CORTEX
+    cortex_pull(s, s->force, 0);
+#endif
+#ifdef FRICTION
+    bond_friction(s, s->force, dt);
 #endif
 #ifdef PROTRUSION
     protrude(s, s->force, s->protrusion_impulse, s->protrusion_work, elapsed, dt);

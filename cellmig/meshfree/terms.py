@@ -10,14 +10,16 @@ from typing import Any
 class Terms:
     """What a scene lacks is None, "none" or False; it is not compiled, stored or exchanged.
 
-    substrate, contact, protrusion : laws or None;  director : "none", "frozen" or "relaxing";  active : whether ζ
-    acts;  stabilised, bulk_damped, stiffened : the numerical viscosities and stiffness;  acceleration : of the body
-    force (2,) [µm/µs²] or None;  skipped : why a term is absent, by its name, for the log.
+    substrate, contact, protrusion, cortex, friction : laws or None;  director : "none", "frozen" or "relaxing";
+    active : whether ζ acts;  stabilised, bulk_damped, stiffened : the numerical viscosities and stiffness;
+    acceleration : of the body force (2,) [µm/µs²] or None;  skipped : why a term is absent, by its name, for the log.
     """
 
     substrate: Any = None
     contact: Any = None
     protrusion: Any = None
+    cortex: Any = None
+    friction: Any = None
     director: str = "none"
     active: bool = False
     stabilised: bool = True

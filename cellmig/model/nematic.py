@@ -38,13 +38,21 @@ class Nematic:
         return self.stabilisation * self.viscosity
 
     def energy(self, F):
-        """Energy of compression per reference volume, k (J² - 1 - 2 ln J) / 4 [Pa]."""
+        """Energy per reference volume, that of compression [Pa]."""
+        return self.compression(F)
+
+    def compression(self, F):
+        """Energy of compression, k (J² - 1 - 2 ln J) / 4 [Pa]."""
         (F00, F01), (F10, F11) = F
         J = F00 * F11 - F01 * F10
         return 0.25 * self.reduced_bulk_modulus * (J * J - 1.0 - 2.0 * log(J))
 
     def stress(self, F):
-        """First Piola-Kirchhoff stress P = -J p F⁻ᵀ of the pressure [Pa]."""
+        """First Piola-Kirchhoff stress of the energy, that of the pressure [Pa]."""
+        return self.pressure_stress(F)
+
+    def pressure_stress(self, F):
+        """Stress of the pressure, P = -J p F⁻ᵀ [Pa]."""
         (F00, F01), (F10, F11) = F
         J = F00 * F11 - F01 * F10
         mean = 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)

@@ -170,6 +170,8 @@ class Sampler:
                     parts[name] = parts[name] + self.V * density
         for name, term in (("adhesion_substrate", "substrate"), ("adhesion_cells", "contact")):
             parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
+        if terms.cortex is not None:
+            parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
         viscous, numerical, _, work = m.powers() if half_step else np.zeros((4, m.n_owned))
         for name, power in (("protrusion_work", work), ("viscous_loss", viscous), ("numerical_loss", numerical)):
             parts[name] = m.kernel[name][: m.n_owned] + half_step * power  # up to the time of u, as the velocity

@@ -93,10 +93,8 @@ class Mechanics:
         material = lanes(scene.material[ids], scene.material[ids[-1]] if n_rows else 0)
         k["material"] = material
         k["mask"] = np.bitwise_or.reduce(1 << material.astype(np.int32).reshape(-1, 4), axis=1)
-        for name in ("viscous_loss", "numerical_loss"):
-            k[name] = np.zeros(4 * n_blocks)
-        for name in ("protrusion_impulse", "protrusion_work"):
-            k[name] = np.zeros(self._capacity)
+        for name in ACCOUNTS:
+            k[name] = np.zeros(max(self._capacity, 4 * n_blocks))
         k["resistance"] = np.zeros((n_blocks, 28))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
@@ -120,10 +118,11 @@ class Mechanics:
         self._segments = np.flatnonzero(own | own[s.after])
         ends = np.column_stack([self._segments, s.after[self._segments]])
         k["segment"] = self.base.local(s.ids[ends])
-        k["length"] = s.length[self._segments]
+        k["length"], k["n_segments"] = s.length[self._segments], len(self._segments)
         k["push"], k["pushed"] = np.zeros(ends.shape), np.zeros(ends.shape)
         if self.terms.substrate is not None:
             k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
+            k["substrate_depth"] = self.terms.substrate.energy
         if self.terms.contact is not None:
             c = self.terms.contact
             k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff
@@ -340,12 +339,12 @@ class Mechanics:
         return np.moveaxis(blocks, 2, 1).reshape(-1, blocks.shape[1])[: self.base.n_rows]
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
-        """Force (n_owned, 2) [pN/µm] of "substrate", "contact" or "protrusion", and energy (n_owned,) [pN]."""
+        """Force (n_owned, 2) [pN/µm] of "substrate", "contact", "cortex", "protrusion"; energy (n_owned,) [pN]."""
         force, energy = np.zeros((self._capacity, 2)), np.zeros(self._capacity)
         if term == "protrusion":
             self.kernel("protrude", force, None, None, 0.0, 0.0)
         else:
-            self.kernel({"substrate": "substrate_adhesion", "contact": "cell_adhesion"}[term], force, energy)
+            self.kernel(_SURFACE_FORCES[term], force, energy)
         return force[: self.n_owned], energy[: self.n_owned]
 
     def stabilisation_energy(self) -> np.ndarray:
@@ -393,4 +392,5 @@ class Mechanics:
 
 
 ACCOUNTS = ("viscous_loss", "numerical_loss", "protrusion_impulse", "protrusion_work")
+_SURFACE_FORCES = {"substrate": "substrate_adhesion", "contact": "cell_adhesion", "cortex": "cortex_pull"}
 FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])

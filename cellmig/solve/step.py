@@ -38,6 +38,9 @@ class StepControl:
         self.ranges = np.array([law.range if law else 0.0 for law, _ in self._contacts])
         self.typical = TYPICAL * self.ranges
         self._length_per_mass = max(_length_per_mass(t) for t in used)
+        drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
+        tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
+        self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
         self.director = max(t.spacing for t in used) ** 2 / (4.0 * mobility) if mobility else math.inf
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
@@ -52,8 +55,9 @@ class StepControl:
         steps = {"viscosity": _root(c, 0.0), "sound": _root(c, self.elastic * elastic)}
         contact = max(sides * law.stiffness(gap) if law else 0.0
                       for (law, sides), gap in zip(self._contacts, self.typical if gaps is None else gaps, strict=True))
-        if contact:
-            steps["contact"] = _root(c, contact * self._length_per_mass + self.elastic * elastic)
+        if contact or self._surface != (0.0, 0.0):
+            drag, tension = self._surface
+            steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + self.elastic * elastic)
         if math.isfinite(self.director):
             steps["director"] = self.director
         return steps
@@ -75,3 +79,9 @@ def _length_per_mass(t: Any) -> float:
     """Largest length of surface that a particle carries over its mass [µm²/fg]."""
     share = 0.5 * (t.segment_length + np.roll(t.segment_length, 1))
     return float((share / t.mass[t.surface]).max())
+
+
+def _inverse_inertia(t: Any) -> float:
+    """Largest 1/(length of segment x mass of its particle) of a surface [1/(µm fg/µm)]."""
+    shortest = np.minimum(t.segment_length, np.roll(t.segment_length, 1))
+    return float((1.0 / (shortest * t.mass[t.surface])).max())
