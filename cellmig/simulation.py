@@ -148,7 +148,7 @@ class Simulation:
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
         """Rows of history.csv and the row of ledger.csv now; brings lists and F up to date; collective."""
         m = self.mechanics
-        half = 0.5 * m.moved if self.integrator.leapfrog else 0.0
+        half = 0.5 * m.last if self.integrator.leapfrog else 0.0
         m.renew_lists()
         acceleration = m.rate()
         return self.sampler.history(), self.sampler.ledger(acceleration, half)

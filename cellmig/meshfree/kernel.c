@@ -81,7 +81,7 @@ static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
 }
 
 /* The accounts of losses: a force that resisted over a step did work with the mean of the velocities at both its ends.
- * `elapsed` is the last step, whose forces are in `resistance`; `dt` the step that begins. */
+ * `elapsed` is the time of the last kick, whose forces are in `resistance`; `dt` that of the one to come. */
 static inline void account_losses(const Scene *s, long b, const v4 R[2][2], const v4 W[2][2], v4 q, v4 rate,
                                   const v4 stab[2], double elapsed, double dt)
 {
@@ -194,10 +194,10 @@ static inline void divergence(const Scene *s, long b, v4 f[2])
 
 static inline int owned_lanes(const Scene *s, long b) { return s->n_owned - 4 * b < 4 ? (int)(s->n_owned - 4 * b) : 4; }
 
-/* v += dt f/m + dt g, then u += dt v, for the owned particles. */
-static void kick_and_drift(const Scene *s, double dt)
+/* v += kick (f/m + g), then u += dt v, for the owned particles. */
+static void kick_and_drift(const Scene *s, double kick, double dt)
 {
-    const v4 none = {0}, pull = {0, 0, dt * s->acceleration[0], dt * s->acceleration[1]};
+    const v4 none = {0}, pull = {0, 0, kick * s->acceleration[0], kick * s->acceleration[1]};
     for (long b = 0; 4 * b < s->n_owned; b++) {
         v4 f[2];
         divergence(s, b, f);
@@ -206,7 +206,7 @@ static void kick_and_drift(const Scene *s, double dt)
         const int n = owned_lanes(s, b);
         for (int i = 0; i < n; i++) {
             double *z = s->state + 16 * b + 4 * i;
-            v4 x = load(z) + dt * s->inverse_mass[4 * b + i] * rows[i] + pull;
+            v4 x = load(z) + kick * s->inverse_mass[4 * b + i] * rows[i] + pull;
             x += dt * __builtin_shuffle(x, none, (i4){2, 3, 4, 4});
             store(z, x);
         }
@@ -300,8 +300,8 @@ void cortex_pull(const Scene *s, double *force, double *energy)
 
 #ifdef PROTRUSION
 /* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half.  Its work is
- * accounted with the velocities at both ends of a step, as losses are: `pushed` has the forces of the last step, which
- * took `elapsed`; `dt` is the step that begins. */
+ * accounted with the velocities at both ends of a step, as losses are: `pushed` has the forces of the last kick, which
+ * took `elapsed`; `dt` is the time of the one to come. */
 void protrude(const Scene *s, double *force, double *impulse, double *work, double elapsed, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
@@ -566,21 +566,24 @@ static int director_ready(const Scene *s)
     return 0;
 }
 
-/* n steps of M u'' = F_body + F_cs + F_cc + F_d - F_int (2), symplectic: v by the force at u, then u by the new v.
- * `moved` is the time by which u went on since F was last brought up to date. */
-int advance(const Scene *s, long n, double dt, double moved)
+/* n steps of M u'' = F_body + F_cs + F_cc + F_d - F_int (2), symplectic: v by the force at u, from the middle of the last
+ * step to that of the coming one, then u by the new v.  `moved` is the time by which u went on since F was last brought up
+ * to date, `kicked` that for which accounts are half done, `last` the step before the first. */
+int advance(const Scene *s, long n, double dt, double moved, double kicked, double last)
 {
-    for (long i = 0; i < n; i++, moved = dt) {
+    for (long i = 0; i < n; i++, moved = last = dt) {
+        const double kick = 0.5 * (last + dt);
         if (director_ready(s)) return 1;
-        stress_of_rate(s, moved, moved, dt);
-        if (surface_forces(s, moved, dt) || director_step(s, dt)) return 1;
-        kick_and_drift(s, dt);
+        stress_of_rate(s, moved, kicked, kick);
+        if (surface_forces(s, kicked, kick) || director_step(s, dt)) return 1;
+        kick_and_drift(s, kick, dt);
+        kicked = kick;
         if (exchange(s, s->state_vec)) return 1;
     }
     return 0;
 }
 
-/* Rate of the owned state, (v, a), from the state as it is; the accounts are closed for the last step, `elapsed`. */
+/* Rate of the owned state, (v, a), from the state as it is; the accounts are closed for the last kick, `elapsed`. */
 int rate(const Scene *s, double *out, double elapsed)
 {
     if (director_ready(s)) return 1;

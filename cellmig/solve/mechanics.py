@@ -26,7 +26,8 @@ class Mechanics:
     """State, forces and accounts of a rank's particles.
 
     state : GhostedField (n_local, 4) -- (ux, uy, vx, vy) [µm, µm/µs];  solution : Vec -- its owned part, for TS;
-    kernel : the compiled step;  ids : (n_owned,) -- global ids in local order.
+    kernel : the compiled step;  ids : (n_owned,) -- global ids in local order;  last : the last step [µs], whose
+    middle the velocities are of;  moved : what F lags behind u [µs];  kicked : time of half-done accounts [µs].
     """
 
     def __init__(self, scene: Scene, terms: Terms, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm, director: Any,
@@ -42,7 +43,7 @@ class Mechanics:
         self._fill_surfaces(seed, protruding)
         self._fill_director(swarm)
         self._load(swarm)
-        self.moved = 0.0
+        self.moved = self.kicked = self.last = 0.0
         self.rebuilds = 0
         self._kept: list = []
         self.renew_lists()
@@ -275,9 +276,10 @@ class Mechanics:
 
     def advance(self, n: int, dt: float) -> None:
         """`n` steps of `dt` [µs] of the symplectic scheme, in place; collective."""
-        if self.kernel("advance", n, float(dt), float(self.moved)):
+        if self.kernel("advance", n, float(dt), float(self.moved), float(self.kicked), float(self.last)):
             raise PETSc.Error(75)
-        self.moved = dt
+        self.kicked = 0.5 * (self.last + dt) if n == 1 else dt
+        self.moved = self.last = dt
 
     def keep(self) -> None:
         """Remember all that steps change, so that `go_back` can undo them."""
@@ -285,13 +287,13 @@ class Mechanics:
             self._kept = [(a, a.copy()) for a in self._changing()]
         for a, copy in self._kept:
             np.copyto(copy, a)
-        self._kept_moved = self.moved
+        self._kept_times = self.moved, self.kicked, self.last
 
     def go_back(self) -> None:
         """Undo the steps since `keep`."""
         for a, copy in self._kept:
             np.copyto(a, copy)
-        self.moved = self._kept_moved
+        self.moved, self.kicked, self.last = self._kept_times
 
     def _changing(self) -> list[np.ndarray]:
         return [self._memory, self._theta_memory,
@@ -307,9 +309,9 @@ class Mechanics:
         """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
         out = np.zeros((self.n_owned + 4, 4))
         self.state.exchange()
-        if self.kernel("rate", out, float(self.moved)):
+        if self.kernel("rate", out, float(self.kicked)):
             raise PETSc.Error(75)
-        self.moved = 0.0
+        self.moved = self.kicked = 0.0
         return out[: self.n_owned]
 
     def relax_director(self, dt: float) -> None:
