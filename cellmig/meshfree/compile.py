@@ -64,10 +64,22 @@ SURFACE_LAWS = {"substrate": ("primitive", "potential", "slope"), "contact": ("p
                 "protrusion": ("ramp", "ramp_slope"), "cortex": ("energy", "tension"), "friction": ("drag",)}
 
 
+LINE = 64  # bytes of a cache line
+
+
+def aligned_zeros(shape: Any, dtype: Any = float) -> np.ndarray:
+    """Zeros that begin with a cache line, so that no vector of the kernel straddles two."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + LINE, np.uint8)
+    start = -memory.ctypes.data % LINE
+    return memory[start : start + size].view(dtype).reshape(shape)
+
+
 class Kernel:
     """Compiled functions of a scene and the structure they work on.
 
-    Set an array or a number with ``kernel["name"] = value``: the kernel keeps the array alive and passes its address.
+    Set an array or a number with ``kernel["name"] = value``: the kernel keeps the array, or a copy that begins with a
+    cache line, and passes its address; ``kernel["name"]`` is the array that it works on.
     """
 
     def __init__(self, materials: list, terms: Terms):
@@ -90,6 +102,9 @@ class Kernel:
         kind = self._kinds.get(name)
         if kind in _DTYPES and value is not None:
             value = np.ascontiguousarray(value, _DTYPES[kind])
+            if value.ctypes.data % LINE:
+                value, unaligned = aligned_zeros(value.shape, value.dtype), value
+                value[...] = unaligned
             self._arrays[name] = value
             value = value.ctypes.data
         elif name == "acceleration":

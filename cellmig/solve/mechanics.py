@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..meshfree.body import Scene
-from ..meshfree.compile import Kernel
+from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces, contact_lists
 from ..meshfree.rows import blocks, number
 from ..meshfree.terms import Terms
@@ -62,8 +62,8 @@ class Mechanics:
         self.n_owned = self.base.n_owned
         self.ids = self.base.ids[: self.n_owned]
         self._capacity = len(self.base.ids) + len(s.ids) + 8  # the kernel's last block may read past the end
-        self._memory = np.zeros((self._capacity, 4))
-        self._X = np.zeros((self._capacity, 2))
+        self._memory = aligned_zeros((self._capacity, 4))
+        self._X = aligned_zeros((self._capacity, 2))
         self.solution = PETSc.Vec().createWithArray(self._memory[: self.n_owned].ravel(),
                                                     size=(4 * self.n_owned, None), bsize=4, comm=self.comm)
         self.state: GhostedField | None = None
@@ -135,7 +135,7 @@ class Mechanics:
 
     def _fill_director(self, swarm: Swarm) -> None:
         k, n_blocks = self.kernel, -(-self.base.n_rows // 4)
-        self._theta_memory = np.zeros((self._capacity, 2))
+        self._theta_memory = aligned_zeros((self._capacity, 2))
         self.theta = None
         if self.terms.director == "none" and not self.terms.active:
             return
