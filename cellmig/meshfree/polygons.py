@@ -67,11 +67,11 @@ def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
     apart = (near[:, 1] - near[:, 0]) % n
     near = near[(apart > 1) & (apart < n - 1)]
     i, j = near.T
-    found = near[_meet(p[i], q[i], p[j], q[j])]
+    found = near[meet(p[i], q[i], p[j], q[j])]
     return tuple(map(int, min(found.tolist()))) if len(found) else None
 
 
-def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+def meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Whether the segments ab and cd (n, 2) each share a point, ends included."""
     sides = [np.sign(s) for s in (cross(b - a, c - a), cross(b - a, d - a), cross(d - c, a - c), cross(d - c, b - c))]
     boxes = (np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d))).all(-1)

@@ -125,11 +125,11 @@ class Integrator:
             self.extremes[name] = worse(self.extremes[name], limits[name])
         return limits
 
-    def broken(self, cause: str) -> None:
-        """End the run, with the particle that is worst off and a remedy; collective."""
-        particle, J = self.mechanics.worst_particle()
+    def broken(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
+        """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
+        particle, J = self.mechanics.worst_particle(particle)
         scene = self.mechanics.scene
-        remedy = "try a smaller time.step_factor, a weaker protrusion or finer particles"
+        remedy = remedy or "try a smaller time.step_factor, a weaker protrusion or finer particles"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")

@@ -372,11 +372,13 @@ class Mechanics:
         top[2], top[4] = -top[2], np.sqrt(top[4])
         return dict(zip(names, top.tolist(), strict=True))
 
-    def worst_particle(self) -> tuple[int, float]:
-        """Global id and J of the particle with the least J, or the first that is not finite; collective."""
+    def worst_particle(self, known: int | None = None) -> tuple[int, float]:
+        """Global id and J of the one with the least J, or the first not finite, or one that is known; collective."""
         F = np.moveaxis(self.kernel["F"], 2, 1).reshape(-1, 4)[: self.n_owned]
         J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
         J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
+        if known is not None:
+            J = np.where(self.ids == known, J, np.inf)
         i = int(np.argmin(J)) if len(J) else -1
         found = (float(J[i]), int(self.ids[i])) if i >= 0 else (np.inf, -1)
         return min(self.comm.allgather(found))[::-1]

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from cellmig import __version__
 from cellmig.case.schema import Case
+from cellmig.meshfree.tangles import tangle
 from cellmig.output.directory import OutputError, fresh_directory, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
@@ -118,6 +119,10 @@ class Run:
         if entries["closure"] > CLOSURE:  # shapes may look right for long after
             self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
+        m, terms = s.mechanics, s.terms
+        found = tangle(m.surfaces, m.surface_positions(), terms.substrate is not None, terms.contact is not None)
+        if found:
+            self._integrator.broken(found.cause, found.particle, found.remedy)
 
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
