@@ -94,6 +94,13 @@ def _looks(commands: Any) -> None:
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
     paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
+    verify = commands.add_parser("verify", help="whether the program does what it should")
+    verify.add_argument("--stress", type=_count, metavar="N", required=True, help="N random scenes: each ends stable, "
+                        "stops with a message or is refused")
+    verify.add_argument("--seed", type=int, default=0, help="of the random scenes (default: 0)")
+    verify.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
+    verify.add_argument("--out", type=Path, default=Path("output/stress"), metavar="DIR",
+                        help="directory (default: output/stress)")
     commands.add_parser("schema", help="JSON schema of a case file, for editors")
     commands.add_parser("doctor", help="what this machine has and lacks")
 
@@ -103,7 +110,7 @@ def _sets(command: argparse.ArgumentParser) -> None:
                          help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
 
 
-COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper")
+COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify")
 
 
 def parse(words: list[str]) -> argparse.Namespace:
@@ -159,6 +166,13 @@ def paper(options: argparse.Namespace) -> int:
         raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
     out = options.out or Path("output") / ("paper-quick" if options.quick else "paper")
     return paper(out, options.seeds or (3 if options.quick else 8), options.jobs, options.quick, only)
+
+
+def verify(options: argparse.Namespace) -> int:
+    """Random scenes."""
+    from .study.stress import stress
+
+    return stress(options.out, options.stress, options.seed, options.jobs)
 
 
 def show(options: argparse.Namespace) -> int:
@@ -249,12 +263,12 @@ def main() -> None:
         ours, petsc_options = split_arguments(words)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] != "run"
         options = parse(words if serial else ours)
-        if not serial or options.command in ("validate", "paper") or RANKS > 1:
+        if not serial or options.command in ("validate", "paper", "verify") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         if not serial:
             code = run(options, comm)
         else:  # nothing to share: other ranks than the first are idle
-            command = {"validate": validate, "paper": paper}.get(options.command, show)
+            command = {"validate": validate, "paper": paper, "verify": verify}.get(options.command, show)
             code = command(options) if RANK == 0 else DONE
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -30,12 +31,13 @@ _LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_", "CELLMIG_TERMINAL")  # would make a 
 
 @dataclass(frozen=True)
 class Job:
-    """One run to be: a case file under some `--set`, and the directory that it leaves."""
+    """One run to be: a case file under some `--set`, the directory that it leaves, and PETSc's options."""
 
     name: str
     case: Path
     sets: tuple[str, ...]
     directory: Path
+    options: tuple[str, ...] = ()
 
     def load(self) -> Case:
         """The case that this run is of."""
@@ -51,12 +53,15 @@ class Job:
         case = self.load()
         return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
 
+    def arguments(self) -> list[str]:
+        """What the command line says of it."""
+        sets = [word for text in self.sets for word in ("--set", text)]
+        return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *self.options]
+
     def start(self, errors: IO[str]) -> subprocess.Popen:
         """Start it; what it says about a failure goes to `errors`."""
         environment = {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
-        command = [sys.executable, "-m", "cellmig", "run", str(self.case), "--out", str(self.directory), "--quiet"]
-        for text in self.sets:
-            command += ["--set", text]
+        command = [sys.executable, "-m", "cellmig", *self.arguments()]
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
                                 env=environment | {"OPENBLAS_NUM_THREADS": "1"})
 
@@ -70,10 +75,11 @@ class Ended:
     message: str = ""
 
 
-def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = ()) -> Iterator[Ended]:
+def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit: float = math.inf) -> Iterator[Ended]:
     """Run jobs in order, `at_once` of them at a time, and tell of each as it ends; a failure stops no other.
 
-    As soon as `asked` is not empty, nothing more is started and what runs is asked to stop, too.
+    One that takes longer than `limit` wall seconds is killed.  As soon as `asked` is not empty, nothing more is started
+    and what runs is asked to stop, too.
     """
     waiting, active = list(jobs)[::-1], {}
     with ExitStack() as files:
@@ -81,10 +87,15 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = ()) -> Ite
             while (waiting or active) and not asked:
                 while waiting and len(active) < at_once:
                     job, errors = waiting.pop(), files.enter_context(tempfile.TemporaryFile("w+"))
-                    active[job.start(errors)] = job, errors
+                    active[job.start(errors)] = job, errors, perf_counter()
                 time.sleep(_PAUSE)
+                late = [p for p, (*_, begin) in active.items() if perf_counter() > begin + limit and p.poll() is None]
+                for process in late:
+                    process.kill()
+                    process.wait()
+                    yield Ended(active.pop(process)[0], process.returncode, f"no end within {limit:g} s")
                 for process in [p for p in active if p.poll() is not None]:
-                    yield _ended(process.returncode, *active.pop(process))
+                    yield _ended(process.returncode, *active.pop(process)[:2])
         finally:
             for process in active:
                 process.terminate()

@@ -90,7 +90,7 @@ def gap(outcome: Outcome, time: float, height: float) -> float | None:
     fields = outcome.frame(time)
     if fields is None:
         return None
-    right, left = (_crossings(_outline(fields, cell), height) for cell in (1, 2))
+    right, left = (_crossings(outline(fields, cell), height) for cell in (1, 2))
     return float(right.min() - left.max()) if len(right) and len(left) else np.nan
 
 
@@ -99,7 +99,7 @@ def _positions(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
     return (fields["X"] + fields["u"])[on, :2]
 
 
-def _outline(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
+def outline(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
     """Surface particles of a cell in order, the first again at the end (n, 2) [um]."""
     place = fields["surface"][fields["cell"] == cell]
     order = np.argsort(place, kind="stable")[np.count_nonzero(place < 0):]

@@ -1,0 +1,150 @@
+"""Random scenes: what users might do, and some of what they should not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cellmig.case.registry import laws
+
+Tables = dict[str, Any]
+
+
+def scene(seed: int, number: int) -> Tables:
+    """Tables of the scene of a number in the set of a seed; it does not depend on how many scenes are drawn."""
+    rng = np.random.default_rng([seed, number])
+    cells = _cells(rng)
+    names = [cell["name"] for cell in cells]
+    tables = {"title": f"scene {number} of the stress set {seed}", "seed": int(rng.integers(1 << 31)),
+              "time": _time(rng), "particles": _particles(rng, cells), "materials": _materials(rng), "cells": cells}
+    if rng.random() < 0.85:
+        tables["adhesion"] = {"substrate": _bonds(rng)}
+        if rng.random() < 0.7:
+            some = [name for name in names if rng.random() < 0.6]
+            tables["protrusion"] = {"cells": some, "strength": float(rng.choice([0.0, 0.06, 0.3, _decades(rng, -2, 1),
+                                                                                 10.0])),
+                                    "height": _text(_decades(rng, -1, 0.5), "um")}
+    if rng.random() < 0.8:
+        tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
+    return tables
+
+
+def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
+    """Nested tables as TOML; the values may be text, numbers, true, false and lists of those."""
+    plain = {k: v for k, v in tables.items() if not isinstance(v, Mapping) and not _is_tables(v)}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    head = [f"[{'.'.join(path)}]"] if path and lines else []
+    parts = ["\n".join([*head, *lines])] if lines else []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            parts.append(toml(value, (*path, key)))
+        elif _is_tables(value):
+            parts += [f"[[{key}]]\n" + "\n".join(f"{k} = {json.dumps(v)}" for k, v in item.items()) for item in value]
+    return "\n\n".join(parts)
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping)
+
+
+# ------------------------------------------------------------------------------------------------------------ parts
+
+
+def _decades(rng: np.random.Generator, low: float, high: float) -> float:
+    """10 to a power between two, evenly."""
+    return float(10.0 ** rng.uniform(low, high))
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{value:.6g} {unit}"
+
+
+def _time(rng: np.random.Generator) -> Tables:
+    fixed = rng.random() < 0.2
+    return {"end": "20 us", "frames": 1, "samples": 400, "step_factor": float(rng.uniform(0.3, 1.0)),
+            "step": _text(_decades(rng, -0.5, 2.5), "ns") if fixed else "auto"}
+
+
+def _particles(rng: np.random.Generator, cells: list[Tables]) -> Tables:
+    found: Tables = {"dilation": float(rng.uniform(1.6, 3.0))}
+    if rng.random() < 0.3:  # the same spacing for all: small cells beside large ones are coarse
+        size = float(np.sqrt(np.mean([_shape(cell).area for cell in cells]) / rng.uniform(60, 300)))
+        return found | {"spacing": _text(size, "um")}
+    return found | {"per_cell": int(rng.integers(60, 601))}
+
+
+def _materials(rng: np.random.Generator) -> Tables:
+    c1 = _decades(rng, 1.5, 5)
+    return {"cytoplasm": {"law": "nematic", "viscosity": _text(_decades(rng, -1, 2), "mPa s"),
+                          "bulk_modulus": "2.2 GPa", "reduced_bulk_modulus": _text(_decades(rng, 4.7, 7.5), "Pa")},
+            "nucleus": {"law": "mooney-rivlin", "C1": _text(c1, "Pa"),
+                        "C2": _text(c1 * rng.choice([0.0, _decades(rng, -2, 0)]), "Pa"),
+                        "lame": _text(c1 * _decades(rng, 0.5, 3), "Pa")}}
+
+
+def _bonds(rng: np.random.Generator) -> Tables:
+    """Work of adhesion from 0.3 pN/um to 3 nN/um, over 5 to 100 nm."""
+    return {"bonds": _text(_decades(rng, 1, 5), "/um^2"), "energy": "0.03 pN um",
+            "range": _text(_decades(rng, np.log10(5), 2), "nm")}
+
+
+def _cells(rng: np.random.Generator) -> list[Tables]:
+    """1 to 9 cells, in a row or in rows of three, apart by 0 to 1 um; a few overlap a little."""
+    count, size = int(rng.integers(1, 10)), _decades(rng, np.log10(2), np.log10(20))
+    gap = rng.choice([0.01, rng.uniform(0, 1), -rng.uniform(0, 0.02)], p=[0.4, 0.5, 0.1])
+    height = rng.choice([0.01, rng.uniform(0, 2), 0.0], p=[0.5, 0.4, 0.1])
+    row, alike = (count if rng.random() < 0.5 else 3), rng.random() < 0.5
+    kinds = [_drawn_shape(rng, size)] * count if alike else [_drawn_shape(rng, size * rng.uniform(0.6, 1.4))
+                                                            for _ in range(count)]
+    cells, bottom, top, x = [], height, height, 0.0
+    for n, kind in enumerate(kinds):
+        if n % row == 0:
+            bottom, x = (top + gap if n else height), 0.0
+        outline = _outline(kind)
+        low, high = outline.min(axis=0), outline.max(axis=0)
+        x += gap - low[0]
+        nucleus = {"nucleus": "nucleus"} if "nucleus_ratio" in kind else {}
+        cells.append({"name": f"Cell-{n + 1}", **kind, **nucleus, "material": "cytoplasm",
+                      "centre": [_text(x, "um"), _text(bottom - low[1], "um")]})
+        x, top = x + high[0], max(top, bottom - low[1] + high[1])
+    return cells
+
+
+def _drawn_shape(rng: np.random.Generator, size: float) -> Tables:
+    """Disc, ellipse or polygon of a size [um]; of the polygons a few cross themselves."""
+    kind = rng.choice(["disc", "ellipse", "polygon"])
+    core = {"nucleus_ratio": float(rng.uniform(0.2, 0.6))} if rng.random() < 0.6 else {}
+    if kind == "disc":
+        return {"shape": "disc", "radius": _text(size, "um"), **core}
+    if kind == "ellipse":
+        return {"shape": "ellipse", "a": _text(size * rng.uniform(0.4, 1.5), "um"),
+                "b": _text(size * rng.uniform(0.4, 1.5), "um"), **core}
+    n = int(rng.integers(3, 10))
+    angle = 2.0 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+    corners = size * rng.uniform(0.5, 1.2, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if rng.random() < 0.1:
+        rng.shuffle(corners)
+    return {"shape": "polygon", "corners": [[_text(x, "um") for x in corner] for corner in corners], **core}
+
+
+def _outline(kind: Tables) -> np.ndarray:
+    """Points of the outline (n, 2) [um], also of one that crosses itself."""
+    if kind["shape"] == "polygon":
+        return np.array([[float(x.split()[0]) for x in corner] for corner in kind["corners"]])
+    return _shape(kind).outline(720)
+
+
+def _shape(kind: Tables) -> Any:
+    """The shape of a cell's table; of a polygon its convex hull, of which no other shape is larger."""
+    def number(key: str) -> float:
+        return float(kind[key].split()[0])
+
+    if kind["shape"] == "disc":
+        return laws("shape")["disc"](radius=number("radius"))
+    if kind["shape"] == "ellipse":
+        return laws("shape")["ellipse"](a=number("a"), b=number("b"))
+    low, high = _outline(kind).min(axis=0), _outline(kind).max(axis=0)
+    return laws("shape")["ellipse"](a=float(high[0] - low[0]) / 2, b=float(high[1] - low[1]) / 2)

@@ -1,0 +1,160 @@
+"""The stress set: random scenes must end stable, stop with a message, or be refused; nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellmig import meshfree, model
+from cellmig.case.registry import discover
+from cellmig.case.schema import Case
+from cellmig.meshfree import polygons
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import frames
+
+from .batch import Count, Ended, Job, run_all
+from .draw import scene, toml
+from .measures import outline
+from .run import BROKEN, CLOSURE, DONE, STOPPED, stop_requests
+
+REFUSED, UNSOUND = 2, 1
+VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
+AREA = 0.01  # how far the area of a cell may be from that at the start, as a share
+STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
+# What a clean stop says: when, where, why, and what to do about it.
+CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a scene ended: "stable", "stopped" with a message, "refused" with a message, or what must not be: "bad".
+
+    why : the message, or what is wrong;  command : reproduces it;  numbers : what was measured.
+    """
+
+    name: str
+    ended: str
+    code: int
+    why: str
+    command: str
+    numbers: dict[str, float]
+
+
+def stress(out: Path, count: int, seed: int, at_once: int | None = None) -> int:
+    """Draw `count` scenes, run each a while and judge; returns the exit code, UNSOUND if any ended badly."""
+    discover(model)
+    discover(meshfree)
+    jobs = [prepare(out, seed, number) for number in range(count)]
+    verdicts, progress = [], Count(count)
+    with stop_requests() as asked:
+        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), asked, LIMIT):
+            verdicts.append(judge(ended, *measure(ended)))
+            progress(Ended(ended.job, 0))
+    progress.close()
+    if asked:
+        return STOPPED
+    verdicts.sort(key=lambda v: v.name)
+    (out / "stress.json").write_text(json.dumps({"seed": seed, "scenes": [asdict(v) for v in verdicts]}, indent=1,
+                                                ensure_ascii=False))
+    print("\n".join([*table(verdicts), str(out / "stress.json")]))
+    return UNSOUND if any(v.ended == "bad" for v in verdicts) else DONE
+
+
+def prepare(out: Path, seed: int, number: int) -> Job:
+    """Write the case file of a scene."""
+    folder = out / f"seed{seed}-scene{number:03}"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "case.toml").write_text(toml(scene(seed, number)) + "\n", encoding="utf-8")
+    return Job(folder.name, folder / "case.toml", (), folder / "run", ("-ts_max_steps", str(STEPS)))
+
+
+# -------------------------------------------------------------------------------------------------------- judgement
+
+
+def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
+    """Numbers of a run to its end, and the outlines of its cells in the last frame; nothing of others."""
+    if ended.code:
+        return {}, []
+    directory = ended.job.directory
+    manifest, history = read_manifest(directory), read_table(directory / "history.csv")
+    area = np.array([history["area_um2"][history["cell"] == c] for c in np.unique(history["cell"])[1:]])
+    fields = frames(directory)[-1].read()
+    outlines = [outline(fields, cell)[:-1] for cell in np.unique(fields["cell"])]
+    return {"closure": manifest["worst_closure"], "J_min": manifest["J"][0], "J_max": manifest["J"][1],
+            "area": float(np.abs(area / area[:, :1] - 1.0).max()), "softness": softness(ended.job.load()),
+            "steps": manifest["steps"], "seconds": manifest["wall_seconds"]}, outlines
+
+
+def softness(case: Case) -> float:
+    """Largest traction of bonds and protrusion over the least bulk modulus of a case: how far J may be from 1 [-]."""
+    bonds = [law.work / law.range for law in (case.substrate, case.contact) if law is not None]
+    push = case.protrusion.strength * case.substrate.work / case.protrusion.height if case.protrusion else 0.0
+    used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
+    return max([*bonds, push, 0.0]) / min(law.density * law.sound_speed**2 for law in used)
+
+
+def judge(ended: Ended, numbers: dict[str, Any], outlines: Sequence[np.ndarray]) -> Verdict:
+    """What to say of a run, from how it ended and, if it went to its end, from what it left."""
+    def say(how: str, why: str) -> Verdict:
+        return Verdict(ended.job.name, how, ended.code, why, shlex.join(["cellmig", *ended.job.arguments()]), numbers)
+
+    if ended.code == BROKEN:
+        return say("stopped", ended.message) if CLEAN.search(ended.message) else say("bad", f"says '{ended.message}'")
+    if ended.code == REFUSED:
+        return say("refused", ended.message) if ended.message else say("bad", "refused without a word")
+    if ended.code:
+        return say("bad", ended.message or f"exit code {ended.code}")
+    wrong = [*_numbers_wrong(numbers), *_outlines_wrong(outlines)]
+    return say("bad", "; ".join(wrong)) if wrong else say("stable", "")
+
+
+def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
+    wrong = []
+    if not all(map(np.isfinite, numbers.values())):
+        wrong.append("a number is not finite")
+    if not numbers["closure"] <= CLOSURE:
+        wrong.append(f"closure {numbers['closure']:.3g}")
+    room = VOLUME + numbers["softness"]
+    if not (max(0.0, 1.0 - room) < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
+        wrong.append(f"J from {numbers['J_min']:.3g} to {numbers['J_max']:.3g}")
+    if not numbers["area"] < AREA * (1.0 + numbers["softness"]):
+        wrong.append(f"an area changed by {100 * numbers['area']:.3g} %")
+    return wrong
+
+
+def _outlines_wrong(outlines: Sequence[np.ndarray]) -> list[str]:
+    wrong = []
+    for n, x in enumerate(outlines, 1):
+        if (edges := polygons.crossing(x)) is not None:
+            wrong.append("cell {} crosses itself near ({:.4g}, {:.4g}) um".format(n, *x[edges[0]]))
+    for i, a in enumerate(outlines):
+        for j, b in enumerate(outlines):
+            if i != j and (deep := polygons.depth(a, b)) > 0.02 * np.sqrt(abs(polygons.area(a))):
+                wrong.append(f"cell {i + 1} is {deep:.3g} um within cell {j + 1}")
+    return wrong
+
+
+# ------------------------------------------------------------------------------------------------------ what is said
+
+
+def table(verdicts: Sequence[Verdict]) -> list[str]:
+    """How many of each, and those that ended badly, each with the command that reproduces it."""
+    lines = [f"{how:8} {sum(v.ended == how for v in verdicts):4}" for how in ("stable", "stopped", "refused", "bad")]
+    stable = [v.numbers for v in verdicts if v.ended == "stable"]
+    if stable:
+        lines.append(f"stable ones: closure at most {100 * max(n['closure'] for n in stable):.2g} %, J from "
+                     f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, areas kept "
+                     f"to {100 * max(n['area'] for n in stable):.2g} %")
+    for v in verdicts:
+        if v.ended == "bad":
+            lines += [f"{v.name}: exit code {v.code}, {v.why}", f"    {v.command}"]
+    return lines
