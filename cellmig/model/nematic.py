@@ -62,7 +62,7 @@ class Nematic:
         """First Piola-Kirchhoff stress P = J 2μ d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹); its power P : Ḟ is lost."""
         (F00, F01), (F10, F11) = F
         (R00, R01), (R10, R11) = Fdot
-        k = 2.0 * self.viscosity / (F00 * F11 - F01 * F10)
+        k = 2.0 * self.viscosity * (1.0 / (F00 * F11 - F01 * F10))  # the pressure's 1/J, divided once
         s00 = k * (R00 * F11 - R01 * F10)
         s11 = k * (R11 * F00 - R10 * F01)
         s01 = 0.5 * k * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
