@@ -94,13 +94,17 @@ def _looks(commands: Any) -> None:
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
     paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
-    verify = commands.add_parser("verify", help="whether the program does what it should")
-    verify.add_argument("--stress", type=_count, metavar="N", required=True, help="N random scenes: each ends stable, "
-                        "stops with a message or is refused")
-    verify.add_argument("--seed", type=int, default=0, help="of the random scenes (default: 0)")
+    verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it")
+    what = verify.add_mutually_exclusive_group(required=True)
+    what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each ends stable, stops with a "
+                      "message or is refused")
+    what.add_argument("--sensitivity", action="store_true", help="how the main scene depends on spacing, time step and "
+                      "other choices of the method")
+    verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
+    verify.add_argument("--quick", action="store_true", help="a coarse sensitivity: in minutes, to try it out")
     verify.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
-    verify.add_argument("--out", type=Path, default=Path("output/stress"), metavar="DIR",
-                        help="directory (default: output/stress)")
+    verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/stress, "
+                        "output/sensitivity, with --quick output/sensitivity-quick)")
     commands.add_parser("schema", help="JSON schema of a case file, for editors")
     commands.add_parser("doctor", help="what this machine has and lacks")
 
@@ -169,10 +173,19 @@ def paper(options: argparse.Namespace) -> int:
 
 
 def verify(options: argparse.Namespace) -> int:
-    """Random scenes."""
+    """Random scenes, or the sensitivity of the main one."""
+    if options.sensitivity:
+        if options.seed is not None:
+            raise UsageError("--seed is for --stress; --sensitivity varies the seed of the case")
+        from .study.sensitivity import sensitivity
+
+        out = options.out or Path("output") / ("sensitivity-quick" if options.quick else "sensitivity")
+        return sensitivity(out, options.jobs, options.quick)
+    if options.quick:
+        raise UsageError("--quick is for --sensitivity; --stress takes fewer scenes")
     from .study.stress import stress
 
-    return stress(options.out, options.stress, options.seed, options.jobs)
+    return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs)
 
 
 def show(options: argparse.Namespace) -> int:

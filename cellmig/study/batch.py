@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import IO
+from typing import IO, Any
 
 from tqdm import tqdm
 
@@ -22,22 +24,27 @@ from cellmig import meshfree, model
 from cellmig.case.load import load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
+from cellmig.output.directory import OutputError
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 
+from .run import BROKEN
+
+CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
 _PAUSE, _NEXT_LINE = 0.05, 30.0  # wall seconds
 _LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_", "CELLMIG_TERMINAL")  # would make a process believe that it is a rank
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run to be: a case file under some `--set`, the directory that it leaves, and PETSc's options."""
+    """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks."""
 
     name: str
     case: Path
     sets: tuple[str, ...]
     directory: Path
     options: tuple[str, ...] = ()
+    ranks: int = 1
 
     def load(self) -> Case:
         """The case that this run is of."""
@@ -48,7 +55,7 @@ class Job:
     def is_done(self) -> bool:
         """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
         manifest = read_manifest(self.directory)
-        if manifest.get("exit_status") != 0:
+        if manifest.get("exit_status") != 0 or manifest["ranks"] != self.ranks:
             return False
         case = self.load()
         return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
@@ -62,6 +69,9 @@ class Job:
         """Start it; what it says about a failure goes to `errors`."""
         environment = {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
         command = [sys.executable, "-m", "cellmig", *self.arguments()]
+        if self.ranks > 1:
+            mpiexec = shutil.which("mpiexec.openmpi") or "mpiexec"
+            command = [mpiexec, "-q", "-n", str(self.ranks), *command]
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
                                 env=environment | {"OPENBLAS_NUM_THREADS": "1"})
 
@@ -101,6 +111,43 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
                 process.terminate()
             for process in active:
                 process.wait()
+
+
+def run_counted(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = ()) -> dict[Job, Ended]:
+    """Run jobs and show how many have ended; those that failed."""
+    count, failed = Count(len(jobs)), {}
+    for ended in run_all(jobs, at_once, asked):
+        count(ended)
+        if ended.code:
+            failed[ended.job] = ended
+    count.close()
+    return failed
+
+
+def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
+    """Runs to the end whose energy does not add up: they pass for no result, whatever they would say."""
+    found = {}
+    for job in jobs:
+        closure = read_manifest(job.directory)["worst_closure"]
+        if closure is None or closure > CLOSES:
+            closure = float("nan") if closure is None else closure
+            message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
+            found[job] = Ended(job, BROKEN, message)
+            print(f"{job.name} does not count: {message}")
+    return found
+
+
+def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Rows as CSV; a column for each name that is in any of them."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
 
 
 def _ended(code: int, job: Job, errors: IO[str]) -> Ended:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cellmig.case.schema import Case
-from cellmig.output.directory import OutputError
 from cellmig.output.log import clock
-from cellmig.output.manifest import read_manifest
 
-from .batch import Count, Ended, Job, run_all
+from .batch import Ended, Job, run_counted, unsound, write_rows
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 from .measures import CELLS, Outcome
 from .preflight import cost
-from .run import BROKEN, DONE, STOPPED, stop_requests
+from .run import DONE, STOPPED, stop_requests
 
-CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
 FOLDER = Path(__file__).parents[2] / "cases"
 # Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.
 _FRAMES, _QUICK_FRAMES = 100, 20
@@ -109,19 +105,6 @@ def plan(out: Path, seeds: int, quick: bool) -> dict[tuple[str, int], Job]:
     return jobs
 
 
-def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
-    """Runs to the end whose energy does not add up: they pass for no result, whatever they would say of a claim."""
-    found = {}
-    for job in jobs:
-        closure = read_manifest(job.directory)["worst_closure"]
-        if closure is None or closure > CLOSES:
-            closure = float("nan") if closure is None else closure
-            message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
-            found[job] = Ended(job, BROKEN, message)
-            print(f"{job.name} does not count: {message}")
-    return found
-
-
 def collect(jobs: Mapping[tuple[str, int], Job]) -> Results:
     """What came out of finished runs; says so where they are not of one source."""
     results: dict[str, dict[int, Outcome]] = {}
@@ -150,13 +133,7 @@ def _run_missing(jobs: list[Job], at_once: int, asked: list[int]) -> dict[Job, E
     rounds = -(-len(missing) // at_once)
     print(f"{len(missing)} to go, {at_once} at a time: about {clock(rounds * cost(case).seconds)} and more if others "
           "use the machine", flush=True)
-    count, failed = Count(len(missing)), {}
-    for ended in run_all(missing, at_once, asked):
-        count(ended)
-        if ended.code:
-            failed[ended.job] = ended
-    count.close()
-    return failed
+    return run_counted(missing, at_once, asked)
 
 
 # ------------------------------------------------------------------------------------------------------- what is said
@@ -196,8 +173,9 @@ def _scatter(claim: Claim) -> list[str]:
 
 def _write_claims(path: Path, claims: list[Claim]) -> None:
     seeds = sorted({seed for claim in claims for part in claim.parts for seed in part.values})
-    _write(path, [{"claim": claim.key, **_entries(part), **{f"seed{seed}": part.values.get(seed, "") for seed in seeds},
-                   "claim_verdict": claim.verdict} for claim in claims for part in claim.parts])
+    write_rows(path, [{"claim": claim.key, **_entries(part),
+                       **{f"seed{seed}": part.values.get(seed, "") for seed in seeds}, "claim_verdict": claim.verdict}
+                      for claim in claims for part in claim.parts])
 
 
 def _entries(part: Part) -> dict[str, Any]:
@@ -217,7 +195,7 @@ def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Result
             rows.append(row | {"exit_code": failed[job].code, "message": failed[job].message})
         elif outcome := results.get(name, {}).get(seed):
             rows.append(row | {"exit_code": DONE, "message": ""} | _numbers(outcome))
-    _write(path, rows)
+    write_rows(path, rows)
 
 
 def _numbers(outcome: Outcome) -> dict[str, Any]:
@@ -233,15 +211,3 @@ def _numbers(outcome: Outcome) -> dict[str, Any]:
         row[f"ux_um_of_cell{cell}_at_{END:g}us"] = outcome.at("ux_um", END, cell)
         row[f"apart_us_of_cell{cell}"] = outcome.apart(cell)
     return row
-
-
-def _write(path: Path, rows: list[dict[str, Any]]) -> None:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
