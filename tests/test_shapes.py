@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import built, case, example
+from scenes import CASES, built, case, example
 
-from cellmig.case.load import from_dict
+from cellmig.case.load import from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.registry import laws
 from cellmig.meshfree import polygons, rkpm
@@ -142,6 +143,34 @@ def test_outlines_that_bound_no_cell_are_refused(corners: list, more: dict, mess
     with pytest.raises(CaseError) as error:
         from_dict(polygon_case(corners, **more))
     assert message in str(error.value)
+
+
+def outlined(folder: Path, table: str) -> Path:
+    """A case whose cell takes its corners from a file beside it."""
+    (folder / "outlines").mkdir()
+    (folder / "outlines/cell.csv").write_text(table, encoding="utf-8")
+    (folder / "case.toml").write_text(f'extends = "{CASES["one_cell"]}"\n[[cells]]\nname = "A"\nshape = "polygon"\n'
+                                      'corners = "outlines/cell.csv"\nmaterial = "cytoplasm"\n'
+                                      'centre = ["0 um", "3 um"]\n', encoding="utf-8")
+    return folder / "case.toml"
+
+
+def test_corners_may_stand_in_a_file_beside_the_case(tmp_path: Path) -> None:
+    found = load(outlined(tmp_path, "x_nm,y_nm\n-2000,-2000\n2000, -2000\n0,3.5e3\n\n"))
+    assert found.cells[0].shape.corners == ((-2.0, -2.0), (2.0, -2.0), (0.0, 3.5))
+    assert from_dict(found.resolved()).cells == found.cells  # which needs the file no more
+
+
+@pytest.mark.parametrize(("table", "message"), [
+    ("-2,-2\n2,-2\n0,3\n", "begins with '-2,-2', not with a line such as 'x_um,y_um'"), ("", "begins with ''"),
+    ("x_um,y_um\n-2,-2,1\n2,-2\n0,3\n", "has 3 numbers in line 2, not two"),
+    ("x_um,y_um\n-2,a\n2,-2\n0,3\n", "'a um' is not a number with a unit"),
+    ("x_um,y_um\n-2,-2\n", "a polygon has at least three"), ("x_kg,y_um\n-2,-2\n2,-2\n0,3\n", "wrong dimension"),
+])
+def test_a_file_that_holds_no_outline_is_named(tmp_path: Path, table: str, message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        load(outlined(tmp_path, table))
+    assert message in str(error.value) and "case.toml:" in str(error.value)
 
 
 def test_too_few_particles_for_an_outline_are_a_mistake_of_the_case() -> None:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import Delaunay
 
-from ..case.registry import law, quantity
+from ..case.registry import law, parameter, quantity
 from . import polygons
 from .shapes import Layout
 
@@ -53,7 +53,8 @@ class Polygon:
     A nucleus is a smaller copy about the centre of the area, from where all of the outline has to be in sight.
     """
 
-    corners: tuple = quantity("um", "corners, in order", minimum=-1e6, maximum=1e6, shape=(None, 2))
+    corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
+                               minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=True)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
 
     def __post_init__(self):
