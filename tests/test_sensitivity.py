@@ -100,7 +100,9 @@ def test_the_table_holds_every_change_relative_to_the_default_and_tells_whether_
     assert [row["varied"] for row in rows] == ["default", "per_cell", "ranks"]
     assert rows[1]["displacement_um_change"] == pytest.approx(0.2) and rows[1]["peak_stress_pa_change"] == 0.0
     assert [row["same_bits"] for row in rows] == ["", "", "no"]
-    text = "\n".join(study._said(rows, spreading(results), CASE))
+    curves = spreading(results)
+    assert curves[0]["step_um"] == pytest.approx(5.0 * (np.sqrt(21) - np.sqrt(20)) / 20)
+    text = "\n".join(study._said(rows, curves, CASE))
     assert "| particles per cell (1485) | 331" in text and "12 (+20.0 %)" in text and "2, OTHER BITS" in text
     assert len({len(line) for line in text.splitlines()[:5]}) == 1  # aligned
     assert compare({"per_cell": results["per_cell"]}, choices(False, 2019), CASE)[0]["same_bits"] == ""

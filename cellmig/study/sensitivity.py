@@ -219,14 +219,15 @@ def _row(name: str, value: str, outcome: Outcome, first: Mapping[str, float]) ->
 
 
 def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, Any]]:
-    """One row a spacing: the largest plateau of a cell that spreads alone."""
+    """One row a spacing: the largest plateau, and the largest step from sample to sample, of a cell that spreads."""
     rows = []
     for value, outcome in results.get("spreading", {}).items():
         time, contact = outcome.series("substrate_contact_um")
         found = plateau(time, contact)
         rows.append({"varied": "spreading", "value": value, "substrate_contact_um": float(contact[-1]),
                      "substrate_contact_um_at_start": float(np.interp(START, time, contact)),
-                     "plateau_us": found.length, "plateau_start_us": found.start, "plateau_ended": found.ended})
+                     "plateau_us": found.length, "plateau_start_us": found.start, "plateau_ended": found.ended,
+                     "step_um": float(np.diff(contact[time >= START]).max())})
     return rows
 
 
@@ -246,11 +247,13 @@ def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) 
             f"stress: {PERCENTILE}th percentile of the",
             f"effective stress in the cytoplasm, median over the frames of the last {100 * LATE:g} % of the time.", "",
             *_table(["one cell spreads: particles", f"contact at {START:g} µs [µm]", f"at {case.time.end:g} µs [µm]",
-                     "largest plateau [µs]", "from [µs]"],
+                     "largest plateau [µs]", "from [µs]", "largest step [µm]"],
                     [[row["value"], f"{row['substrate_contact_um_at_start']:.2f}", f"{row['substrate_contact_um']:.2f}",
                       f"{'' if row['plateau_ended'] else '> '}{row['plateau_us']:.1f}",
-                      f"{row['plateau_start_us']:g}"] for row in curves]), "",
-            f"Plateau: longest time after {START:g} µs in which the contact grows by less than {STEP:g} µm."]
+                      f"{row['plateau_start_us']:g}", f"{row['step_um']:.2f}"] for row in curves]), "",
+            f"Plateau: longest time after {START:g} µs in which the contact grows by less than {STEP:g} µm (>: not over "
+            "at the end).  Step: largest growth",
+            "from sample to sample.  A smooth line has no steps; one that is pinned by the particles steps by segments."]
 
 
 def _changed(row: Mapping[str, Any], key: str) -> str:
