@@ -251,8 +251,8 @@ def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) 
                     [[row["value"], f"{row['substrate_contact_um_at_start']:.2f}", f"{row['substrate_contact_um']:.2f}",
                       f"{'' if row['plateau_ended'] else '> '}{row['plateau_us']:.1f}",
                       f"{row['plateau_start_us']:g}", f"{row['step_um']:.2f}"] for row in curves]), "",
-            f"Plateau: longest time after {START:g} µs in which the contact grows by less than {STEP:g} µm; > if it lasts "
-            "to the end.",
+            f"Plateau: longest time after {START:g} µs in which the contact grows by less than {STEP:g} µm; > if it "
+            "lasts to the end.",
             "Step: largest growth from sample to sample.  A line that is pinned by the particles steps by segments."]
 
 
