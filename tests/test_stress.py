@@ -17,6 +17,7 @@ from mpi4py import MPI
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.meshfree.contact import Surfaces
+from cellmig.meshfree.polygons import crossing
 from cellmig.meshfree.tangles import tangle
 from cellmig.study import stress
 from cellmig.study.batch import Ended, Job, run_all
@@ -118,6 +119,9 @@ def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
         assert "cell 1 and cell 2 overlap by 0.3" in found.cause and "[adhesion.cells]" in found.remedy
         assert "below the substrate" in tangle(s, x - [0.0, 0.5], True, True).cause
         assert tangle(s, x - [0.0, 0.5], False, True) is None
+        landed = x.copy()  # on its neighbour, as where a membrane lies down on the substrate: no fold
+        landed[6] = x[5] - 1e-3 * (x[6] - x[5])
+        assert crossing(landed[s.cell == 0]) is not None and tangle(s, landed, False, True) is None
         turned = x.copy()
         turned[5] += 3.0 * (np.mean(x[s.cell == 0], axis=0) - x[5])  # through the cell and out on the other side
         found = tangle(s, turned, False, True)

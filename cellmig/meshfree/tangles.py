@@ -32,6 +32,8 @@ def tangle(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bo
     for i, j in _crossings(s, x):
         a, b = int(s.cell[i]), int(s.cell[j])
         if a == b:
+            if _reach(x, s.after, i, j) <= deepest:
+                continue  # particles that came to lie on one another, no fold
             return Tangle(int(s.ids[i]), "the outline of cell {} crosses itself at ({:.4g}, {:.4g}) µm".format(
                 a + 1, *x[i]), "nothing keeps the surfaces of one cell apart: try a smaller load or finer particles")
         if (a, b) not in seen and (depth := _depth(s, x, a, b)) > deepest:
@@ -40,6 +42,17 @@ def tangle(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bo
                           "the case has no [adhesion.cells], without which nothing keeps cells apart: try one")
         seen.add((a, b))
     return None
+
+
+def _reach(x: np.ndarray, after: np.ndarray, i: int, j: int) -> float:
+    """How far two segments that meet reach past one another: least distance of an end from the other one [µm]."""
+    ends = np.stack([x[[i, after[i]]], x[[j, after[j]]]])
+    distances = []
+    for (a, b), others in zip(ends, ends[::-1], strict=True):
+        along = b - a
+        t = np.clip((others - a) @ along / max(along @ along, 1e-300), 0.0, 1.0)
+        distances += np.linalg.norm(others - a - t[:, None] * along, axis=1).tolist()
+    return min(distances)
 
 
 def _crossings(s: Surfaces, x: np.ndarray) -> list[list[int]]:
