@@ -378,7 +378,8 @@ static void find_foot(const Scene *s, long m, Foot *foot)
     add_normal(s, c[1], c[2], n);
     if (foot->t == 0) add_normal(s, c[0], c[1], n);
     if (foot->t == 1) add_normal(s, c[2], c[3], n);
-    const double side = d[0] * n[0] + d[1] * n[1] < 0 ? -1 : 1, r = sqrt(best);
+    /* Beyond the cutoff, of a thin body only the back may be listed: a point behind that is not inside. */
+    const double r = sqrt(best), side = d[0] * n[0] + d[1] * n[1] < 0 && r < s->contact_cutoff ? -1 : 1;
     foot->a = c[1];
     foot->b = c[2];
     foot->gap = side * r;
