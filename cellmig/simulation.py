@@ -146,11 +146,12 @@ class Simulation:
         return self.time
 
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
-        """Rows of history.csv and the row of ledger.csv now; brings lists and F up to date; collective."""
+        """Rows of history.csv and the row of ledger.csv now; brings lists, F and the swarm up to date; collective."""
         m = self.mechanics
         half = 0.5 * m.last if self.integrator.leapfrog else 0.0
         m.renew_lists()
         acceleration = m.rate()
+        m.store(self.swarm)
         return self.sampler.history(), self.sampler.ledger(acceleration, half)
 
     def state_hash(self) -> str:

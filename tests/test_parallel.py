@@ -187,3 +187,14 @@ def test_looking_at_a_run_changes_its_last_bits_only(name: str) -> None:
     once, often = end(1), end(4)
     assert np.abs(once).max() > 0.0
     assert np.abs(often - once).max() < 1e-9 * np.abs(once).max()  # measured 1e-12: F is made anew at every look
+
+
+def test_the_swarm_holds_the_particles_as_they_were_looked_at(comm: MPI.Comm) -> None:
+    with built(case("director_radial", per_cell=90), comm) as sim:
+        sim.go(0.1)
+        sim.sample()
+        m, at = sim.mechanics, np.argsort(sim.mechanics.ids)
+        assert np.array_equal(sim.swarm["id"], m.ids[at]) and np.array_equal(sim.swarm["X"], sim.scene.X[m.ids[at]])
+        assert np.array_equal(np.hstack([sim.swarm["u"], sim.swarm["v"]]), m.state.owned[at])
+        assert np.array_equal(sim.swarm["theta"], m.theta.owned[at, 0])
+        assert np.array_equal(sim.swarm["loss"][:, 0], m.kernel["viscous_loss"][at])
