@@ -69,32 +69,30 @@ class Nematic:
         return ((s00 * F11 - s01 * F01, s01 * F00 - s00 * F10),
                 (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))
 
-    def director_stress(self, F, gradient):
-        """P = -η g⊗(F⁻¹ g) [Pa], from its energy, with g = F⁻ᵀ ∇₀θ from the reference gradient ∇₀θ [1/µm]."""
+    def current_gradient(self, F, gradient):
+        """Current gradient of θ, g = F⁻ᵀ ∇₀θ, from its reference gradient [1/µm]."""
         (F00, F01), (F10, F11) = F
         a, b = gradient
         rJ = 1.0 / (F00 * F11 - F01 * F10)
-        g0 = (F11 * a - F10 * b) * rJ
-        g1 = (F00 * b - F01 * a) * rJ
-        k0 = -self.eta * rJ * (F11 * g0 - F01 * g1)
-        k1 = -self.eta * rJ * (F00 * g1 - F10 * g0)
-        return (g0 * k0, g0 * k1), (g1 * k0, g1 * k1)
+        return (F11 * a - F10 * b) * rJ, (F00 * b - F01 * a) * rJ
 
     def director_energy(self, F, gradient):
         """Energy of the director field η |g|² / 2 per reference volume [Pa]."""
-        (F00, F01), (F10, F11) = F
-        a, b = gradient
-        rJ = 1.0 / (F00 * F11 - F01 * F10)
-        return 0.5 * self.eta * rJ * rJ * ((F11 * a - F10 * b) ** 2 + (F00 * b - F01 * a) ** 2)
+        g0, g1 = self.current_gradient(F, gradient)
+        return 0.5 * self.eta * (g0 * g0 + g1 * g1)
 
     def director_flux(self, F, gradient):
         """η F⁻¹ g [pN/µm]: derivative of the director's energy by ∇₀θ."""
         (F00, F01), (F10, F11) = F
-        a, b = gradient
+        g0, g1 = self.current_gradient(F, gradient)
         rJ = 1.0 / (F00 * F11 - F01 * F10)
-        g0 = (F11 * a - F10 * b) * rJ
-        g1 = (F00 * b - F01 * a) * rJ
         return self.eta * rJ * (F11 * g0 - F01 * g1), self.eta * rJ * (F00 * g1 - F10 * g0)
+
+    def director_stress(self, F, gradient):
+        """P = -g⊗(η F⁻¹ g) [Pa]: derivative of the director's energy by F."""
+        g0, g1 = self.current_gradient(F, gradient)
+        k0, k1 = self.director_flux(F, gradient)
+        return (-g0 * k0, -g0 * k1), (-g1 * k0, -g1 * k1)
 
     def active_stress(self, F, director):
         """P of -ζ h⊗h [Pa]: -ζ J h⊗(F⁻¹ h), director h of unit length [-]."""
