@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,6 +135,13 @@ def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
             found[job] = Ended(job, BROKEN, message)
             print(f"{job.name} does not count: {message}")
     return found
+
+
+def counting(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, Ended]]:
+    """Of all jobs by key, those that are done and count, and those that ended but do not."""
+    done = {key: job for key, job in jobs.items() if job.is_done()}
+    bad = unsound(done.values())
+    return {key: job for key, job in done.items() if job not in bad}, bad
 
 
 def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:

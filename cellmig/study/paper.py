@@ -12,7 +12,7 @@ from typing import Any
 from cellmig.case.schema import Case
 from cellmig.output.log import clock
 
-from .batch import Ended, Job, run_counted, unsound, write_rows
+from .batch import Ended, Job, counting, run_counted, write_rows
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 from .measures import CELLS, Outcome
@@ -81,9 +81,8 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED
-    done = {key: job for key, job in jobs.items() if job.is_done()}
-    bad = unsound(done.values())
-    results = collect({key: job for key, job in done.items() if job not in bad})
+    sound, bad = counting(jobs)
+    results = collect(sound)
     judged = judge(results)
     print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
     _write_claims(out / "claims.csv", judged)

@@ -15,7 +15,7 @@ from cellmig.output.directory import replace
 from cellmig.output.log import clock
 from cellmig.output.sample import TOUCHING
 
-from .batch import Ended, Job, run_counted, unsound, write_rows
+from .batch import Ended, Job, counting, run_counted, write_rows
 from .measures import Outcome
 from .paper import FOLDER, collect
 from .preflight import cost
@@ -106,9 +106,8 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED
-    done = {key: job for key, job in jobs.items() if job.is_done()}
-    bad = unsound(done.values())
-    results = collect({key: job for key, job in done.items() if job not in bad})
+    sound, bad = counting(jobs)
+    results = collect(sound)
     case = jobs["default", ""].load()
     rows, curves = compare(results, choices(quick, case.seed), case), spreading(results)
     text = "\n".join(_said(rows, curves, case))
