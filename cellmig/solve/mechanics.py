@@ -17,6 +17,7 @@ from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField, exchange_functions
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
+from .director import Director
 from .roughness import roughness
 
 SKIN = 0.4  # µm by which surfaces may approach each other before the search lists are made anew
@@ -26,8 +27,9 @@ class Mechanics:
     """State, forces and accounts of a rank's particles.
 
     state : GhostedField (n_local, 4) -- (ux, uy, vx, vy) [µm, µm/µs];  solution : Vec -- its owned part, for TS;
-    kernel : the compiled step;  ids : (n_owned,) -- global ids in local order;  last : the last step [µs], whose
-    middle the velocities are of;  moved : what F lags behind u [µs];  kicked : time of half-done accounts [µs].
+    theta : Director or None -- their angles;  kernel : the compiled step;  ids : (n_owned,) -- global ids in local
+    order;  last : the last step [µs], whose middle the velocities are of;  moved : what F lags behind u [µs];
+    kicked : time of half-done accounts [µs].
     """
 
     def __init__(self, scene: Scene, terms: Terms, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm, director: Any,
@@ -41,7 +43,7 @@ class Mechanics:
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
         self._fill_surfaces(seed, protruding)
-        self._fill_director(swarm)
+        self.theta = self._director()
         self._load(swarm)
         self.moved = self.kicked = self.last = 0.0
         self.rebuilds = 0
@@ -133,33 +135,12 @@ class Mechanics:
                 on = s.cell == c
                 self.alpha[on] = roughness(s.length[on], self.terms.protrusion, seed, c)
 
-    def _fill_director(self, swarm: Swarm) -> None:
-        k, n_blocks = self.kernel, -(-self.base.n_rows // 4)
-        self._theta_memory = aligned_zeros((self._capacity, 2))
-        self.theta = None
+    def _director(self) -> Director | None:
+        """The director field, if its gradient or its axis matters."""
         if self.terms.director == "none" and not self.terms.active:
-            return
+            return None
         ghosts = self._place_in_petsc[self.base.ids[self.n_owned :]]
-        self.theta = GhostedField(self.comm, self._theta_memory, self.n_owned, ghosts)
-        k["director"] = self._theta_memory
-        for name in ("director_gradient", "director_axis", "director_flux"):
-            k[name] = np.zeros((n_blocks, 2, 4))
-        V, eta = self.scene.field("V")[self.ids], max(getattr(m, "eta", 0.0) for m in self.scene.materials)
-        mobility = (self.law.mobility if self.law else 0.0) / (eta * V) if eta > 0 else np.zeros(len(V))
-        s = self.surfaces
-        anchors = np.zeros(0, int)
-        if self.law is not None and self.law.anchoring == "surface":
-            own = np.zeros(len(s.ids), bool)
-            own[self._mine] = True
-            anchors = np.flatnonzero(own | own[s.after] | own[s.before])
-            local = self.base.local(s.ids[anchors])
-            mobility[local[local < self.n_owned]] = 0.0
-            k["anchor_owned"] = local < self.n_owned
-        k["anchor"] = self.base.local(s.ids[np.column_stack([s.before[anchors], anchors, s.after[anchors]])])
-        k["director_mobility"] = mobility
-        k["n_anchors"] = len(anchors)
-        k["n_anchors_anywhere"] = self.comm.allreduce(len(anchors))
-        self._anchors = anchors
+        return Director(self.comm, self.scene, self.surfaces, self.base, ghosts, self._capacity, self.kernel, self.law)
 
     def _load(self, swarm: Swarm) -> None:
         """State and accounts from the swarm, whose particles stand by id."""
@@ -168,18 +149,8 @@ class Mechanics:
         for i, name in enumerate(ACCOUNTS):
             self.kernel[name][: self.n_owned] = swarm["loss"][at, i]
         if self.theta is not None:
-            self.theta.owned[:, 0] = swarm["theta"][at]
-            self.theta.exchange()
-            self._set_director_start()
+            self.theta.start(swarm["theta"][at])
         self.state.exchange()
-
-    def _set_director_start(self) -> None:
-        """Anchors keep the angle to the membrane at which they start; a frozen director has a constant gradient."""
-        k, s, a = self.kernel, self.surfaces, self._anchors
-        chord = self.scene.X[s.ids[s.after[a]]] - self.scene.X[s.ids[s.before[a]]]
-        k["anchor_offset"] = self.theta.array[self.base.local(s.ids[a]), 0] - np.arctan2(chord[:, 1], chord[:, 0])
-        k["director_vec"] = self.theta.handle
-        k("director_field")
 
     def store(self, swarm: Swarm) -> None:
         """State and accounts back to the swarm."""
@@ -296,7 +267,7 @@ class Mechanics:
         self.moved, self.kicked, self.last = self._kept_times
 
     def _changing(self) -> list[np.ndarray]:
-        return [self._memory, self._theta_memory,
+        return [self._memory, *([self.theta.memory] if self.theta is not None else []),
                 *(self.kernel[name] for name in ("F", "resistance", "pushed", *ACCOUNTS))]
 
     def least_gaps(self) -> np.ndarray:
