@@ -11,6 +11,7 @@ from scenes import built, case, everywhere, example, forces, put, smooth
 from cellmig.case.load import from_dict
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
+from cellmig.solve.step import NumericsError
 
 CORTEXES, FRICTIONS = sorted(laws("cortex")), sorted(laws("friction"))
 TENSION = 'cortex.line_tension="200 pN/um"'
@@ -98,6 +99,48 @@ def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
     free, rubbing = moved(), moved('friction.coefficient="300 Pa us/um"')
     assert 0.0 < rubbing[0] < 0.95 * free[0]  # measured 0.904
     assert rubbing[1] < 0.005  # measured 0.0026
+
+
+def test_the_work_of_activity_is_in_the_ledger_to_second_order() -> None:
+    def closure(factor: float) -> float:
+        active = ("materials.cytoplasm.zeta='1 kPa'", f"time.step_factor={factor}")
+        with built(case("one_cell", *active, per_cell=150)) as sim:
+            sim.go(3.0)
+            ledger = sim.sample()[1]
+            assert ledger["protrusion_work"] > 10.0 * abs(ledger["adhesion_substrate"])
+            return ledger["closure"]
+
+    coarse, fine = closure(0.8), closure(0.4)
+    assert fine < coarse < 1e-4 and np.log2(coarse / fine) > 1.7
+
+
+@pytest.mark.parametrize("sets", [
+    ("materials.cytoplasm.eta='1e8 pN'", "director.law=frozen", "director.start=radial"),
+    ("materials.cytoplasm.eta='1e6 pN'", "director.law=relaxing", "director.start=uniform",
+     "director.anchoring=surface"), ("materials.cytoplasm.zeta='-20 MPa'",)])
+def test_director_and_activity_shorten_the_step_where_they_are_stiffer_than_the_fluid(sets: tuple) -> None:
+    with built(case("one_cell", "materials.cytoplasm.eta='0 pN'")) as plain, built(case("one_cell", *sets)) as stiff:
+        before, after = (sim.control.stable(sim.mechanics.limits())["sound"] for sim in (plain, stiff))
+        assert after < 0.8 * before
+
+
+def test_a_director_relaxes_stably_in_a_small_cell_beside_a_large_one() -> None:
+    tree = case("director_radial", per_cell=80).resolved()
+    large = tree["cells"][0]
+    small = large | {"name": "Small", "radius": "1.5 um", "centre": ["6.51 um", "1.51 um"]}
+    mobile = {"director": tree["director"] | {"mobility": "100 um^2/us"}, "cells": [large, small]}
+    with built(from_dict(tree | mobile)) as sim:
+        least = min(t.diffusion for t in sim.scene.templates)
+        assert sim.control.director < 1.0 / (100.0 * least)
+        sim.go(0.5)
+        assert sim.integrator.mechanism == "director"
+        assert sim.sample()[1]["closure"] < 0.02
+
+
+def test_loads_that_the_volumes_do_not_bear_end_a_run_and_are_named() -> None:
+    active = case("one_cell", "materials.cytoplasm.zeta='20 MPa'", per_cell=80)
+    with built(active) as sim, pytest.raises(NumericsError, match=r"does not keep its volume.* a smaller zeta or"):
+        sim.go(1.0)
 
 
 def test_a_network_resists_shear_and_a_fluid_does_not() -> None:

@@ -79,6 +79,13 @@ class Template:
         return float((self.V * weight * (0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c**2))).max())
 
     @cached_property
+    def diffusion(self) -> float:
+        """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: how fast a field can relax per diffusivity."""
+        V, root = sparse.diags(self.V), sparse.diags(1.0 / np.sqrt(self.V))
+        parts = [abs_part(self.G, part) @ root for part in ("real", "imag")]
+        return _largest(sum(g.T @ V @ g for g in parts), len(self.X))
+
+    @cached_property
     def rates(self) -> tuple[float, float, float]:
         """Largest damping of the stabilisation and of the viscosities [1/µs], and frequency² of the elasticity [1/µs²].
 

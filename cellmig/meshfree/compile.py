@@ -50,8 +50,8 @@ FIELDS: dict[str, str] = {
     "contact_bonds": "double", "contact_floor": "double", "contact_cutoff": "double",
     # director (θ, torque) and its gradient, axis, flux
     "director": "double *", "director_gradient": "double *", "director_axis": "double *", "director_flux": "double *",
-    "director_mobility": "double *", "n_anchors": "long", "n_anchors_anywhere": "long", "anchor": "int32_t *",
-    "anchor_offset": "double *", "anchor_owned": "int32_t *",
+    "director_mobility": "double *", "director_weight": "double *", "n_anchors": "long", "n_anchors_anywhere": "long",
+    "anchor": "int32_t *", "anchor_offset": "double *", "anchor_owned": "int32_t *",
     # parameters of the laws
     "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
     "friction": "double *",
@@ -144,7 +144,7 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
             vectors[name] = t.vector()
     has = {"VISCOUS": any(hasattr(m, "viscous_stress") for m in materials), "STABILISED": terms.stabilised,
            "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
-           "DIRECTOR": terms.director != "none" or terms.active,
+           "ACTIVE": terms.active, "DIRECTOR": terms.director != "none" or terms.active,
            "DIRECTOR_RELAXES": terms.director == "relaxing"}
     parts += [f"#define {name} 1" for name, present in has.items() if present]
     return "\n".join([*parts, STEP.read_text()]), vectors
@@ -168,8 +168,8 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
             flux.append(f"    if (mask & {1 << i}) {{ director_flux_{i}({p}, F, g, f); KEEP2(f, {i}); }}")
         if active and hasattr(methods, "active_stress"):
             parts.append(t.function("active_stress", f"active_stress_{i}"))
-            lines.append(f"active_stress_{i}({p}, F, h, t); ADD(p, t);")
-        body = " ".join(["v4 p[2][2], t[2][2], w[2][2] = {{{0}}}; (void)t;", *lines, f"KEEP({i});"])
+            lines.append(f"active_stress_{i}({p}, F, h, a);")
+        body = " ".join(["v4 p[2][2], t[2][2], w[2][2] = {{{0}}}, a[2][2] = {{{0}}}; (void)t;", *lines, f"KEEP({i});"])
         stress.append(f"    if (mask & {1 << i}) {{ {body} }}")
         vectors[f"material_{i}"] = t.vector()
     fields = ""
@@ -183,15 +183,17 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
 
 _DISPATCH = """#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
 #define LANES_OF(i) const i4 m = (i4)(load(s->material + 4 * b) == (double)(i))
-#define KEEP(i) LANES_OF(i); for (int a = 0; a < 2; a++) for (int c = 0; c < 2; c++) \\
-    P[a][c] = choose(m, p[a][c], P[a][c]), W[a][c] = choose(m, w[a][c], W[a][c])
+#define KEEP(n) LANES_OF(n); for (int i = 0; i < 2; i++) for (int j = 0; j < 2; j++) \\
+    P[i][j] = choose(m, p[i][j], P[i][j]), W[i][j] = choose(m, w[i][j], W[i][j]), A[i][j] = choose(m, a[i][j], A[i][j])
 #define KEEP2(f, i) LANES_OF(i); for (int a = 0; a < 2; a++) flux[a] = choose(m, f[a], flux[a])
 
-static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2])
+static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2],
+                                   v4 A[2][2])
 {{
     const int32_t mask = s->mask[b];
 {fields}    memset(P, 0, 4 * sizeof(v4));
     memset(W, 0, 4 * sizeof(v4));
+    memset(A, 0, 4 * sizeof(v4));
     (void)R;
 {stress}
 }}

@@ -10,7 +10,11 @@ enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
 #else
 enum { GRADIENT_WIDTH = 8 };
 #endif
-enum { RESISTANCE_WIDTH = 28 }; /* by block: viscous stress, bulk damping, stabilising forces of the last step */
+#ifdef ACTIVE
+enum { RESISTANCE_WIDTH = 44 };
+#else
+enum { RESISTANCE_WIDTH = 28 }; /* by block: viscous stress, bulk damping, stabilising forces, active stress, of the last step */
+#endif
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
@@ -80,6 +84,17 @@ static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
                 z[10] * f[1][0] + z[11] * f[1][1], z[14] * f[1][2] + z[15] * f[1][3]};
 }
 
+#ifdef ACTIVE
+/* The account of what activity drives, as those of losses. */
+static inline void account_activity(const Scene *s, long b, const v4 R[2][2], const v4 A[2][2], double elapsed, double dt)
+{
+    double *kept = s->resistance + RESISTANCE_WIDTH * b + 28;
+    const v4 before[2][2] = {{load(kept), load(kept + 4)}, {load(kept + 8), load(kept + 12)}};
+    store(s->protrusion_work + 4 * b, load(s->protrusion_work + 4 * b) - (0.5 * elapsed * power(before, R) + 0.5 * dt * power(A, R)));
+    for (int i = 0; i < 4; i++) store(kept + 4 * i, A[i / 2][i % 2]);
+}
+#endif
+
 /* The accounts of losses: a force that resisted over a step did work with the mean of the velocities at both its ends.
  * `elapsed` is the time of the last kick, whose forces are in `resistance`; `dt` that of the one to come. */
 static inline void account_losses(const Scene *s, long b, const v4 R[2][2], const v4 W[2][2], v4 q, v4 rate,
@@ -116,11 +131,15 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
 {
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
     const v4 V = load(s->volume + 4 * b);
-    v4 P[2][2], W[2][2], q = {0}, rate = {0};
-    material_stress(s, b, F, R, P, W);
+    v4 P[2][2], W[2][2], A[2][2], q = {0}, rate = {0};
+    material_stress(s, b, F, R, P, W, A);
     for (int i = 0; i < 4; i++) {
         W[i / 2][i % 2] *= V;
         P[i / 2][i % 2] = V * P[i / 2][i % 2] + W[i / 2][i % 2];
+#ifdef ACTIVE
+        A[i / 2][i % 2] *= V;
+        P[i / 2][i % 2] += A[i / 2][i % 2];
+#endif
     }
 #ifdef BULK_DAMPED
     rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
@@ -142,6 +161,9 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
     store(s->force + 8 * b, -resistance[0]);
     store(s->force + 8 * b + 4, -resistance[1]);
     account_losses(s, b, R, W, q, rate, stab, elapsed, dt);
+#ifdef ACTIVE
+    account_activity(s, b, R, A, elapsed, dt);
+#endif
 }
 
 /* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since F was brought up to date. */
@@ -658,7 +680,12 @@ void limits(const Scene *s, double out[6])
         const double C = (-b * d * K[0] + (a * d + b * c) * K[2] - a * c * K[1]) * r;
         const double top = 0.5 * (A + B) + sqrt(0.25 * (A - B) * (A - B) + C * C);
         if (!(top * s->viscous_weight[i] <= viscous)) viscous = top * s->viscous_weight[i];
-        if (!(top * s->elastic_weight[i] <= elastic)) elastic = top * s->elastic_weight[i];
+        double weight = s->elastic_weight[i];
+#ifdef DIRECTOR
+        const double *g = s->director_gradient + 8 * (i / 4) + i % 4, g0 = d * g[0] - c * g[4], g1 = a * g[4] - b * g[0];
+        weight += s->director_weight[i] * (g0 * g0 + g1 * g1) / (J * J * J);
+#endif
+        if (!(top * weight <= elastic)) elastic = top * weight;
         if (!(J >= low)) { low = J; least = i; }
         if (!(J <= high)) high = J;
         const double v2 = z[2] * z[2] + z[3] * z[3];

@@ -29,22 +29,35 @@ class Director(GhostedField):
         kernel["director"] = self.memory
         for name in ("director_gradient", "director_axis", "director_flux"):
             kernel[name] = np.zeros((-(-base.n_rows // 4), 2, 4))
-        V, eta = scene.field("V")[base.ids[: base.n_owned]], max(getattr(m, "eta", 0.0) for m in scene.materials)
+        ids = base.ids[: base.n_owned]
+        V, eta = scene.field("V")[ids], max(getattr(m, "eta", 0.0) for m in scene.materials)
         mobility = (law.mobility if law else 0.0) / (eta * V) if eta > 0 else np.zeros(len(V))
+        self._stiffen(scene.materials, scene.material[ids])
         held = law is not None and law.anchoring == "surface"
-        self._anchors = self._anchored(mobility) if held else np.zeros(0, int)
+        self._anchors = self._anchored(mobility, eta / V) if held else np.zeros(0, int)
         kernel["director_mobility"] = mobility
         kernel["n_anchors"] = len(self._anchors)
         kernel["n_anchors_anywhere"] = comm.allreduce(len(self._anchors))
 
-    def _anchored(self, mobility: np.ndarray) -> np.ndarray:
-        """Surface particles that this rank has, or neighbours of such; their angle is the membrane's, not moved."""
+    def _stiffen(self, materials: list, material: np.ndarray) -> None:
+        """What η |g|²/2 and ζ add to the modulus that bounds the step: bounds of their second derivatives."""
+        eta, zeta = (np.array([getattr(m, name, 0.0) for m in materials]) for name in ("eta", "zeta"))
+        self._kernel["director_weight"] = 3.0 * eta[material]
+        self._kernel["elastic_weight"] += np.abs(zeta)[material]
+
+    def _anchored(self, mobility: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+        """Surface particles that this rank has, or neighbours of such; their angle is the membrane's, not moved.
+
+        `stiffness` (n_owned,) [Pa] : what a turn of the membrane against the director adds to its modulus, at most.
+        """
         s, base, k = self._surfaces, self._base, self._kernel
         own = base.local(s.ids)
         own = (own >= 0) & (own < base.n_owned)
         anchors = np.flatnonzero(own | own[s.after] | own[s.before])
         local = base.local(s.ids[anchors])
-        mobility[local[local < base.n_owned]] = 0.0
+        mine = local[local < base.n_owned]
+        mobility[mine] = 0.0
+        k["elastic_weight"][mine] += stiffness[mine]
         k["anchor_owned"] = local < base.n_owned
         k["anchor"] = base.local(s.ids[np.column_stack([s.before[anchors], anchors, s.after[anchors]])])
         return anchors

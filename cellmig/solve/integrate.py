@@ -16,6 +16,7 @@ from .step import NumericsError, StepControl, binding
 BATCH = 200  # steps between two looks at the stable step
 RECOVERY = 0.02  # of the bonds' range, by which the gaps that are expected widen from batch to batch
 LEAST_STEP = 1e-7  # µs: below, the scene has broken
+VOLUME = 0.5  # how far J may be from 1: beyond, no fluid of the model keeps its volume
 
 
 class Integrator:
@@ -121,15 +122,27 @@ class Integrator:
             self.broken("a value is not finite any more")
         if limits["J_min"] <= 0.0:
             self.broken("a particle is inverted")
+        if max(1.0 - limits["J_min"], limits["J_max"] - 1.0) > VOLUME:
+            self.broken(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
+                        remedy=f"try {self._lighter('a larger modulus (reduced_bulk_modulus, lame)')}")
         for name, worse in (("J_min", min), ("J_max", max)):
             self.extremes[name] = worse(self.extremes[name], limits[name])
         return limits
+
+    def _lighter(self, *others: str) -> str:
+        """What might help: less of the loads that the scene has, and others."""
+        t = self.mechanics.terms
+        loads = {"a weaker protrusion": t.protrusion is not None, "a smaller eta": t.director != "none",
+                 "a smaller zeta": t.active, "a smaller line_tension": t.cortex is not None,
+                 "a weaker body_force": t.acceleration is not None}
+        *most, last = [name for name, there in loads.items() if there] + list(others)
+        return f"{', '.join(most)} or {last}" if most else last
 
     def broken(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
         """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
         particle, J = self.mechanics.worst_particle(particle)
         scene = self.mechanics.scene
-        remedy = remedy or "try a smaller time.step_factor, a weaker protrusion or finer particles"
+        remedy = remedy or f"try {self._lighter('a smaller time.step_factor', 'finer particles')}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")
@@ -162,8 +175,7 @@ class Integrator:
         self._note_step(dt)
         if not np.isfinite(ts.getSolution().norm()):
             self.broken("a value is not finite any more")
-        limits = m.limits()
-        if limits["displaced"] > 0.5 * SKIN:
+        if self._seen()["displaced"] > 0.5 * SKIN:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())

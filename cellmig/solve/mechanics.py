@@ -98,7 +98,7 @@ class Mechanics:
         k["mask"] = np.bitwise_or.reduce(1 << material.astype(np.int32).reshape(-1, 4), axis=1)
         for name in ACCOUNTS:
             k[name] = np.zeros(max(self._capacity, 4 * n_blocks))
-        k["resistance"] = np.zeros((n_blocks, 28))
+        k["resistance"] = np.zeros((n_blocks, 44 if self.terms.active else 28))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
         k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
         for name, values in blocks(scene, self.base, self.terms).items():
@@ -344,15 +344,16 @@ class Mechanics:
         return dict(zip(names, top.tolist(), strict=True))
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
-        """Global id and J of the one with the least J, or the first not finite, or one that is known; collective."""
+        """Global id and J of the one whose J is furthest from 1, or not finite, or one that is known; collective."""
         F = np.moveaxis(self.kernel["F"], 2, 1).reshape(-1, 4)[: self.n_owned]
         J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
         J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
+        share = np.minimum(J, 1.0 / np.maximum(J, 1e-300))  # J or 1/J, whichever is below 1
         if known is not None:
-            J = np.where(self.ids == known, J, np.inf)
-        i = int(np.argmin(J)) if len(J) else -1
-        found = (float(J[i]), int(self.ids[i])) if i >= 0 else (np.inf, -1)
-        return min(self.comm.allgather(found))[::-1]
+            share = np.where(self.ids == known, share, np.inf)
+        i = int(np.argmin(share)) if len(J) else -1
+        found = (float(share[i]), int(self.ids[i]), float(J[i])) if i >= 0 else (np.inf, -1, np.inf)
+        return min(self.comm.allgather(found))[1:]
 
     def impulse(self) -> float:
         """Impulse of the protrusion so far [pN µs/µm]; collective."""

@@ -12,6 +12,7 @@ from ..meshfree.terms import Terms
 
 TYPICAL = 0.94  # least gap of a contact over the range of its bonds, as seen in runs at 600 to 1,500 particles a cell
 
+
 class NumericsError(RuntimeError):
     """The numbers broke: a value that is not finite, an inverted particle, a step too small."""
 
@@ -41,7 +42,7 @@ class StepControl:
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
-        self.director = max(t.spacing for t in used) ** 2 / (4.0 * mobility) if mobility else math.inf
+        self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
         """Stable step by mechanism [µs].
@@ -59,7 +60,7 @@ class StepControl:
             drag, tension = self._surface
             steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + self.elastic * elastic)
         if math.isfinite(self.director):
-            steps["director"] = self.director
+            steps["director"] = self.director / max(1.0, viscous)  # it spreads over what is squeezed as speed does
         return steps
 
 
