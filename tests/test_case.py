@@ -243,6 +243,8 @@ def test_a_setting_from_outside_wins_over_the_files(written: Callable[..., Path]
     ("cells.Lft.radius=3 um", "cells.Lft.radius: no such item; did you mean 'Left'?"),
     ("cells.9.radius=3 um", "no such item"),
     ("cells=3", "cells: is a list of tables"),
+    ("tim.end=4 us", "tim: no such section; did you mean 'time'?"),
+    ("cortex.law=line-tension", "cortex.line_tension: missing"),
 ])
 def test_a_mistake_in_a_setting_names_the_setting(written: Callable[..., Path], setting: str, part: str) -> None:
     found = messages(written(SOUND), (setting,))

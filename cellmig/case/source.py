@@ -168,7 +168,10 @@ def _set(source: Source, text: str) -> None:
     where, path = source.data, ()
     for key in keys:
         if path:
-            where = where.setdefault(path[-1], {}) if isinstance(where, dict) else where[path[-1]]
+            if isinstance(where, dict) and path[-1] not in where:
+                where[path[-1]] = {}
+                source.places[path] = place
+            where = where[path[-1]]
         path = (*path, _step(where, key))
         if path[-1] is None:
             items = where if isinstance(where, list) else []
