@@ -397,6 +397,14 @@ def test_validate_says_how_far_a_step_is_from_the_stable_one(alone):
     assert done.returncode == 0 and "1e+03 ns as given" in done.stdout and "TOO LARGE" in done.stdout
 
 
+def test_validate_warns_of_bonds_that_start_pressed(alone):
+    low = ("--set", 'cells.0.centre=["10.01 um", "5.004 um"]', "--set", 'cells.0.pitch=[["-10.003 um", "0 um"]]')
+    assert "WARNING" not in alone("validate", PAPER, *COARSE).stdout
+    said = [line for line in alone("validate", PAPER, *low).stdout.splitlines() if "WARNING" in line]
+    assert "set the centre of the lowest cell higher by 6 nm" in said[0]
+    assert "set the cells apart by a further 6" in said[1] and len(said) == 2
+
+
 def test_info_tells_what_a_run_was(alone, runs):
     done = alone("info", runs[3])
     assert (done.returncode, done.stderr) == (0, "")

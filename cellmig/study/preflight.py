@@ -29,7 +29,8 @@ class Cost(NamedTuple):
 
     particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
     step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
-    row_bytes : float -- of the kernel's arrays per particle;  skipped : dict -- terms that are, and why.
+    row_bytes : float -- of the kernel's arrays per particle;  gap : float -- the least between cells at the start [um];
+    skipped : dict -- terms that are, and why.
     """
 
     particles: int
@@ -39,6 +40,7 @@ class Cost(NamedTuple):
     steps: int
     per_step: float
     row_bytes: float
+    gap: float
     skipped: dict[str, str]
 
     @property
@@ -54,9 +56,9 @@ def cost(case: Case) -> Cost:
     scene, terms = discretise(part), find_terms(case)
     stable = step_control(case, scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
-    per_step, row_bytes = _timed(part)
+    per_step, row_bytes, gap = _timed(part)
     return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                row_bytes, terms.skipped)
+                row_bytes, gap, terms.skipped)
 
 
 def report(case: Case) -> str:
@@ -73,19 +75,20 @@ def report(case: Case) -> str:
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
         ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all and {_bytes(RANK_BYTES)} on each rank"),
         ("disk", f"{_bytes(frames * c.particles * _frame_bytes(case))} in {frames} frames"),
-        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
+        *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
     ])
 
 
-def _timed(case: Case) -> tuple[float, float]:
-    """Seconds per particle-step on this core, and bytes per particle of the kernel's arrays."""
+def _timed(case: Case) -> tuple[float, float, float]:
+    """Seconds per particle-step on this core, bytes per particle of the kernel's arrays, least gap between cells."""
     s = Simulation(case, MPI.COMM_SELF)
     m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
+    gap = float(m.least_gaps()[1])
     n = max(5, round(2e6 / s.scene.size))
     m.advance(3, dt)
     spent = min(_seconds(m, n, dt) for _ in range(3))
     held = sum(a.nbytes for a in m.kernel._arrays.values())
-    result = spent / (n * s.scene.size), held / s.scene.size
+    result = spent / (n * s.scene.size), held / s.scene.size, gap
     s.destroy()
     return result
 
@@ -113,6 +116,20 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     if "protrusion" not in c.skipped:
         rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
                                    "spacings"))
+    return rows
+
+
+def _pressed(case: Case, c: Cost) -> list[tuple[str, str]]:
+    """Bonds that start compressed: they fling the cells apart, faster than the steps can follow."""
+    rows = []
+    bottom = min(cell.centre[1] + cell.shape.lowest() for cell in case.cells)
+    for law, gap, term, remedy in (
+            (case.substrate, bottom, "adhesion to the substrate", "set the centre of the lowest cell higher by"),
+            (case.contact, c.gap, "adhesion between cells", "set the cells apart by a further")):
+        if term not in c.skipped and gap < law.cap:
+            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
+                                    "nm: the first moments may lose 12 % of the energy; "
+                                    f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
     return rows
 
 
