@@ -108,6 +108,14 @@ def test_the_table_holds_every_change_relative_to_the_default_and_tells_whether_
     assert compare({"per_cell": results["per_cell"]}, choices(False, 2019), CASE)[0]["same_bits"] == ""
 
 
+def test_the_time_that_runs_will_take_is_that_of_the_cores_and_the_longest_run():
+    jobs = [batch.Job(str(n), None, (), None, ranks=1 + (n == 3)) for n in range(4)]
+    seconds = dict(zip(jobs, (10.0, 20.0, 10.0, 40.0), strict=True))
+    assert batch.expected(seconds, 2, load=0.0, cores=2) == 40.0
+    assert batch.expected(seconds, 4, load=0.0, cores=8) == 20.0  # the longest, on two ranks
+    assert batch.expected(seconds, 2, load=2.0, cores=2) == 80.0  # as many processes of others
+
+
 @pytest.mark.parametrize(("words", "message"), [
     ([], "--stress --sensitivity is required"), (["--stress", "6", "--sensitivity"], "not allowed with"),
     (["--sensitivity", "--seed", "3"], "--seed is for"), (["--stress", "6", "--quick"], "--quick is for")])

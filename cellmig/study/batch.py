@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 import os
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -28,11 +30,16 @@ from cellmig.output.directory import OutputError
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 
+from .preflight import cost
 from .run import BROKEN
 
+_SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
 CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
-_PAUSE, _NEXT_LINE = 0.05, 30.0  # wall seconds
+_PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
 _LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_", "CELLMIG_TERMINAL")  # would make a process believe that it is a rank
+# What mpiexec needs in containers, which run as root and have no ptrace, and for more ranks than cores.
+_MPIEXEC = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+            "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
 
 
 @dataclass(frozen=True)
@@ -65,9 +72,14 @@ class Job:
         sets = [word for text in self.sets for word in ("--set", text)]
         return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *self.options]
 
+    def command(self) -> str:
+        """The line that runs it again."""
+        on_ranks = ["mpiexec", "-n", str(self.ranks)] if self.ranks > 1 else []
+        return shlex.join([*on_ranks, "cellmig", *self.arguments()])
+
     def start(self, errors: IO[str]) -> subprocess.Popen:
         """Start it; what it says about a failure goes to `errors`."""
-        environment = {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
+        environment = _MPIEXEC | {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
         command = [sys.executable, "-m", "cellmig", *self.arguments()]
         if self.ranks > 1:
             mpiexec = shutil.which("mpiexec.openmpi") or "mpiexec"
@@ -86,23 +98,26 @@ class Ended:
 
 
 def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit: float = math.inf) -> Iterator[Ended]:
-    """Run jobs in order, `at_once` of them at a time, and tell of each as it ends; a failure stops no other.
+    """Run jobs in order, on `at_once` ranks at a time or more if one needs them; tell of each as it ends.
 
-    One that takes longer than `limit` wall seconds is killed.  As soon as `asked` is not empty, nothing more is started
-    and what runs is asked to stop, too.
+    A failure stops no other.  One that takes longer than `limit` wall seconds is killed.  As soon as `asked` is not
+    empty, nothing more is started and what runs is asked to stop, too.
     """
     waiting, active = list(jobs)[::-1], {}
+
+    def room() -> bool:
+        return not active or sum(job.ranks for job, *_ in active.values()) + waiting[-1].ranks <= at_once
+
     with ExitStack() as files:
         try:
             while (waiting or active) and not asked:
-                while waiting and len(active) < at_once:
+                while waiting and room():
                     job, errors = waiting.pop(), files.enter_context(tempfile.TemporaryFile("w+"))
                     active[job.start(errors)] = job, errors, perf_counter()
                 time.sleep(_PAUSE)
                 late = [p for p, (*_, begin) in active.items() if perf_counter() > begin + limit and p.poll() is None]
                 for process in late:
-                    process.kill()
-                    process.wait()
+                    _kill(process)
                     yield Ended(active.pop(process)[0], process.returncode, f"no end within {limit:g} s")
                 for process in [p for p in active if p.poll() is not None]:
                     yield _ended(process.returncode, *active.pop(process)[:2])
@@ -113,15 +128,48 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
                 process.wait()
 
 
-def run_counted(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = ()) -> dict[Job, Ended]:
-    """Run jobs and show how many have ended; those that failed."""
-    count, failed = Count(len(jobs)), {}
-    for ended in run_all(jobs, at_once, asked):
+def run_missing(jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
+                ) -> dict[Job, Ended]:
+    """Run the jobs that are not done, in order or the longest first, and show how many have ended; those that failed.
+
+    Ranks wait for each other and want the cores for themselves: by length, runs on several of them come last.
+    """
+    load, jobs = os.getloadavg()[0], list(jobs)
+    missing = [job for job in jobs if not job.is_done()]
+    print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already", flush=True)
+    if not missing:
+        return {}
+    seconds = _costs(missing)
+    wall = expected(seconds, at_once, load, len(os.sched_getaffinity(0)))
+    print(f"{len(missing)} to go, {at_once} at a time: about {clock(wall)} with the machine as busy as it is now (load "
+          f"{load:.1f})", flush=True)
+    if longest_first:
+        missing.sort(key=lambda job: (job.ranks, -seconds[job]))
+    count, failed = Count(len(missing)), {}
+    for ended in run_all(missing, at_once, asked):
         count(ended)
         if ended.code:
             failed[ended.job] = ended
     count.close()
     return failed
+
+
+def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
+    """Seconds that each job takes on one core that it has for itself; what differs in the seed alone is timed once."""
+    known: dict[str, float] = {}
+    found = {}
+    for job in jobs:
+        case = dataclasses.replace(job.load(), seed=0, title="", path="")
+        if repr(case) not in known:
+            known[repr(case)] = _SETUP + cost(case).seconds
+        found[job] = known[repr(case)]
+    return found
+
+
+def expected(seconds: Mapping[Job, float], at_once: int, load: float, cores: int) -> float:
+    """Wall seconds of jobs that take these on one core each; `load` : other processes that want to run meanwhile."""
+    longest = max(time / job.ranks for job, time in seconds.items())
+    return max(sum(seconds.values()) / at_once, longest) * max(1.0, (at_once + load) / cores)
 
 
 def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
@@ -155,6 +203,16 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
             writer.writerows(rows)
     except OSError as error:
         raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
+
+
+def _kill(process: subprocess.Popen) -> None:
+    """End a process that hangs, and its ranks: mpiexec takes them with it, unless it is killed."""
+    with suppress(subprocess.TimeoutExpired):
+        if process.args[0] != sys.executable:
+            process.terminate()
+            process.wait(_GRACE)
+    process.kill()
+    process.wait()
 
 
 def _ended(code: int, job: Job, errors: IO[str]) -> Ended:

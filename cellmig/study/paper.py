@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from cellmig.case.schema import Case
-from cellmig.output.log import clock
 
-from .batch import Ended, Job, counting, run_counted, write_rows
+from .batch import Ended, Job, counting, run_missing, write_rows
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 from .measures import CELLS, Outcome
-from .preflight import cost
 from .run import DONE, STOPPED, stop_requests
 
 FOLDER = Path(__file__).parents[2] / "cases"
@@ -77,7 +75,7 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     jobs = plan(out, seeds, quick)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     with stop_requests() as asked:
-        failed = _run_missing(wanted, at_once or len(os.sched_getaffinity(0)), asked)
+        failed = run_missing(wanted, at_once or len(os.sched_getaffinity(0)), asked)
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED
@@ -119,20 +117,6 @@ def source(outcome: Outcome) -> str:
     """What a run was computed with."""
     m = outcome.manifest
     return f"{m['commit']} ({m['tree']})" if "commit" in m else f"version {m.get('cellmig')}"
-
-
-def _run_missing(jobs: list[Job], at_once: int, asked: list[int]) -> dict[Job, Ended]:
-    """Run the jobs that are not done; those that failed."""
-    missing = [job for job in jobs if not job.is_done()]
-    case = jobs[0].load()
-    print(f"{len(jobs)} runs of {case.particles.per_cell} particles a cell, to {case.time.end:g} µs; "
-          f"{len(jobs) - len(missing)} of them are there already", flush=True)
-    if not missing:
-        return {}
-    rounds = -(-len(missing) // at_once)
-    print(f"{len(missing)} to go, {at_once} at a time: about {clock(rounds * cost(case).seconds)} and more if others "
-          "use the machine", flush=True)
-    return run_counted(missing, at_once, asked)
 
 
 # ------------------------------------------------------------------------------------------------------- what is said

@@ -12,19 +12,16 @@ import numpy as np
 
 from cellmig.case.schema import Case
 from cellmig.output.directory import replace
-from cellmig.output.log import clock
 from cellmig.output.sample import TOUCHING
 
-from .batch import Ended, Job, counting, run_counted, write_rows
+from .batch import Job, counting, run_missing, write_rows
 from .measures import Outcome
 from .paper import FOLDER, collect
-from .preflight import cost
 from .run import DONE, STOPPED, stop_requests
 
 DIFFERENT = 1  # exit code where ranks change the bits
 LATE, PERCENTILE = 0.25, 99  # the peak stress is looked for in the last quarter of a run
 START, STEP = 20.0, 0.05  # of a plateau: begins this late [us], ends with this growth [um]
-_SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
 _SPACINGS, _QUICK_SPACINGS = (331, 631, 1485), (150, 331, 631)
 _SETS, _QUICK = ("time.frames=40",), ("time.samples=100", "time.end=100 us")
 MEASURED = {"displacement_um": "displacement [µm]", "substrate_contact_um": "on the substrate [µm]",
@@ -102,7 +99,7 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     """
     jobs = plan(out, quick)
     with stop_requests() as asked:
-        failed = _run_missing(jobs, at_once or len(os.sched_getaffinity(0)), asked)
+        failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked, longest_first=True)
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED
@@ -135,20 +132,6 @@ def plan(out: Path, quick: bool) -> dict[tuple[str, str], Job]:
         name = f"spreading, per_cell={n}"
         jobs["spreading", f"{n}"] = Job(name, alone, (*sets, f"particles.per_cell={n}"), runs / f"spreading={n}")
     return jobs
-
-
-def _run_missing(jobs: Mapping[Any, Job], at_once: int, asked: list[int]) -> dict[Job, Ended]:
-    """Run the jobs that are not done, the longest first; those that failed."""
-    missing = [job for job in jobs.values() if not job.is_done()]
-    print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already", flush=True)
-    if not missing:
-        return {}
-    seconds = {job: _SETUP + cost(job.load()).seconds for job in missing}
-    wall = max(sum(seconds.values()) / at_once, *seconds.values())
-    print(f"{len(missing)} to go, {at_once} at a time: about {clock(wall)} and more if others use the machine",
-          flush=True)
-    # Ranks wait for each other and want the cores for themselves: they come last.
-    return run_counted(sorted(missing, key=lambda job: (job.ranks, -seconds[job])), at_once, asked)
 
 
 # -------------------------------------------------------------------------------------------------- what is measured
