@@ -146,7 +146,8 @@ def _entries(manifest: dict[str, Any]) -> Iterator[tuple[str, Any]]:
         elif key == "wall_seconds" and isinstance(value, (int, float)):
             yield "wall", clock(value)
         elif isinstance(value, dict):
-            yield key.replace("_", " "), "; ".join(f"{name}: {_short(item)}" for name, item in value.items())
+            yield key.replace("_", " "), "; ".join(f"{name}: {_short(item)}" for name, item in value.items()
+                                                   if item is not None)
         elif isinstance(value, list):
             yield key.replace("_", " "), ", ".join(map(_short, value)) or "nothing"
         else:

@@ -25,6 +25,7 @@ from cellmig.output.xdmf import Frames
 from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
 from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError, binding
+from cellmig.solve.strain import StrainWatch
 
 DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
@@ -52,6 +53,7 @@ class Run:
         self._save_manifest()
         self.history, self.ledger = History(self.directory, comm), Ledger(self.directory, comm)
         self.frames: Frames | None = None
+        self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_closure = 0.0
         self.step_seconds = 0.0
         self.stopping = False
@@ -112,6 +114,8 @@ class Run:
         if not all(map(math.isfinite, entries.values())):
             self._integrator.broken("an energy is not finite")
         self.worst_closure = max(self.worst_closure, entries["closure"])
+        if warning := self.strain.look(s.time):
+            self.log(warning)
         if sample:
             self.history.write(s.time, rows)
             self.ledger.write(s.time, entries)
@@ -177,7 +181,7 @@ class Run:
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
             "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
-            "worst_closure": self.worst_closure,
+            "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
@@ -188,8 +192,9 @@ class Run:
         self.log(f"{ended}: {s.time:.6g} µs in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per particle and "
                  f"step{why}")
         if run.steps:
-            self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}; at most "
-                     f"{100 * self.worst_closure:.2g} % of the energy does not add up")
+            stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
+            self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
+                     f"at most {100 * self.worst_closure:.2g} % of the energy does not add up")
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
         self.log(self.timers.summary(self.comm))
