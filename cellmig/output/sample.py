@@ -58,18 +58,18 @@ class Sampler:
         The Cauchy stress (n, 3, 3) is recovered: linear fits over the neighbours in the same material.  The effective
         stress and the pressure are those of the recovered stress; J is nodal.
         """
-        m = self.mechanics
-        F, rate = m.tensors()
-        J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-        nodal = self._nodal_stress({"F": F, "Fdot": rate, **self._director()}, J)
+        nodal, J = self.nodal_stress()
         stress = (self._recovery @ nodal.reshape(-1, 9)).reshape(-1, 3, 3)
         mean = np.trace(stress, axis1=1, axis2=2) / 3.0
         deviator = stress - mean[:, None, None] * np.eye(3)
         effective = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
-        return {"stress": stress, "effective_stress": effective, "J": J[: m.n_owned], "pressure": -mean}
+        return {"stress": stress, "effective_stress": effective, "J": J[: self.mechanics.n_owned], "pressure": -mean}
 
-    def _nodal_stress(self, everything: dict[str, np.ndarray], J: np.ndarray) -> np.ndarray:
-        """Cauchy stress of all rows (n_rows, 3, 3) [Pa]."""
+    def nodal_stress(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cauchy stress of all rows (n_rows, 3, 3) [Pa] as the laws have it, not recovered, and J (n_rows,)."""
+        F, rate = self.mechanics.tensors()
+        J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+        everything = {"F": F, "Fdot": rate, **self._director()}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
         for i, law in enumerate(self.mechanics.scene.materials):
             on = self._rows_material == i
@@ -83,7 +83,7 @@ class Sampler:
                 P = P + np.array(pointwise(law, "active_stress", local))
             stress[on, :2, :2] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
             stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
-        return stress
+        return stress, J
 
     def _director(self) -> dict[str, np.ndarray]:
         """Reference gradient of θ and axis h of the rows, (2, n_rows) each."""
