@@ -6,6 +6,7 @@ import argparse
 import difflib
 import json
 import os
+import re
 import sys
 import traceback
 from pathlib import Path
@@ -89,11 +90,13 @@ def _looks(commands: Any) -> None:
     plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
-    paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick)")
+    paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
+                       "followed by what is set)")
     paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
     paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
+    _sets(paper)
     verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it")
     what = verify.add_mutually_exclusive_group(required=True)
     what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each ends stable, stops with a "
@@ -168,8 +171,16 @@ def paper(options: argparse.Namespace) -> int:
     only = [key.strip().upper() for key in options.only.split(",")] if options.only else []
     if unknown := [key for key in only if key not in CLAIMS]:
         raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
-    out = options.out or Path("output") / ("paper-quick" if options.quick else "paper")
-    return paper(out, options.seeds or (3 if options.quick else 8), options.jobs, options.quick, only)
+    if any(text.split("=")[0].strip() == "time.end" for text in options.sets):
+        raise UsageError("--set time.end: the claims are of 400 us")
+    name = "-".join(["paper-quick" if options.quick else "paper", *map(_in_a_name, options.sets)])
+    return paper(options.out or Path("output") / name, options.seeds or (3 if options.quick else 8), options.jobs,
+                 options.quick, only, options.sets)
+
+
+def _in_a_name(text: str) -> str:
+    """A change KEY=VALUE as part of the name of a directory."""
+    return re.sub(r"[^\w.=-]+", "_", text.replace('"', "")).strip("_")
 
 
 def verify(options: argparse.Namespace) -> int:

@@ -135,6 +135,27 @@ def test_every_claim_has_its_runs_and_every_run_is_a_case_that_loads(tmp_path):
     assert cases["adhesion_x4", 2020].seed == 2020 and cases["alone", 2019].protrusion.cells == ("Cell-1",)
 
 
+def test_what_is_set_is_set_in_every_run_and_the_strengths_are_multiples_of_it(tmp_path):
+    given = ('cortex.line_tension="20 pN/um"', "protrusion.strength=0.2", "particles.per_cell=200", "seed=7")
+    cases = {key: job.load() for key, job in plan(tmp_path, 1, quick=True, given=given).items()}
+    assert {case.particles.per_cell for case in cases.values()} == {200}  # before that of the quick version
+    assert {case.cortex.line_tension for case in cases.values()} == {20.0}
+    assert {seed for _, seed in cases} == {7}
+    assert cases["protrusion_x2", 7].protrusion.strength == pytest.approx(0.4)
+    assert cases["adhesion_x2", 7].protrusion.strength == pytest.approx(0.2)
+
+
+def test_runs_with_something_set_are_kept_apart_by_its_name(monkeypatch):
+    asked = []
+    monkeypatch.setattr(study_paper, "paper", lambda *arguments: asked.append(arguments) or 0)
+    tension = 'cortex.line_tension="20 pN/um"'
+    assert command(parse(["paper", "--quick", "--set", tension])) == command(parse(["paper"])) == 0
+    assert [str(out) for out, *_ in asked] == ["output/paper-quick-cortex.line_tension=20_pN_um", "output/paper"]
+    assert [given for *_, given in asked] == [[tension], []]
+    with pytest.raises(UsageError, match="the claims are of 400 us"):
+        command(parse(["paper", "--set", "time.end=20 us"]))
+
+
 def test_a_failed_run_is_told_with_its_message_and_stops_no_other(tmp_path):
     wrong, right = (Job(name, FOLDER / "nucleus.toml", (f"particles.per_cell={n}", "time.end=0.1 us"), tmp_path / name)
                     for name, n in (("wrong", -1), ("right", 61)))

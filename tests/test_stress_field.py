@@ -238,7 +238,7 @@ def told_of(series: np.ndarray) -> str:
 @pytest.mark.serial
 @pytest.mark.timeout(1800)
 def test_stress_of_a_cell_that_spreads_settles_in_the_cytoplasm_and_falls_in_the_nucleus_with_the_spacing() -> None:
-    spacing, found = zip(*(spread(count) for count in (331, 631, 1485, 3000, 6000)), strict=True)  # 2 minutes
+    spacing, found = zip(*(spread(count) for count in (331, 631, 1485, 3000, 6000)), strict=True)  # a minute
     medians = [np.median(f["bottom"]) for f in found]
     for h, f, median in zip(spacing, found, medians, strict=True):
         print(f"h {h:.3f}:", *(f"{name} {told_of(values)}," for name, values in f.items()), f"its median {median:.2f}")

@@ -36,11 +36,11 @@ class Configuration:
     what: str = ""
     factor: float = 1.0
 
-    def sets(self, base: Case, quick: bool) -> tuple[str, ...]:
-        """How it differs from the case file `base`."""
+    def sets(self, base: Case, quick: bool, given: Sequence[str] = ()) -> tuple[str, ...]:
+        """How it differs from its case file; `base` is that with the changes that were `given`, which are in it."""
         frames = (_QUICK_FRAMES if quick else _FRAMES) if self.frames else 1
         changed = (_CHANGED[self.what](base, self.factor),) if self.what else ()
-        return (f"time.frames={frames}", *(_QUICK if quick else ()), *changed)
+        return (f"time.frames={frames}", *(_QUICK if quick else ()), *given, *changed)
 
 
 CONFIGURATIONS = {
@@ -55,7 +55,8 @@ CONFIGURATIONS = {
 }
 
 
-def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = ()) -> int:
+def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = (),
+          given: Sequence[str] = ()) -> int:
     """Run what is missing, judge the claims, draw the figures, write the numbers.
 
     Parameters
@@ -66,13 +67,14 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     quick : bool -- coarse particles, few frames and samples.
     only : list of str -- keys of claims that are run for and told of; by default all.  What is there already of the
         others stays in the figures and in the files of numbers.
+    given : list of str -- "KEY=VALUE", changes to all cases; the strengths are multiples of what they make them.
 
     Returns
     -------
     int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
     """
     claims = list(dict.fromkeys(only)) or list(CLAIMS)
-    jobs = plan(out, seeds, quick)
+    jobs = plan(out, seeds, quick, given)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     with stop_requests() as asked:
         failed = run_missing(wanted, at_once or len(os.sched_getaffinity(0)), asked)
@@ -89,15 +91,15 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     return next((ended.code for ended in (failed | bad).values()), DONE)
 
 
-def plan(out: Path, seeds: int, quick: bool) -> dict[tuple[str, int], Job]:
+def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[tuple[str, int], Job]:
     """All runs by configuration and seed; seed by seed, so that a part of them is of use."""
     cases = {c.case: FOLDER / f"{c.case}.toml" for c in CONFIGURATIONS.values()}
-    bases = {name: Job("", path, (), out).load() for name, path in cases.items()}
+    bases = {name: Job("", path, tuple(given), out).load() for name, path in cases.items()}
     jobs = {}
     for k in range(seeds):
         for name, c in CONFIGURATIONS.items():
             seed = bases[c.case].seed + k
-            sets = (*c.sets(bases[c.case], quick), f"seed={seed}")
+            sets = (*c.sets(bases[c.case], quick, given), f"seed={seed}")
             jobs[name, seed] = Job(f"{name}, seed {seed}", cases[c.case], sets, out / "runs" / name / f"seed{seed}")
     return jobs
 
