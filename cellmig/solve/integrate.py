@@ -143,7 +143,8 @@ class Integrator:
         """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
         particle, J = self.mechanics.worst_particle(particle)
         scene = self.mechanics.scene
-        remedy = remedy or f"try {self._lighter('a smaller time.step_factor', 'finer particles')}"
+        other = [] if self.leapfrog else ['time.integrator = "leapfrog"']
+        remedy = remedy or f"try {self._lighter('a smaller time.step_factor', 'finer particles', *other)}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")

@@ -36,7 +36,9 @@ from .run import BROKEN
 _SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
 CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
 _PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
-_LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_", "CELLMIG_TERMINAL")  # would make a process believe that it is a rank
+# What Open MPI tells a process that is a rank: those it starts would believe that they are, too.
+_LAUNCHER = ("OMPI_COMM", "OMPI_APP", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix", "PMIX_", "ORTE_",
+             "CELLMIG_TERMINAL")
 # What mpiexec needs in containers, which run as root and have no ptrace, and for more ranks than cores.
 _MPIEXEC = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
             "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_btl_vader_single_copy_mechanism": "none"}

@@ -29,7 +29,17 @@ def scene(seed: int, number: int) -> Tables:
                                     "height": _text(_decades(rng, -1, 0.5), "um")}
     if rng.random() < 0.8:
         tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
+    _add(rng, tables)
     return tables
+
+
+def launch(seed: int, number: int) -> tuple[int, tuple[str, ...]]:
+    """On how many ranks the scene of a number is run, and with which options of PETSc's."""
+    rng = np.random.default_rng([seed, number, 1])
+    ranks = int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))
+    given = rng.choice(["", "-ts_type rk -ts_rk_type 4", "-ts_type rk -ts_rk_type 5dp -ts_adapt_type basic",
+                        "-ts_type ssp -ts_ssp_type rk104", "-ts_type alpha2"], p=[0.92, 0.02, 0.02, 0.02, 0.02])
+    return ranks, tuple(given.split())
 
 
 def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
@@ -83,6 +93,36 @@ def _materials(rng: np.random.Generator) -> Tables:
             "nucleus": {"law": "mooney-rivlin", "C1": _text(c1, "Pa"),
                         "C2": _text(c1 * rng.choice([0.0, _decades(rng, -2, 0)]), "Pa"),
                         "lame": _text(c1 * _decades(rng, 0.5, 3), "Pa")}}
+
+
+def _add(rng: np.random.Generator, tables: Tables) -> None:
+    """What most cases leave out: a director that is not uniform, activity, a network, cortex, friction, force."""
+    plasm = tables["materials"]["cytoplasm"]
+    if rng.random() < 0.35:
+        plasm["eta"] = _text(rng.choice([0.0, _decades(rng, 0, 3), 5e4, _decades(rng, 5, 9)], p=[0.1, 0.6, 0.15, 0.15]),
+                             "pN")
+        tables["director"] = _director(rng)
+    if rng.random() < 0.25:
+        plasm["zeta"] = _text(rng.choice([-1.0, 1.0]) * _decades(rng, 0, 6), "Pa")
+    if rng.random() < 0.2:
+        plasm |= {"law": "gel", "shear_modulus": _text(_decades(rng, 0, 5), "Pa")}
+    if rng.random() < 0.2:
+        tables["cortex"] = {"line_tension": _text(_decades(rng, -1, 4), "pN/um")}
+    if rng.random() < 0.2:
+        tables["friction"] = {"coefficient": _text(_decades(rng, -1, 6), "Pa us/um")}
+    if rng.random() < 0.1:
+        tables["body_force"] = {"acceleration": [_text(x * _decades(rng, 1, 6), "m/s^2") for x in rng.normal(size=2)]}
+    if rng.random() < 0.08:
+        tables["time"]["integrator"] = str(rng.choice(["euler", "rk", "ssp", "beuler"]))
+
+
+def _director(rng: np.random.Generator) -> Tables:
+    """How the director starts, and whether it relaxes and is anchored."""
+    start = {"start": str(rng.choice(["uniform", "radial", "tangential"])), "angle": _text(rng.uniform(-4, 4), "rad")}
+    if rng.random() < 0.4:
+        return {"law": "frozen", **start}
+    return {"law": "relaxing", **start, "mobility": _text(_decades(rng, -2, 2), "um^2/us"),
+            "anchoring": str(rng.choice(["none", "surface"]))}
 
 
 def _bonds(rng: np.random.Generator) -> Tables:

@@ -128,7 +128,7 @@ def _pressed(case: Case, c: Cost) -> list[tuple[str, str]]:
             (case.contact, c.gap, "adhesion between cells", "set the cells apart by a further")):
         if term not in c.skipped and gap < law.cap:
             rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
-                                    "nm: the first moments may lose 12 % of the energy; "
+                                    "nm: the first moments may lose up to 12 % of the energy; "
                                     f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
     return rows
 
