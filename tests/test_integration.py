@@ -69,6 +69,19 @@ def test_leapfrog_and_runge_kutta_agree_as_steps_shrink(name: str, per_cell: int
 # --------------------------------------------------------------------------------------------------- conservation
 
 
+@pytest.mark.parametrize("height", ["5 um", "5.002 um"])
+def test_bonds_that_start_pressed_are_followed_with_finer_steps(height: str) -> None:
+    with built(case("one_cell", f'cells.0.centre=["0 um", "{height}"]', per_cell=150)) as sim:
+        worst = 0.0
+        for stop in (0.05, 0.1, 0.2):
+            sim.go(stop)
+            worst = max(worst, sim.sample()[1]["closure"])
+        assert worst < 0.02  # with the steps of bonds at rest 0.1, which ended such runs
+        begin = sim.integrator.steps
+        sim.go(4.0)
+        assert sim.integrator.dt > 2.0 * 0.2 / begin  # once they are apart
+
+
 # Measured: between -3.9e-4 and +5.2e-4 at 0.8 of the stable step, within 1.7e-5 at 2 ns; no trend in 20 µs, which is
 # some 15 periods of the slowest mode.
 @pytest.mark.parametrize(("step", "tolerance"), [('"auto"', 1e-3), ('"2 ns"', 5e-5)])

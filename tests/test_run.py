@@ -329,6 +329,12 @@ def test_a_reader_that_leaves_ends_nothing_and_gets_no_trace(outside_mpi, tmp_pa
 # -------------------------------------------------------------------------------------------------- PETSc's own options
 
 
+def test_an_adaptation_of_petsc_that_gives_up_ends_a_run_with_a_remedy(alone, tmp_path):
+    strict = "-ts_type rk -ts_rk_type 5dp -ts_adapt_type basic -ts_max_reject 1 -ts_rtol 1e-13 -ts_atol 1e-16"
+    done = alone(PAPER, *SHORT, "--out", tmp_path / "run", *strict.split())
+    refused(done, 4, "rejected a step", "particle", "try a larger -ts_rtol")
+
+
 @pytest.mark.parametrize(("options", "integrator", "steps"), [
     (["-ts_type", "rk", "-ts_rk_type", "4"], "rk of PETSc", None),
     (["-ts_type", "ssp"], "ssp of PETSc", None),

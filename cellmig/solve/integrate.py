@@ -14,6 +14,7 @@ from .mechanics import ACCOUNTS, SKIN, Mechanics
 from .step import NumericsError, StepControl, binding
 
 BATCH = 200  # steps between two looks at the stable step
+PRESSED, SHORT = 0.25, 20  # share of the contacts' step, and steps to the next look, while bonds are pressed
 RECOVERY = 0.02  # of the bonds' range, by which the gaps that are expected widen from batch to batch
 LEAST_STEP = 1e-7  # µs: below, the scene has broken
 VOLUME = 0.5  # how far J may be from 1: beyond, no fluid of the model keeps its volume
@@ -52,6 +53,7 @@ class Integrator:
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
         ts.setTime(0.0)
         ts.setMaxSteps(2**31 - 1)
+        ts.setErrorIfStepFails(False)  # it is told with what to do about it
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
         ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else kind)
         if not options.hasName("ts_adapt_type"):
@@ -78,6 +80,9 @@ class Integrator:
             ts.setTimeStep(min(self.dt, stop - ts.getTime()))
             self._account_start()
         ts.solve(m.solution)
+        if ts.getConvergedReason() < 0:
+            self.broken("PETSc rejected a step as often as it may",
+                        remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")
         if not self.leapfrog:
             self._take(m.solution)
             m.state.exchange()
@@ -99,18 +104,31 @@ class Integrator:
             return BATCH
         m.least_gaps()  # those of the steps to come count
         room = 0.5 * SKIN - limits["displaced"]
-        return max(1, min(BATCH, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
+        most = SHORT if self._pressed(self.gaps) > 0.5 else BATCH
+        return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
     def choose(self) -> None:
         """The step for the state as it was looked at and the gaps that are expected."""
         self.mechanism, self.stable = binding(self.control.stable(self.limits, self.gaps))
-        self.dt = self.fixed_step or self.factor * self.stable
+        self.dt = self.fixed_step or self.factor * self._accurate(self.gaps)
+
+    def _pressed(self, gaps: np.ndarray) -> float:
+        """How far bonds are compressed, from the cap, 0, to half of it, 1, as where cells start or land too low [-]."""
+        there = self.control.caps > 0.0
+        share = np.clip(2.0 - 2.0 * gaps[there] / self.control.caps[there], 0.0, 1.0)
+        return float(share.max(initial=0.0)) if self.leapfrog else 0.0
+
+    def _accurate(self, gaps: np.ndarray) -> float:
+        """The stable step for these gaps, less where pressed bonds fling surfaces apart: energy wants finer steps."""
+        steps = self.control.stable(self.limits, gaps)
+        if pressed := self._pressed(gaps):
+            steps["contact"] *= 1.0 - (1.0 - PRESSED) * pressed
+        return binding(steps)[1]
 
     def was_stable(self, dt: float) -> bool:
         """Whether no gap of the last batch closed so far that `dt` was too large; what is expected next; collective."""
         seen = self.mechanics.least_gaps()
-        _, stable = binding(self.control.stable(self.limits, seen))
-        if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * stable:
+        if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * self._accurate(seen):
             self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.ranges)
             return True
         self.gaps = seen - RECOVERY * self.control.ranges

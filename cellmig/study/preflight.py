@@ -120,7 +120,7 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
 
 
 def _pressed(case: Case, c: Cost) -> list[tuple[str, str]]:
-    """Bonds that start compressed: they fling the cells apart, faster than the steps can follow."""
+    """Bonds that start compressed: they fling the cells apart, which no scene means."""
     rows = []
     bottom = min(cell.centre[1] + cell.shape.lowest() for cell in case.cells)
     for law, gap, term, remedy in (
@@ -128,7 +128,7 @@ def _pressed(case: Case, c: Cost) -> list[tuple[str, str]]:
             (case.contact, c.gap, "adhesion between cells", "set the cells apart by a further")):
         if term not in c.skipped and gap < law.cap:
             rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
-                                    "nm: the first moments may lose up to 12 % of the energy; "
+                                    "nm: its first steps are finer, and 1 % of the energy may be lost; "
                                     f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
     return rows
 

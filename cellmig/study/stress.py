@@ -29,7 +29,7 @@ from .run import BROKEN, CLOSURE, DONE, STOPPED, stop_requests
 REFUSED, UNSOUND = 2, 1
 VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
 SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
-AREA = 0.005  # how far the area within an outline may be from that of the particles, J summed up, as a share
+AREA = 0.01  # how far the area within an outline may be from that of the particles, J summed up, as a share
 STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
 # What a clean stop says: when, where, why, and what to do about it.
 CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
