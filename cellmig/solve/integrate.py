@@ -113,9 +113,9 @@ class Integrator:
         self.dt = self.fixed_step or self.factor * self._accurate(self.gaps)
 
     def _pressed(self, gaps: np.ndarray) -> float:
-        """How far bonds are compressed, from the cap, 0, to half of it, 1, as where cells start or land too low [-]."""
-        there = self.control.caps > 0.0
-        share = np.clip(2.0 - 2.0 * gaps[there] / self.control.caps[there], 0.0, 1.0)
+        """How far bonds are compressed, 0 at half of their range, 1 at a quarter, as where cells start too low [-]."""
+        there = self.control.ranges > 0.0
+        share = np.clip(2.0 - 4.0 * gaps[there] / self.control.ranges[there], 0.0, 1.0)
         return float(share.max(initial=0.0)) if self.leapfrog else 0.0
 
     def _accurate(self, gaps: np.ndarray) -> float:
