@@ -23,7 +23,7 @@ class Template:
 
     X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int, counterclockwise, closed;
     G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
-    R : (n, n) CSR, recovery of stress;  spacing : h [µm];
+    R : (n, n) CSR, recovery of stress;  spacing : mean distance h [µm];
     edges : (k, 2) int -- neighbours, each pair once;  stabilising : (n,) -- viscosity of the stabilisation [Pa µs];
     laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     """
@@ -132,9 +132,13 @@ def _largest(operator: Any, n: int) -> float:
     return float(f"{max(top, 0.0) * 1.01:.2e}")
 
 
-def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosity: float) -> Template:
-    """Discretise a shape with `count` particles, a support of `dilation` spacings and materials (body, nucleus)."""
-    layout = shape.particles(count)
+def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosity: float,
+             refinement: float = 1.0) -> Template:
+    """Discretise a shape with `count` particles, a support of `dilation` spacings and materials (body, nucleus).
+
+    Along the surface the particles are `refinement` times as dense as within.
+    """
+    layout = shape.particles(count, refinement)
     spacing = float(np.sqrt(shape.area / count))
     strip = np.floor(layout.X[:, 1] / (STRIP * spacing) + 0.5)
     order = np.lexsort((layout.X[:, 0], strip, ~layout.nucleus if laws[1] is not None else strip))

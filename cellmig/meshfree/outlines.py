@@ -39,9 +39,9 @@ class Ellipse:
         """Height of the lowest point over the centre [µm], negative."""
         return -self.b
 
-    def particles(self, count: int) -> Layout:
-        """`count` particles."""
-        X, m = fill(self.outline(FINE), count)
+    def particles(self, count: int, refinement: float = 1.0) -> Layout:
+        """`count` particles, along the outline `refinement` times as dense as within."""
+        X, m = fill(self.outline(FINE), count, refinement)
         level = ((X / [self.a, self.b]) ** 2).sum(axis=1)
         return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m))
 
@@ -101,9 +101,9 @@ class Polygon:
         """Height of the lowest point over the centre [µm]."""
         return float(self._polygon[:, 1].min())
 
-    def particles(self, count: int) -> Layout:
-        """`count` particles."""
-        X, m = fill(self._polygon, count)
+    def particles(self, count: int, refinement: float = 1.0) -> Layout:
+        """`count` particles, along the outline `refinement` times as dense as within."""
+        X, m = fill(self._polygon, count, refinement)
         level = np.zeros(len(X)) if self.nucleus_ratio is None else self._level(X)
         return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m))
 
@@ -117,16 +117,17 @@ class Polygon:
         return level
 
 
-def fill(polygon: np.ndarray, count: int) -> tuple[np.ndarray, int]:
+def fill(polygon: np.ndarray, count: int, refinement: float) -> tuple[np.ndarray, int]:
     """`count` particles in a polygon (k, 2): positions (count, 2), those of the surface first, and the number of these.
+
+    Along the outline they are `refinement` times as dense as within.
 
     Raises ValueError if they are too few for the outline.
     """
-    length = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1).sum()
     # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
-    a, b = polygons.area(polygon) / 1.047, 0.25 * length
+    a, b = polygons.area(polygon) / 1.047, (0.5 * refinement - 0.25) * polygons.perimeter(polygon)
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
-    surface = _along(polygon, h)
+    surface = _along(polygon, h / refinement)
     if len(surface) >= count or polygons.crossing(surface) is not None:
         raise ValueError(f"{count} particles are too few for such an outline")
     inner = _lattice(surface, h, count - len(surface))

@@ -16,6 +16,11 @@ def area(polygon: np.ndarray) -> float:
     return 0.5 * float(cross(polygon, np.roll(polygon, -1, axis=0)).sum())
 
 
+def perimeter(polygon: np.ndarray) -> float:
+    """Length of a closed polygon (k, 2)."""
+    return float(np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1).sum())
+
+
 def centroid(polygon: np.ndarray) -> np.ndarray:
     """Centre of the area (2,) [µm]."""
     origin = polygon[0]  # near: far from zero, differences of large products would lose digits

@@ -23,7 +23,7 @@ class Layout(NamedTuple):
 
 @law("shape", "disc")
 class Disc:
-    """Disc with a concentric nucleus, in rings of particles whose spacing is even along and across them.
+    """Disc with a concentric nucleus, in rings of particles; the spacing along them is that across, but for the last.
 
     The interface of the nucleus lies half-way between two rings, so that its area is exact.
     """
@@ -45,10 +45,10 @@ class Disc:
         """Height of the lowest point over the centre [µm], negative."""
         return -self.radius
 
-    def particles(self, count: int) -> Layout:
-        """Exactly `count` particles, the first in the centre, the last ring on the surface."""
-        radii, inner = self._rings(count)
-        numbers = _share(count - 1, radii)
+    def particles(self, count: int, refinement: float = 1.0) -> Layout:
+        """Exactly `count` particles: one in the centre, then rings, the last on the surface, `refinement` as dense."""
+        radii, inner = self._rings(count, refinement)
+        numbers = _share(count - 1, np.append(radii[:-1], refinement * radii[-1]))
         X, nucleus = [np.zeros((1, 2))], [np.array([inner > 0])]
         for i, (r, m) in enumerate(zip(radii, numbers, strict=True), 1):
             a = 2.0 * np.pi * np.arange(m) / m - 0.5 * np.pi  # from the lowest point: symmetric left and right
@@ -56,9 +56,10 @@ class Disc:
             nucleus.append(np.full(m, i <= inner))
         return Layout(np.concatenate(X), np.concatenate(nucleus), np.arange(count - numbers[-1], count))
 
-    def _rings(self, count: int) -> tuple[np.ndarray, int]:
+    def _rings(self, count: int, refinement: float) -> tuple[np.ndarray, int]:
         """Radii of the rings [µm] and how many of them are nucleus (with the centre, if any)."""
-        n = max(1, round((np.sqrt(9.0 + 12.0 * (count - 1)) - 3.0) / 6.0))  # 6 i particles on ring i
+        b = 6.0 * refinement - 3.0
+        n = max(1, round((np.sqrt(b * b + 12.0 * (count - 1)) - b) / 6.0))  # 6 i particles on ring i
         if self.nucleus_ratio is None:
             return self.radius * np.arange(1, n + 1) / n, 0
         inner = min(max(1, round(self.nucleus_ratio * n - 0.5)), n - 1)
@@ -68,9 +69,9 @@ class Disc:
         return np.concatenate([inside, outside]), inner
 
 
-def _share(total: int, radii: np.ndarray) -> np.ndarray:
-    """Particles per ring, in proportion to the radii, `total` in all."""
-    exact = total * radii / radii.sum()
+def _share(total: int, weight: np.ndarray) -> np.ndarray:
+    """Particles per ring, in proportion to a weight, `total` in all."""
+    exact = total * weight / weight.sum()
     numbers = np.maximum(np.floor(exact).astype(int), 3)
     for i in np.argsort(numbers - exact, kind="stable")[: total - numbers.sum()]:
         numbers[i] += 1
