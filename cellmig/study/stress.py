@@ -29,7 +29,7 @@ from .run import BROKEN, CLOSURE, DONE, STOPPED, stop_requests
 REFUSED, UNSOUND = 2, 1
 VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
 SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
-AREA = 0.01  # how far the area within an outline may be from that of the particles, J summed up, as a share
+AREA = 0.01  # how far the area of a cell may be from that at the start, beyond what J of its particles makes of it
 STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
 # What a clean stop says: when, where, why, and what to do about it.
 CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
@@ -96,11 +96,12 @@ def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
 
 
 def area_missed(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
-    """Largest difference of a cell's area at the end and what its particles say, relative to that at the start [-]."""
+    """Largest change of a cell's area to the end beyond what J of its particles says, relative to the start [-]."""
     area = np.array([history["area_um2"][history["cell"] == c][[0, -1]] for c in np.unique(fields["cell"])])
     V, cell = discretise(case).field("V")[fields["id"]], fields["cell"] - 1
     ratio = np.bincount(cell, V * fields["J"]) / np.bincount(cell, V)
-    return float(np.abs(area[:, 1] / area[:, 0] - ratio).max())
+    change, compressed = area[:, 1] / area[:, 0] - 1.0, ratio - 1.0
+    return float(np.maximum(change - np.maximum(compressed, 0.0), np.minimum(compressed, 0.0) - change).max())
 
 
 def softness(case: Case) -> float:
@@ -150,7 +151,7 @@ def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
     if not (1.0 - room < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
         wrong.append(f"J from {numbers['J_min']:.3g} to {numbers['J_max']:.3g}")
     if not numbers["area"] < AREA:
-        wrong.append(f"an area differs from that of its particles by {100 * numbers['area']:.3g} %")
+        wrong.append(f"an area changed by {100 * numbers['area']:.3g} % more than its particles")
     return wrong
 
 
@@ -175,8 +176,8 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
     stable = [v.numbers for v in verdicts if v.ended == "stable"]
     if stable:
         lines.append(f"stable ones: closure at most {100 * max(n['closure'] for n in stable):.2g} %, J from "
-                     f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, outlines "
-                     f"hold what their particles do to {100 * max(n['area'] for n in stable):.2g} %")
+                     f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, areas kept "
+                     f"to {100 * max(n['area'] for n in stable):.2g} %")
     for v in verdicts:
         if v.ended == "bad":
             lines += [f"{v.name}: exit code {v.code}, {v.why}", f"    {v.command}"]
