@@ -44,7 +44,7 @@ def discretise(case: Case) -> Scene:
         pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
         try:
             templates.append(template(shape, particle_count(case, shape), case.particles.dilation, pair,
-                                      case.numerics.bulk_viscosity, case.refinement))
+                                      case.numerics.bulk_viscosity, case.particles.surface_refinement))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)
             raise CaseError([Mistake(case.path, None, "particles", f"'{name}': {error}")]) from error

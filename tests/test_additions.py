@@ -91,7 +91,7 @@ def test_friction_drags_bonded_membrane_only_and_only_along_the_substrate(name: 
 
 def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
     def moved(*sets: str) -> tuple[float, float]:
-        with built(case("all_protrude", "protrusion.strength=0.5", "time.step_factor=0.4", *sets, per_cell=150)) as sim:
+        with built(case("all_protrude", "protrusion.strength=0.5", *sets, per_cell=150)) as sim:
             sim.go(6.0)
             history, ledger = sim.sample()
             return history[0]["ux_um"], ledger["closure"]

@@ -15,8 +15,6 @@ TS_TYPES = ("leapfrog", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn",
             "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk", "radau5",
             "sundials", "pseudo")
 
-REFINED = 2.0  # surface particles per spacing where surfaces adhere: as accurate as twice the particles
-
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
@@ -41,10 +39,9 @@ class Particles:
     spacing: float | None = quantity("um", "mean distance of particles, square root of the area of each", None,
                                      minimum=1e-6)
     dilation: float = quantity("", "radius of the kernel's support, in spacings", 2.2, minimum=1.2, maximum=10)
-    surface_refinement: float | str = quantity("", "how much denser particles are along surfaces than within; \"auto\" "
-                                               "takes 2 where surfaces adhere, so that the line of contact moves "
-                                               "smoothly, and 1 elsewhere", "auto", minimum=1, maximum=10,
-                                               words=("auto",))
+    surface_refinement: float = quantity("", "how much denser particles are along surfaces than inside: a line of "
+                                         "contact moves in shorter steps, but what protrudes may grow thin fingers",
+                                         1.0, minimum=1, maximum=10)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,14 +102,6 @@ class Case:
                                          at=("body_force", "acceleration"))
     numerics: Numerics = _section(Numerics, "choices of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
-
-    @property
-    def refinement(self) -> float:
-        """How much denser particles are along surfaces than within, "auto" resolved."""
-        given = self.particles.surface_refinement
-        laws = self.substrate, self.contact if len(self.cells) > 1 else None
-        adheres = any(law is not None and law.work > 0.0 for law in laws)
-        return given if given != "auto" else REFINED if adheres else 1.0
 
     @property
     def name(self) -> str:
