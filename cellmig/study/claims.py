@@ -231,16 +231,16 @@ def r4(results: Results) -> Claim:
     runs = results.get("one_three", {})
     stress = {seed: stresses(outcome, 250.0, END) for seed, outcome in runs.items()}
     stress = {seed: s for seed, s in stress.items() if s}
-    parts = [Part(f"stress 250-400 us of Cell-{leader} less that of Cell-2, {where} [Pa]",
+    parts = [Part(f"median stress 250-400 us of Cell-{leader} less that of Cell-2, {where} [Pa]",
                   {seed: s[where][leader] - s[where][2] for seed, s in stress.items()}, above=0.0)
              for where in ("whole cell", "cytoplasm at the bottom") for leader in (1, 3)]
     parts.append(Part("contact of Cell-1 with Cell-2 at 24 us [um]",
                       by_seed(results, ["one_three"], lambda o: o.at("cell_contact_um", 24.0, 1)), below=0.01))
-    notes = [f"effective stress 250-400 us, {where}: " + ", ".join(
+    notes = [f"effective stress, median over 250-400 us, {where}: " + ", ".join(
         f"Cell-{cell} {text_of(s[where][cell] for s in stress.values())}" for cell in (1, 2, 3))
         + (" [-]" if where.startswith("share") else " Pa") for where in next(iter(stress.values()), {})]
     if notes:
-        notes.append("the nucleus weighs in the mean over the whole cell by its share, with the noise of its scatter")
+        notes.append("the nucleus weighs in the whole cell by its share, and its stress has not converged")
     why = [_who_parts(results, name) for name in ("one_three", "all_protrude") if results.get(name)]
     return Claim("R4", "{1,3}: Cell-2 less stressed than Cells 1 and 3; Cells 1 and 2 apart at first (Fig. 5)",
                  parts, notes, why)
