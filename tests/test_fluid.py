@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, put, smooth
+from scenes import built, case, everywhere, put
 
 from mpi4py import MPI
 
@@ -59,7 +59,6 @@ class Driven:
     def go(self, stop: float) -> None:
         m, owned = self.sim.mechanics, self.sim.mechanics.state.owned
         while self.time < stop:
-            m.restabilise()
             dt = 0.8 * min(self.sim.control.stable(m.limits()).values())
             steps = min(100, int(np.ceil((stop - self.time) / dt)))
             dt = min(dt, (stop - self.time) / steps)
@@ -150,12 +149,12 @@ def sheared(rate: float, comm: MPI.Comm, noise: float = 0.2) -> tuple[Any, ...]:
 @pytest.mark.serial
 def test_slow_shear_to_500_percent_meets_the_viscous_stress_and_nothing_else() -> None:
     stress, area, lost, left, _ = sheared(SLOW, MPI.COMM_SELF)
-    assert np.abs(stress - MU * SLOW).max() < 0.05  # Pa, of 50; measured 2e-5
+    assert np.abs(stress - MU * SLOW).max() < 0.05  # Pa, of 50; measured 0.0015 at 100 % and 0.0007 at 500 %
     elastic = 2.0 * stress - sheared(2.0 * SLOW, MPI.COMM_SELF)[0]  # what twice the rate does not double
-    assert np.abs(elastic).max() < 0.5  # Pa; measured 0.029 at 100 %, of the noise, then 4e-4
+    assert np.abs(elastic).max() < 0.5  # Pa; measured 0.037 at 100 %, of the noise, and 0.004 from 200 % on
     assert np.abs(area - 1.0).max() < 1e-12  # measured 4e-16
     assert np.abs(lost - 1.0).max() < 0.02  # measured 0.0064, of the noise at the start
-    assert left < 0.01  # of the noise of 0.2 and more; measured 0.003
+    assert left < 0.01  # of the noise of 0.2 and more; measured 0.002
 
 
 def test_shear_to_500_percent_has_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm) -> None:
@@ -175,25 +174,26 @@ def cylinders() -> dict[float, dict[str, float]]:
     found = {}
     with built(drop(1000), MPI.COMM_SELF) as sim:
         flow, turn, exact = between_cylinders(sim)
-        for angle in (0.2, 0.6, 1.2, 1.5, 2.0):
+        for angle in (0.2, 0.6, 1.2, 2.0):
             flow.go(angle / turn)
             found[angle] = {"torque": torque(flow) / exact, **flow.look()}
     return found
 
 
-# The torque starts 10 % too high (4 % with 3,000 particles): the layer at the cylinder is 3 spacings thick.  With the
-# stabilisation of the start it was 1.14, 1.36, 1.55 and 2.05 times the exact one, a fluid that thickens.
+# The torque starts 9 % too high (4 % with 3,000 particles): the layer at the cylinder is 3 spacings thick.
 @pytest.mark.serial
 def test_shear_flow_between_cylinders_is_resisted_as_it_should_up_to_the_limit(cylinders: dict) -> None:
-    assert cylinders[1.5]["stretch"] == pytest.approx(STRETCH_LIMIT, abs=0.1)  # measured 3.05, at 350 % of shear
-    for angle, measured in ((0.2, 1.095), (0.6, 1.079), (1.2, 1.093), (1.5, 1.096)):
-        assert cylinders[angle]["torque"] == pytest.approx(measured, abs=0.02)
+    start, limit = cylinders[0.2], cylinders[0.6]
+    assert abs(start["torque"] - 1.1) < 0.02  # measured 1.100, at 47 % of shear
+    assert limit["stretch"] == pytest.approx(STRETCH_LIMIT, abs=0.05)  # measured 1.63, at 140 % of shear
+    assert abs(limit["torque"] / start["torque"] - 1.0) < 0.05  # measured 0.036
 
 
 @pytest.mark.serial
-def test_beyond_the_limit_the_fluid_between_cylinders_begins_to_thicken(cylinders: dict) -> None:
-    """What the warning is about: neither ledger nor shapes tell."""
-    assert cylinders[2.0]["torque"] == pytest.approx(1.19, abs=0.05)  # 470 % of shear, stretched 3.9-fold
+def test_beyond_the_limit_the_stabilisation_thickens_the_fluid(cylinders: dict) -> None:
+    """What the warning is about; with 3,000 particles 1.20 and 1.47, neither ledger nor shapes tell."""
+    assert cylinders[1.2]["torque"] == pytest.approx(1.362, abs=0.03)  # 280 % of shear, stretched 2.45-fold
+    assert cylinders[2.0]["torque"] == pytest.approx(2.05, abs=0.1)  # 470 %, 3.65-fold
 
 
 @pytest.mark.serial
@@ -202,11 +202,11 @@ def test_a_shear_flow_that_stops_leaves_no_elastic_stress() -> None:
         flow, turn, _ = between_cylinders(sim)
         surface = 2.0 * np.pi * INNER**2
         flow.go(0.6 / turn)
-        assert torque(flow) / surface > 100.0  # Pa; measured 102
+        assert torque(flow) / surface > 100.0  # Pa; measured 108
         x = flow.where(flow.X, flow.time)
         flow.where = lambda X, t: x
         flow.go(flow.time + 6.0)  # the momentum needs 1 µs
-        assert abs(torque(flow)) / surface < 2.0  # Pa; measured 0.82, which creeps away
+        assert abs(torque(flow)) / surface < 2.0  # Pa; measured 0.83 at the limit, which creeps away
 
 
 @pytest.mark.serial
@@ -214,8 +214,8 @@ def test_pressure_has_little_checkerboard_and_what_is_shown_has_less(cylinders: 
     """Of the pressure less its linear fits around each particle; 100 Pa is the viscous stress at the inner cylinder."""
     bulk = drop(7).materials["cytoplasm"].reduced_bulk_modulus
     raw, recovered = (max(q[name] for q in cylinders.values()) for name in ("raw", "recovered"))
-    assert raw < 1e-4 * bulk  # measured 380 Pa, of 5 MPa: J differs by 8e-5
-    assert recovered < 200.0  # Pa; measured 169 at 470 % of shear, 103 at the limit
+    assert raw < 1e-4 * bulk  # measured 380 Pa, of 5 MPa: density 8e-5
+    assert recovered < 200.0  # Pa; measured 174 at 470 % of shear, 40 at the limit
     assert cylinders[0.6]["recovered"] < 60.0
 
 
@@ -238,7 +238,6 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
             v = np.sin(k * x @ along + phase)[:, None] * across
             if made is None:
                 put(sim, x - t.X, v)
-                sim.mechanics.restabilise()
                 lost += sim.mechanics.powers()[:2].sum()
             else:
                 lost += lost_anew(t, *made, v)
@@ -264,52 +263,19 @@ def lost_anew(t: Template, V: np.ndarray, G: Any, S: Any, v: np.ndarray) -> floa
 
 
 # In a body of 1,485 particles, which is 43 spacings wide, mean over the directions, least and most:
-#   stretch    waves of 6 spacings     12 spacings             24 spacings             24, all renewed
+#   stretch    waves of 6 spacings     12 spacings             24 spacings             24, renewed
 #   1          1.09 (1.08 to 1.09)     1.03 (1.02 to 1.03)     1.006 (1.01 to 1.01)    1.006
-#   1.60       1.11 (0.95 to 1.40)     1.04 (0.99 to 1.14)     1.010 (1.00 to 1.04)    1.010
-#   2.41       1.15 (0.80 to 1.68)     1.09 (0.94 to 1.37)     1.027 (0.99 to 1.11)    1.013
-#   3.00       1.25 (0.69 to 2.03)     1.17 (0.90 to 1.67)     1.056 (0.97 to 1.22)    1.011
-#   5.19       10.6 (0.53 to 29.4)     2.66 (0.83 to 6.02)     1.694 (0.95 to 3.12)    1.018
-# With the stabilisation of the start the last but one were 1.006, 1.050, 1.325, 1.8 and 8.0.
+#   1.60       1.53 (0.93 to 2.42)     1.18 (0.98 to 1.51)     1.050 (0.99 to 1.14)    1.010
+#   2.41       3.18 (0.93 to 5.94)     2.10 (0.98 to 3.82)     1.325 (1.00 to 1.86)    1.013
+#   5.19       14.8 (0.95 to 33.3)     14.4 (0.99 to 30.4)     8.01 (1.00 to 18.9)     1.018
 @pytest.mark.serial
-@pytest.mark.parametrize(("shear", "mean"), [(0.0, 1.006), (0.975, 1.010), (2.0, 1.027), (8 / 3, 1.056), (5.0, 1.694)])
+@pytest.mark.parametrize(("shear", "mean"), [(0.0, 1.006), (0.975, 1.050), (2.0, 1.325), (5.0, 8.0)])
 def test_a_stretched_fluid_loses_in_long_waves_what_it_should_up_to_the_limit(shear: float, mean: float) -> None:
     with built(drop(1485), MPI.COMM_SELF) as sim:
         fixed, renewed = losses(sim, shear, 24.0), losses(sim, shear, 24.0, True)
     assert fixed.mean() == pytest.approx(mean, rel=0.01)
-    assert fixed.min() > 0.94  # measured 0.954: no direction flows too easily
+    assert fixed.min() > 0.98  # measured 0.995: no direction flows too easily
     assert abs(renewed.mean() - 1.0) < 0.03  # measured 0.018 at most: it is the reference, not the strain
-
-
-def test_the_stabilisation_is_renewed_for_where_the_particles_are_alike_on_any_ranks(comm: MPI.Comm) -> None:
-    def lost(ranks: MPI.Comm) -> tuple[np.ndarray, float]:
-        with built(case("all_protrude", "numerics.bulk_viscosity=0"), ranks) as sim:
-            X, scene = sim.scene.X, sim.scene
-            u, v = smooth(X, 3, 1.0), np.random.default_rng(5).standard_normal(X.shape)
-            put(sim, u, v)
-            sim.mechanics.restabilise()
-            assert sim.mechanics.restabilised == 1 and sim.mechanics.growth > 1.0
-            expected = 0.0
-            for c, kind in enumerate(scene.kind):
-                t, part = scene.templates[kind], slice(scene.offset[c], scene.offset[c + 1])
-                S = stabilisation(t.X + u[part], t.V, t.edges, t.stabilising)
-                expected += float((v[part] * (S @ v[part])).sum())
-            return everywhere(sim, sim.mechanics.powers()[1]), expected
-
-    power, expected = lost(comm)
-    assert power.sum() == pytest.approx(expected, rel=1e-12)  # measured 2e-16
-    assert np.array_equal(power, lost(MPI.COMM_SELF)[0])
-
-
-def test_a_deformed_drop_that_spins_rigidly_is_not_resisted() -> None:
-    with built(drop(300)) as sim:
-        x = sim.scene.X + smooth(sim.scene.X, 3, 1.0, shortest=2.0 * RADIUS)
-        put(sim, x - sim.scene.X, 0.1 * np.column_stack([-x[:, 1], x[:, 0]]))
-        before = everywhere(sim, sim.mechanics.powers()[1]).sum()
-        sim.mechanics.restabilise()
-        assert sim.mechanics.restabilised == 1
-        after = everywhere(sim, sim.mechanics.powers()[1]).sum()
-        assert before > 1.0 and abs(after) < 1e-9 * before  # pN/µs; measured 2.4 and 7e-13
 
 
 @pytest.mark.serial
@@ -344,11 +310,11 @@ TIMES = np.linspace(2.0, 40.0, 20)  # µs: flattest at 10, nearly round at the e
 
 def test_a_drop_squeezed_flat_and_released_conserves_and_has_the_same_bits_on_any_ranks(comm: MPI.Comm) -> None:
     size, area, closure, far, momentum, bits = history(squeezed(150), TIMES, comm)
-    assert size[:, 0].max() > 18.5 and far.max() > 2.5  # flattened: 10 µm wide at the start; measured 18.58, 2.70
-    assert np.abs(size[-1] - 2.0 * RADIUS).max() < 0.2  # and round again; measured 10.11 by 9.84
-    assert np.ptp(area) < 2e-3 * area[0]  # measured 1e-3
+    assert size[:, 0].max() > 18.5 and far.max() > 2.5  # flattened: 10 µm wide at the start; measured 18.56, 2.64
+    assert np.abs(size[-1] - 2.0 * RADIUS).max() < 0.2  # and round again; measured 10.12 by 9.82
+    assert np.ptp(area) < 2e-3 * area[0]  # measured 9e-4
     assert closure.max() < 1e-5  # measured 2e-7
-    assert np.abs(momentum).max() < 1e-9  # pN µs/µm; measured 2e-11, of 1e5 each way
+    assert np.abs(momentum).max() < 1e-9  # pN µs/µm; measured 4e-12, of 1e5 each way
     alone = history(squeezed(150), TIMES, MPI.COMM_SELF)
     assert bits == alone[-1] and np.array_equal(size, alone[0]) and np.array_equal(closure, alone[2])
 
@@ -356,7 +322,7 @@ def test_a_drop_squeezed_flat_and_released_conserves_and_has_the_same_bits_on_an
 @pytest.mark.serial
 def test_a_drop_squeezed_flat_is_as_wide_and_high_as_with_finer_particles() -> None:
     coarse, fine = (history(squeezed(n), TIMES, MPI.COMM_SELF)[0] for n in (150, 600))
-    assert np.abs(coarse / fine - 1.0).max() < 0.015  # measured 0.0096
+    assert np.abs(coarse / fine - 1.0).max() < 0.02  # measured 0.013
 
 
 # ------------------------------------------------------------------------------------------------------- the message
@@ -378,25 +344,23 @@ def told(case: Case, until: float, directory: Path, comm: MPI.Comm) -> tuple[lis
 
 
 def test_a_run_that_crosses_the_limit_says_so_once(comm: MPI.Comm, shared_tmp: Path) -> None:
-    case = squeezed(100, 0.4)
+    case = squeezed(100)
     warnings, strain = told(case, 8.0, shared_tmp / "run", comm)
     assert len(warnings) == 1 and f"the limit of {STRETCH_LIMIT:g}" in warnings[0], warnings
     assert f"at {strain['crossed_at_us']:.6g} µs: particle " in warnings[0] and "of cell 1" in warnings[0]
-    assert strain["largest"] > 3.2 and strain["limit"] == STRETCH_LIMIT and 3.0 < strain["crossed_at_us"] < 8.0
+    assert strain["largest"] > 2.0 and strain["limit"] == STRETCH_LIMIT and 1.0 < strain["crossed_at_us"] < 4.0
     assert f"crossed_at_us: {strain['crossed_at_us']:.6g}" in info(shared_tmp / "run")
     if comm.rank == 0:
         assert told(case, 8.0, shared_tmp / "alone", MPI.COMM_SELF) == (warnings, strain)
 
 
-def test_a_run_within_the_limit_and_a_solid_beyond_it_are_not_warned_of(comm: MPI.Comm, shared_tmp: Path,
-                                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_within_the_limit_and_a_solid_beyond_it_are_not_warned_of(comm: MPI.Comm, shared_tmp: Path) -> None:
     warnings, strain = told(squeezed(100), 1.0, shared_tmp / "fluid", comm)
     assert not warnings and 1.1 < strain["largest"] < STRETCH_LIMIT and strain["crossed_at_us"] is None
-    monkeypatch.setattr("cellmig.solve.strain.STRETCH_LIMIT", 1.5)
     fast = 'cells.0.velocity_gradient=[["2 /us", "0 /us"], ["0 /us", "-2 /us"]]'
     solid = case("nucleus", fast, per_cell=100)
     assert told(solid, 0.4, shared_tmp / "solid", comm) == ([], None)
-    assert stretched(solid, 0.4) > 1.5  # measured 1.94
+    assert STRETCH_LIMIT < stretched(solid, 0.4)  # measured 1.9
 
 
 def stretched(case: Case, time: float) -> float:

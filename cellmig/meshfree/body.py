@@ -24,7 +24,6 @@ class Template:
     X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int, counterclockwise, closed;
     G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
     R : (n, n) CSR, recovery of stress;  spacing : mean distance h [µm];
-    edges : (k, 2) int -- neighbours, each pair once;  stabilising : (n,) -- viscosity of the stabilisation [Pa µs];
     laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     """
 
@@ -39,8 +38,6 @@ class Template:
     spacing: float
     laws: tuple
     damping: np.ndarray
-    edges: np.ndarray
-    stabilising: np.ndarray
 
     def _by_law(self, attribute: str) -> np.ndarray:
         body, nucleus = self.laws
@@ -152,13 +149,11 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     G = rkpm.consistent(rkpm.gradients(X, support, surface), X, V, support, surface)
     body, inner = laws
     inner = inner if inner is not None else body
-    stabilising = np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body)))
-    S = stabilisation(X, V, edges, stabilising)
+    S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G, support, nucleus)
-    return Template(X, V, nucleus, surface, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave, edges,
-                    stabilising)
+    return Template(X, V, nucleus, surface, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

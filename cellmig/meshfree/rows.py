@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -102,37 +101,6 @@ def scalar_blocks(scene: Scene, numbering: Numbering, matrices: list) -> tuple[n
     values = np.zeros((first[-1], 4))
     values[group, _STAB_LANE[lane]] = _values([m.data for m in matrices], kind, at)
     return first, _columns(first, group, lane, col, numbering.n_rows), values
-
-
-def stabilisation_places(scene: Scene, numbering: Numbering) -> dict[str, np.ndarray]:
-    """Where the entries of S of the owned rows stand, whatever their values: in `gradient`, and behind it in `outer`.
-
-    row, col (local), place : of every entry, by row and the global id of the column;  diagonal : the entry of each row;
-    first_outer, column_outer, outer : the blocks of those that have no place in `gradient`, zero.
-    """
-    patterns = [t.G for t in scene.templates]
-    row, col, _, _ = _entries(scene, numbering, patterns, numbering.n_rows)
-    first, group, lane = _slots(row, -(-numbering.n_rows // 4))
-    own = row < numbering.n_owned
-    rest = [_outside(_second_neighbours(t), t.G) for t in scene.templates]
-    out = dict(zip(("first_outer", "column_outer", "outer"), scalar_blocks(scene, numbering, rest), strict=True))
-    out["outer"][:] = 0.0
-    outer_row, outer_col, _, _ = _entries(scene, numbering, rest, numbering.n_owned)
-    _, outer_group, outer_lane = _slots(outer_row, -(-numbering.n_rows // 4))
-    place = np.concatenate([(12 * group + 8 + _STAB_LANE[lane])[own],
-                            12 * first[-1] + 4 * outer_group + _STAB_LANE[outer_lane]])
-    row, col = np.concatenate([row[own], outer_row]), np.concatenate([col[own], outer_col])
-    order = np.lexsort((numbering.ids[col], row))
-    out |= {"row": row[order], "col": col[order], "place": place[order]}
-    return out | {"diagonal": np.flatnonzero(out["row"] == out["col"])}
-
-
-def _second_neighbours(t: Any) -> sparse.csr_matrix:
-    """Pattern of S: particles that share a neighbour, or are neighbours."""
-    n = len(t.X)
-    near = sparse.csr_matrix((np.ones(len(t.edges)), (t.edges[:, 0], t.edges[:, 1])), (n, n))
-    near = near + near.T + sparse.identity(n, format="csr")
-    return (near @ near).tocsr()
 
 
 def owned_rows(scene: Scene, numbering: Numbering, matrices: list) -> sparse.csr_matrix:

@@ -92,7 +92,6 @@ class Integrator:
     def look(self) -> int:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
         m = self.mechanics
-        m.restabilise()
         self.limits = limits = self._seen()
         if self.touches and limits["displaced"] > 0.2 * SKIN:
             m.renew_lists()

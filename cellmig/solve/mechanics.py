@@ -12,7 +12,6 @@ from petsc4py import PETSc
 from ..meshfree.body import Scene
 from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces, contact_lists
-from ..meshfree.restabilise import STRAIN, Restabilised
 from ..meshfree.rows import blocks, number
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField, exchange_functions
@@ -43,14 +42,11 @@ class Mechanics:
         self._number(swarm["id"])
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
-        self.stabiliser = Restabilised(scene, self.base, self.kernel) if terms.stabilised else None
         self._fill_surfaces(seed, protruding)
         self.theta = self._director()
         self._load(swarm)
         self.moved = self.kicked = self.last = 0.0
-        self.rebuilds = self.restabilised = 0
-        self._stiffest = self._stabilise(scene.X[self.base.ids]) if self.stabiliser else 0.0
-        self.growth = 1.0
+        self.rebuilds = 0
         self._kept: list = []
         self.renew_lists()
         self.kernel("deformation")
@@ -247,19 +243,6 @@ class Mechanics:
         """Whether surfaces moved further than the search lists allow; collective."""
         return bool(extreme(self.comm, np.array([self.displaced()]))[0] > 0.5 * SKIN)
 
-    def restabilise(self) -> None:
-        """The stabilisation for the distances as they are, if they changed since it was made; collective."""
-        if self.stabiliser is None:
-            return
-        self.state.exchange()
-        x = (self._X + self._memory[:, :2])[: len(self.base.ids)]
-        if STRAIN < extreme(self.comm, np.array([self.stabiliser.strain(x)]))[0] < np.inf:  # else the run is broken
-            self.growth = self._stabilise(x) / self._stiffest
-            self.restabilised += 1
-
-    def _stabilise(self, x: np.ndarray) -> float:
-        return float(extreme(self.comm, np.array([self.stabiliser.make(x)]))[0])
-
     # ------------------------------------------------------------ the step
 
     def advance(self, n: int, dt: float) -> None:
@@ -351,14 +334,14 @@ class Mechanics:
         return ends, self._X[ends] + self._memory[ends, :2]
 
     def limits(self) -> dict[str, Any]:
-        """Over all ranks: local bounds of viscous and elastic stiffness, extremes of J, speed, displacement, growth."""
+        """Over all ranks: local bounds of viscous and elastic stiffness, extremes of J, speed, displacement."""
         own = np.zeros(6)
         self.kernel("limits", own)
         names = ("viscous", "elastic", "J_min", "J_max", "speed", "displaced")
         values = np.array([own[0], own[1], -own[2], own[3], own[4], self.displaced()])
         top = extreme(self.comm, values)
         top[2], top[4] = -top[2], np.sqrt(top[4])
-        return {**dict(zip(names, top.tolist(), strict=True)), "stabilisation": self.growth}
+        return dict(zip(names, top.tolist(), strict=True))
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
         """Global id and J of the one whose J is furthest from 1, or not finite, or one that is known; collective."""
