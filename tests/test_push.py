@@ -57,7 +57,7 @@ def collide(name: str, *sets: str) -> tuple[float, float, dict[str, float]]:
 def test_cells_that_collide_keep_momentum_and_account_for_their_energy(name: str) -> None:
     momentum, turning, ledger = collide(name)
     assert momentum < 1e-13  # measured 4e-16
-    assert turning < 3e-4  # measured 7.1e-5, 3.9e-5, 7.3e-5, 1.3e-5: what the viscous stabilisation turns
+    assert turning < 2e-3  # measured 4.8e-4, 2.4e-4, 4.3e-4, 1.0e-4: what the viscous stabilisation turns
     assert ledger["closure"] < 1e-3  # measured 4.0e-4, 1.7e-4, 3.2e-4, 1.9e-4
     lost = ledger["viscous_loss"] + ledger["numerical_loss"]
     assert lost > 1000.0 > ledger["elastic"] > 0.0 > ledger["adhesion_cells"]  # [pN]; measured 2700 to 4300

@@ -232,8 +232,8 @@ def told_of(series: np.ndarray) -> str:
     return f"{series.mean():.2f} ± {np.std(blocks, ddof=1) / np.sqrt(6):.2f}"
 
 
-# measured at these numbers of particles: nucleus 6.3, 6.3, 2.9, 2.6, 2.0, of its mean stress 3.9, 3.5, 2.1, 2.0, 1.6;
-# bottom 5.7, 5.0, 4.2, 4.9, 4.0, where single snaps of the contact line weigh; its median 3.34, 3.12, 2.99, 3.09, 3.12
+# measured at these numbers of particles: nucleus 6.9, 6.8, 3.3, 2.8, 2.2, of its mean stress 4.2, 3.7, 2.3, 2.1, 1.7;
+# bottom 6.3, 5.5, 5.2, 4.4, 4.9, where single snaps of the contact line weigh; its median 3.31, 3.15, 3.39, 3.30, 3.31
 @pytest.mark.slow
 @pytest.mark.serial
 @pytest.mark.timeout(1800)
@@ -243,7 +243,7 @@ def test_stress_of_a_cell_that_spreads_settles_in_the_cytoplasm_and_falls_in_the
     for h, f, median in zip(spacing, found, medians, strict=True):
         print(f"h {h:.3f}:", *(f"{name} {told_of(values)}," for name, values in f.items()), f"its median {median:.2f}")
     mean = {name: np.array([f[name].mean() for f in found]) for name in found[0]}
-    assert 0.5 < orders(spacing, mean["nucleus"]) < 1.2  # measured 0.87: no limit but zero in sight
+    assert 0.5 < orders(spacing, mean["nucleus"]) < 1.2  # measured 0.88: no limit but zero in sight
     assert 0.4 < orders(spacing, mean["of its mean stress"]) < 0.9  # measured 0.64
     assert (mean["nucleus"] < mean["nucleus, nodal"]).all()
-    assert np.ptp(medians) < 0.15 * np.mean(medians)  # measured 0.11
+    assert np.ptp(medians) < 0.15 * np.mean(medians)  # measured 0.07
