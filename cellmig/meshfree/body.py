@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from . import rkpm
+from . import polygons, rkpm
 from .recovery import recovery
 from .stabilisation import stabilisation
 
@@ -52,8 +52,7 @@ class Template:
     @cached_property
     def segment_length(self) -> np.ndarray:
         """Reference length of the surface segment from each surface particle to the next (m,) [µm]."""
-        X = self.X[self.surface]
-        return np.linalg.norm(np.roll(X, -1, axis=0) - X, axis=1)
+        return polygons.sides(self.X[self.surface])
 
     @cached_property
     def viscous_weight(self) -> np.ndarray:

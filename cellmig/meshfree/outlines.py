@@ -94,7 +94,7 @@ class Polygon:
 
     def outline(self, n: int = 64) -> np.ndarray:
         """Polygon of the surface (at least n, 2) [µm], with points between the corners."""
-        length = np.linalg.norm(np.roll(self._polygon, -1, axis=0) - self._polygon, axis=1)
+        length = polygons.sides(self._polygon)
         return _divided(self._polygon, np.ceil(n * length / length.sum()).astype(int))
 
     def lowest(self) -> float:
@@ -125,7 +125,7 @@ def fill(polygon: np.ndarray, count: int, refinement: float) -> tuple[np.ndarray
     Raises ValueError if they are too few for the outline.
     """
     # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
-    a, b = polygons.area(polygon) / 1.047, (0.5 * refinement - 0.25) * polygons.perimeter(polygon)
+    a, b = polygons.area(polygon) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(polygon).sum()
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
     surface = _along(polygon, h / refinement)
     if len(surface) >= count or polygons.crossing(surface) is not None:

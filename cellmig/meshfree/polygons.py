@@ -16,9 +16,9 @@ def area(polygon: np.ndarray) -> float:
     return 0.5 * float(cross(polygon, np.roll(polygon, -1, axis=0)).sum())
 
 
-def perimeter(polygon: np.ndarray) -> float:
-    """Length of a closed polygon (k, 2)."""
-    return float(np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1).sum())
+def sides(polygon: np.ndarray) -> np.ndarray:
+    """Length of the side from each corner to the next (k,) [µm]."""
+    return np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
 
 
 def centroid(polygon: np.ndarray) -> np.ndarray:
