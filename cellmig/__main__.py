@@ -97,17 +97,22 @@ def _looks(commands: Any) -> None:
     paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
     paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
     _sets(paper)
-    verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it")
-    what = verify.add_mutually_exclusive_group(required=True)
+    verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it",
+                                 description="References against exact and published solutions at three resolutions or "
+                                             "more: error, order and verdict; exit code 1 if something does not hold. "
+                                             "With --stress or --sensitivity, other checks.")
+    verify.add_argument("--only", metavar="NAME,NAME", help="these references or groups of them alone")
+    what = verify.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="the references, their sources, and what theory expects")
     what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each ends stable, stops with a "
                       "message or is refused")
     what.add_argument("--sensitivity", action="store_true", help="how the main scene depends on spacing, time step and "
                       "other choices of the method")
     verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
-    verify.add_argument("--quick", action="store_true", help="a coarse sensitivity: in minutes, to try it out")
-    verify.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
-    verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/stress, "
-                        "output/sensitivity, with --quick output/sensitivity-quick)")
+    verify.add_argument("--quick", action="store_true", help="coarse references or a coarse sensitivity: in minutes")
+    verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
+    verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
+                        "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
     commands.add_parser("schema", help="JSON schema of a case file, for editors")
     commands.add_parser("doctor", help="what this machine has and lacks")
 
@@ -184,7 +189,11 @@ def _in_a_name(text: str) -> str:
 
 
 def verify(options: argparse.Namespace) -> int:
-    """Random scenes, or the sensitivity of the main one."""
+    """The references; or random scenes, or the sensitivity of the main one."""
+    if not (options.stress or options.sensitivity):
+        return _references(options)
+    if options.only:
+        raise UsageError("--only is for references")
     if options.sensitivity:
         if options.seed is not None:
             raise UsageError("--seed is for --stress; --sensitivity varies the seed of the case")
@@ -197,6 +206,22 @@ def verify(options: argparse.Namespace) -> int:
     from .study.stress import stress
 
     return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs)
+
+
+def _references(options: argparse.Namespace) -> int:
+    if options.seed is not None:
+        raise UsageError("--seed is for --stress; references have no chance in them")
+    from .study.verify import listing, verify
+
+    only = [name.strip() for name in options.only.split(",")] if options.only else []
+    try:
+        if options.list:
+            print("\n".join(listing(only)))
+            return DONE
+        out = options.out or Path("output") / ("verify-quick" if options.quick else "verify")
+        return verify(out, only, options.quick, options.jobs)
+    except KeyError as error:
+        raise UsageError(f"--only: no reference or group '{error.args[0]}'; 'verify --list' lists them") from error
 
 
 def show(options: argparse.Namespace) -> int:

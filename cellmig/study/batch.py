@@ -44,6 +44,11 @@ _MPIEXEC = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
             "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
 
 
+def outside_mpi() -> dict[str, str]:
+    """The environment of a process that is no rank of this run, even if this one is."""
+    return _MPIEXEC | {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
+
+
 @dataclass(frozen=True)
 class Job:
     """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks."""
@@ -81,13 +86,12 @@ class Job:
 
     def start(self, errors: IO[str]) -> subprocess.Popen:
         """Start it; what it says about a failure goes to `errors`."""
-        environment = _MPIEXEC | {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
         command = [sys.executable, "-m", "cellmig", *self.arguments()]
         if self.ranks > 1:
             mpiexec = shutil.which("mpiexec.openmpi") or "mpiexec"
             command = [mpiexec, "-q", "-n", str(self.ranks), *command]
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
-                                env=environment | {"OPENBLAS_NUM_THREADS": "1"})
+                                env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1"})
 
 
 @dataclass(frozen=True)
@@ -229,10 +233,10 @@ def _ended(code: int, job: Job, errors: IO[str]) -> Ended:
 class Count:
     """How many runs have ended: a bar on a terminal, else a line now and then."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, unit: str = "run") -> None:
         watched = "CELLMIG_TERMINAL" in os.environ or sys.stdout.isatty()
-        self._bar = tqdm(total=total, unit="run", file=sys.stdout, leave=False, disable=not watched, dynamic_ncols=True)
-        self._total, self._done, self._begin = total, 0, perf_counter()
+        self._bar = tqdm(total=total, unit=unit, file=sys.stdout, leave=False, disable=not watched, dynamic_ncols=True)
+        self._total, self._done, self._begin, self._unit = total, 0, perf_counter(), unit
         self._due = float("inf") if watched else self._begin + _NEXT_LINE
 
     def __call__(self, ended: Ended) -> None:
@@ -244,7 +248,8 @@ class Count:
         if (now := perf_counter()) >= self._due:
             self._due = now + _NEXT_LINE
             left = (now - self._begin) * (self._total - self._done) / self._done
-            print(f"{self._done} of {self._total} runs, {clock(now - self._begin)}, left {clock(left)}", flush=True)
+            print(f"{self._done} of {self._total} {self._unit}s, {clock(now - self._begin)}, left {clock(left)}",
+                  flush=True)
 
     def close(self) -> None:
         """Take the bar away."""
