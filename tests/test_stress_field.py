@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from exact import Ringing, cauchy, divergence, inclusion, poisson, sheared
 from scenes import DAMPED, built, case, everywhere, put
 from scipy.optimize import brentq
 from statics import equilibrium, loads
@@ -17,6 +16,7 @@ from statics import equilibrium, loads
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
+from cellmig.study.exact import Ringing, cauchy, divergence, inclusion, poisson, sheared
 
 LAYOUTS = ["rings", "irregular"]
 NUCLEUS, CELL, RATIO = 1.415, 5.0, 0.283  # radii [µm]

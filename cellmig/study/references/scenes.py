@@ -15,6 +15,8 @@ from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.study.paper import FOLDER
 
+# The damping that solids have by default, of which nucleus.toml has none.
+DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")
 STILL = [["0 /us", "0 /us"], ["0 /us", "0 /us"]]
 
 

@@ -1,4 +1,4 @@
-"""Exact solutions for the stress: a disc that rings, a finite map that keeps areas, a round inclusion under shear."""
+"""Exact solutions: a disc and a drop that ring, a finite map that keeps areas, a round inclusion under shear."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import jv, jvp
+from scipy.special import iv, ivp, jv, jvp
 
 from cellmig.output.sample import pointwise
 
@@ -77,6 +77,65 @@ class Ringing:
         stress[:, 0, 1] = stress[:, 1, 0] = 2 * G * ((rr - tt) * S * C + rt * (C * C - S * S))
         stress[:, 2, 2] = p
         return np.column_stack([U * C - W * S, U * S + W * C]), stress
+
+
+# ------------------------------------------------------------------------------------------------ a drop that rings
+
+
+class Drop:
+    """Mode exp(st) with n lobes of a viscous, compressible drop with line tension T, linear: s [1/µs] is complex.
+
+    Displacements are those of potentials I_n(a r), I_n(q r) with a² = ρ s²/(K + 2μs), q² = ρ s/μ; at the rim
+    σ_rθ = 0 and σ_rr = -T (n² - 1) u_r/R².  Large K and small μ: s² = -n(n² - 1) T/ρR³ - 4n(n - 1) s ν/R².
+    """
+
+    def __init__(self, law: Any, radius: float, lobes: int, tension: float, guess: complex):
+        """`law` has `density`, `viscosity`, `reduced_bulk_modulus`;  `guess` : about s."""
+        self.rho, self.mu, self.K = law.density, law.viscosity, law.reduced_bulk_modulus
+        self.n, self.radius, self.tension = lobes, radius, tension
+        self.s = _root(self._missing, guess)
+        m = self._conditions(self.s)
+        self.amplitudes = np.array([1.0, -m[1, 0] / m[1, 1] if lobes else 0.0])
+        self.amplitudes = self.amplitudes / (self._radial(self.s, radius)[0] @ self.amplitudes)  # u_r = 1 at the rim
+
+    def _radial(self, s: complex, r: Any) -> np.ndarray:
+        """Of both potentials, the parts of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r (4, 2, ...)."""
+        a, q, n = np.sqrt(self.rho * s * s / (self.K + 2.0 * self.mu * s)), np.sqrt(self.rho * s / self.mu), self.n
+        U = np.array([a * ivp(n, a * r), n * iv(n, q * r) / r])
+        W = np.array([-n * iv(n, a * r) / r, -q * ivp(n, q * r)])
+        dU = np.array([a * a * ivp(n, a * r, 2), n * (q * ivp(n, q * r) / r - iv(n, q * r) / r**2)])
+        dW = np.array([-n * (a * ivp(n, a * r) / r - iv(n, a * r) / r**2), -q * q * ivp(n, q * r, 2)])
+        return np.array([U, W, dU, dW])
+
+    def _conditions(self, s: complex) -> np.ndarray:
+        """What σ_rr and σ_rθ miss at the rim, of each potential (2, 2)."""
+        R, n = self.radius, self.n
+        U, W, dU, dW = self._radial(s, R)
+        normal = self.K * (dU + (U + n * W) / R) + 2.0 * self.mu * s * dU + self.tension * (n * n - 1.0) * U / R**2
+        return np.array([normal, self.mu * s * (dW - (W + n * U) / R)])
+
+    def _missing(self, s: complex) -> complex:
+        m = self._conditions(s)
+        return np.linalg.det(m) if self.n else m[0, 0]
+
+    def displacements(self, X: np.ndarray) -> np.ndarray:
+        """Complex displacement (n, 2): its real part, times exp(st), moves the rim radially by 1 at first."""
+        r, at = np.maximum(np.hypot(*X.T), 1e-6), np.arctan2(X[:, 1], X[:, 0])
+        U, W = np.einsum("k,ekn->en", self.amplitudes, self._radial(self.s, r)[:2])
+        U, W = U * np.cos(self.n * at), W * np.sin(self.n * at)
+        return np.column_stack([U * np.cos(at) - W * np.sin(at), U * np.sin(at) + W * np.cos(at)])
+
+
+def _root(function: Callable[[complex], complex], guess: complex) -> complex:
+    """Zero of an analytic function, by the secant method."""
+    a, b = guess, guess * (1.0 + 1e-4)
+    fa, fb = function(a), function(b)
+    for _ in range(60):
+        a, b, fa = b, b - fb * (b - a) / (fb - fa), fb
+        fb = function(b)
+        if abs(b - a) < 1e-13 * abs(b) or fb == fa:
+            break
+    return complex(b)
 
 
 # ------------------------------------------------------------------------------------------ a map that keeps areas
