@@ -115,6 +115,12 @@ class Verdict:
         """Whether it is as expected."""
         return FAILS if self.why else HOLDS
 
+    @property
+    def below_floor(self) -> bool:
+        """Whether no order was asked because the finest error is as small as it can be known."""
+        floor = self.expected.floor
+        return self.expected.order is not None and floor > 0.0 and bool(self.errors) and self.errors[-1] <= floor
+
 
 def orders(sizes: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
     """Observed order between the two finest sizes, and over all by least squares; nan where an error is zero."""

@@ -189,6 +189,8 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
         lines.append(_line(v.reference, v.error, errors_of(v), _order(v.pairwise), _order(v.fitted),
                            f"<{v.expected.tolerance:.0e}" if exact else f"{v.expected.order:g}", v.verdict))
         lines += [f"      {reason}" for reason in v.why]
+        if v.below_floor:
+            lines.append(f"      no order is asked: the last error is below {v.expected.floor:.1g}")
     held = sum(v.verdict == HOLDS for v in verdicts)
     return [*lines, f"{held} of {len(verdicts)} hold" + ("" if held == len(verdicts) else f", {len(verdicts) - held} "
                                                          f"{'does' if len(verdicts) - held == 1 else 'do'} not")]
@@ -229,6 +231,7 @@ def markdown(chosen: Sequence[Reference], verdicts: Sequence[Verdict]) -> str:
                 e = v.expected
                 expected = f"< {e.tolerance:.0e}" if e.order is None else f"{e.order:g}"
                 targets = "".join(f"; {100 * t:g} % at {n:,}" for n, t in e.within.items())
+                targets += f"; no order below {e.floor:.1g}" if e.floor else ""
                 sizes = ", ".join(f"{h:.3g}" for h in v.sizes) + f" {r.unit}"
                 found = "" if e.order is None else f"{_order(v.pairwise)}, {_order(v.fitted)}"
                 verdict = v.verdict if v.verdict == HOLDS else f"**{FAILS}**: {'; '.join(v.why)}"

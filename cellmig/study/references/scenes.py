@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -82,3 +82,18 @@ def displacement(sim: Simulation) -> np.ndarray:
 def velocity(sim: Simulation) -> np.ndarray:
     """Of all particles (size, 2) [µm/µs]: half a step late where the leapfrog has it."""
     return by_id(sim, sim.mechanics.state.owned[:, 2:])
+
+
+def on_the_rim(sim: Simulation, angles: Sequence[float]) -> np.ndarray:
+    """Where the points of the rim of a round body are that were at these angles (k, 2) [µm], particles there or not.
+
+    A Fourier series in the angle is fitted: particles miss the axes by half a spacing, more or less by chance.
+    """
+    rim = sim.scene.surface(0)
+    X, lobes = sim.scene.X[rim], np.arange(1, min(12, len(rim) // 4) + 1)
+
+    def series(at: np.ndarray) -> np.ndarray:
+        return np.hstack([np.ones((len(at), 1)), np.cos(np.outer(at, lobes)), np.sin(np.outer(at, lobes))])
+
+    x = X + displacement(sim)[rim]
+    return series(np.asarray(angles)) @ np.linalg.lstsq(series(np.arctan2(X[:, 1], X[:, 0])), x, rcond=None)[0]
