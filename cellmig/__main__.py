@@ -68,10 +68,12 @@ def parser() -> Parser:
     run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
     run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
     run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
+    _accuracy(run)
     _sets(run)
 
     validate = commands.add_parser("validate", help="check cases and say what a run will cost")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
+    _accuracy(validate)
     _sets(validate)
     _looks(commands)
     return top
@@ -113,8 +115,20 @@ def _looks(commands: Any) -> None:
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
                         "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
+    bench = commands.add_parser("bench", help="run time against error, and which settings are worth their time")
+    bench.add_argument("--error", action="store_true", required=True, help="over spacing, dilation, stabilisation, "
+                       "integrator, step and modulus: the Pareto sets, and what the defaults should be")
+    bench.add_argument("--quick", action="store_true", help="coarse, in two minutes, to try it out")
+    bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
+                       "output/bench-quick)")
     commands.add_parser("schema", help="JSON schema of a case file, for editors")
     commands.add_parser("doctor", help="what this machine has and lacks")
+
+
+def _accuracy(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--accuracy", metavar="5%", action="append", dest="sets", type="numerics.accuracy={}".format,
+                         help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
+                         "below this error")
 
 
 def _sets(command: argparse.ArgumentParser) -> None:
@@ -122,7 +136,7 @@ def _sets(command: argparse.ArgumentParser) -> None:
                          help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
 
 
-COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify")
+COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify", "bench")
 
 
 def parse(words: list[str]) -> argparse.Namespace:
@@ -224,6 +238,13 @@ def _references(options: argparse.Namespace) -> int:
         raise UsageError(f"--only: no reference or group '{error.args[0]}'; 'verify --list' lists them") from error
 
 
+def bench(options: argparse.Namespace) -> int:
+    """Run time against error."""
+    from .study.error import bench_error
+
+    return bench_error(options.out or Path("output") / ("bench-quick" if options.quick else "bench"), options.quick)
+
+
 def show(options: argparse.Namespace) -> int:
     """The commands that look at runs and at this machine."""
     if options.command == "doctor":
@@ -312,12 +333,12 @@ def main() -> None:
         ours, petsc_options = split_arguments(words)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] != "run"
         options = parse(words if serial else ours)
-        if not serial or options.command in ("validate", "paper", "verify") or RANKS > 1:
+        if not serial or options.command in ("validate", "paper", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         if not serial:
             code = run(options, comm)
         else:  # nothing to share: other ranks than the first are idle
-            command = {"validate": validate, "paper": paper, "verify": verify}.get(options.command, show)
+            command = {"validate": validate, "paper": paper, "verify": verify, "bench": bench}.get(options.command, show)
             code = command(options) if RANK == 0 else DONE
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough

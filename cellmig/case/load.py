@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from . import registry, values
+from . import accuracy, registry, values
 from .checks import cell_names, check, expand, ordered, resolution
 from .messages import CaseError, show, suggest
 from .outline_file import corners
@@ -29,6 +29,7 @@ def from_dict(data: Mapping[str, Any], path: str = "case") -> Case:
 
 
 def _case(source: Source, path: str) -> Case:
+    chosen = accuracy.fill(source)
     reader = _Reader(source)
     try:
         found = reader.case()
@@ -38,7 +39,7 @@ def _case(source: Source, path: str) -> Case:
         source.wrong((), "holds a number too large or too small to compute with")
     if source.mistakes:
         raise CaseError(source.sorted_mistakes())
-    return Case(**found, path=path)
+    return Case(**found, path=path, chosen=chosen)
 
 
 class _Reader:

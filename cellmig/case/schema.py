@@ -50,6 +50,9 @@ class Numerics:
 
     bulk_viscosity: float = quantity("", "bulk viscosity of the mean stress, over ρ c h (velocity divergence)", 0.05,
                                      minimum=0)
+    accuracy: str | None = parameter("error such as \"5 %\": what the case leaves open of per_cell, dilation, "
+                                     "step_factor and the reduced bulk modulus is the cheapest that was measured "
+                                     "below it on such a scene", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +105,7 @@ class Case:
                                          at=("body_force", "acceleration"))
     numerics: Numerics = _section(Numerics, "choices of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
+    chosen: str = field(default="", compare=False, metadata={"doc": "what an accuracy chose", "hidden": True})
 
     @property
     def name(self) -> str:

@@ -66,6 +66,7 @@ def report(case: Case) -> str:
     c, frames, cells = cost(case), case.time.frames + 1, len(case.cells)
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        *([("accuracy", case.chosen)] if case.chosen else []),
         ("particles", f"{c.particles} in {cells} cell{'s' * (cells > 1)}, spacing {c.spacing:.3g} µm, "
                       f"support {case.particles.dilation:g} spacings"),
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),

@@ -44,7 +44,8 @@ class Run:
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until
         self.manifest = {"case": case.resolved(), "case_file": case.path, "end_us": self.end, "exit_status": None,
-                         **environment(comm), "petsc": petsc_version(), "seed": case.seed}
+                         **environment(comm), "petsc": petsc_version(), "seed": case.seed,
+                         **({"accuracy": case.chosen} if case.chosen else {})}
         self._say_header()
         with self.timers("build"), options_obeyed():
             self.simulation = Simulation(case, comm, prune)
@@ -161,6 +162,7 @@ class Run:
         self.log.table([
             ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
                           f"{_range([t.spacing for t in s.scene.templates])} µm{shared}"),
+            *([("accuracy", self.case.chosen)] if self.case.chosen else []),
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
             ("integrator", self.case.time.integrator if run.leapfrog else f"{run.ts.getType()} of PETSc"),

@@ -1,0 +1,121 @@
+"""`numerics.accuracy`: the cheapest setting whose error was measured below it, on scenes of the case's kind."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from . import registry, units
+from .messages import show
+from .source import Source
+from .values import declared
+
+MEASURED = Path(__file__).with_name("accuracy.json")  # by `cellmig bench --error`
+PLACES = {"per_cell": ("particles", "per_cell"), "dilation": ("particles", "dilation"),
+          "step_factor": ("time", "step_factor")}
+
+
+@cache
+def _measured() -> dict[str, Any]:
+    return json.loads(MEASURED.read_text(encoding="utf-8"))
+
+
+def fraction(text: Any) -> float:
+    """An accuracy such as "1 %" or 0.01.  Raises ValueError; its text is for the user."""
+    percent = isinstance(text, str) and text.strip().endswith("%")
+    try:
+        value = float(text.strip()[:-1]) / 100.0 if percent else float(text)
+    except (TypeError, ValueError):
+        value = float("nan")
+    if isinstance(text, bool) or not 0.0 < value < 1.0:
+        raise ValueError(f'expects an accuracy such as "1 %", not {show(text)}')
+    return value
+
+
+def kind_of(data: dict[str, Any]) -> str | None:
+    """The kind of scene that tables describe, as far as one was measured."""
+    cells, materials = data.get("cells"), data.get("materials")
+    try:
+        used = {cell[key] for cell in cells for key in ("material", "nucleus") if key in cell}
+        known = registry.laws("material")
+        fluid = {"reduced_bulk_modulus" in declared(known[materials[name]["law"]]) for name in used}
+        adhesion = data.get("adhesion", {})
+        on_substrate, touching = "substrate" in adhesion, "cells" in adhesion and _several(cells)
+    except (TypeError, KeyError, AttributeError):
+        return None  # the reader says what is wrong
+    if on_substrate:
+        return "cell on substrate" if True in fluid else None
+    return {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
+
+
+def _several(cells: list) -> bool:
+    return len(cells) > 1 or any(n != 1 for cell in cells for n in cell.get("repeat", [1]))
+
+
+def pick(points: list[dict[str, Any]], kind: str | None, accuracy: float) -> dict[str, Any]:
+    """The cheapest point of a kind whose error is not above the accuracy.  Raises ValueError: nobody measured it."""
+    own = [p for p in points if p["kind"] == kind]
+    if not own:
+        kinds = ", ".join(dict.fromkeys(p["kind"] for p in points))
+        raise ValueError(f"no scene of this kind was measured; there are: {kinds}")
+    good = [p for p in own if p["error"] <= accuracy]
+    if not good:
+        best = min(own, key=lambda p: p["error"])
+        raise ValueError(f"{100 * accuracy:g} % was not measured on this kind of scene ({kind}): the least is "
+                         f"{100 * best['error']:g} %, with {best['per_cell']} particles a cell")
+    return min(good, key=lambda p: p["cost_s"])
+
+
+def fill(source: Source) -> str:
+    """Give a case that asks for an accuracy what it leaves open; returns what was done, "" if it asks for none.
+
+    What the case itself gives stays: its error was measured only if it is what would have been chosen.
+    """
+    data, path = source.data, ("numerics", "accuracy")
+    asked = data.get("numerics", {}).get("accuracy") if isinstance(data.get("numerics", {}), dict) else None
+    if asked is None:
+        return ""
+    try:
+        accuracy = fraction(asked)
+        chosen = pick(_measured()["points"], kind_of(data), accuracy)
+    except ValueError as error:
+        source.wrong(path, str(error))
+        return ""
+    data["numerics"]["accuracy"] = f"{100 * accuracy:g} %"
+    set_, kept = [], []
+    for key, place, value in _wanted(data, chosen):
+        table = data
+        for name in place[:-1]:
+            table = table.setdefault(name, {}) if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            continue
+        given = table.get(place[-1], table.get("spacing") if key == "per_cell" else None)
+        if given is None:
+            table[place[-1]] = value
+            set_.append(f"{key} = {value}")
+        elif not _same(given, value):
+            kept.append(f"{key} = {given} (measured: {value})")
+    origin = _measured()["origin"]
+    told = [f"{100 * accuracy:g} %, {chosen['kind']}: measured {100 * chosen['error']:g} % ({origin['date']})"]
+    told += [f"chosen {', '.join(set_)}"] * bool(set_)
+    told += [f"kept as given, so that the error may be another: {', '.join(kept)}"] * bool(kept)
+    return "; ".join(told)
+
+
+def _wanted(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tuple, Any]]:
+    """Name, place in the case and value of all that an accuracy chooses."""
+    rows = [(key, place, chosen[key]) for key, place in PLACES.items()]
+    for name, material in data["materials"].items() if "modulus" in chosen else ():
+        if "reduced_bulk_modulus" in declared(registry.laws("material")[material["law"]]):
+            rows.append(("reduced_bulk_modulus", ("materials", name, "reduced_bulk_modulus"), f"{chosen['modulus']:g} MPa"))
+    return rows
+
+
+def _same(given: Any, value: Any) -> bool:
+    """Whether two values of a case are the same, also in other units."""
+    try:
+        return units.number(given, "Pa") == units.number(value, "Pa") if isinstance(value, str) else given == value
+    except (units.UnitError, TypeError):
+        return given == value

@@ -1,0 +1,136 @@
+"""Time against error: which points no other beats, what a setting gains over the defaults, and the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .plot import COLOURS, STYLE
+from .problems import PROBLEMS, Setting
+
+# Nanoseconds of CPU per particle and evaluation of forces of other codes, at 4,500 particles in 2D on one core.
+PEERS = {"SPHinXsys": 504.0, "mfree_iwf": 4800.0}
+SLOWER = 1.02  # a gain below is chance
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run that was timed.
+
+    problem : str;  setting : what was chosen;  particles, steps : int;  ns : CPU time per particle-step on a calm
+    core;  cpu : seconds of all steps as they were;  error : [-];  parts : of the error, by name.
+    """
+
+    problem: str
+    setting: Setting
+    particles: int
+    steps: int
+    ns: float
+    cpu: float
+    error: float
+    parts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> float:
+        """Seconds of one core: steps x particles x time of each."""
+        return 1e-9 * self.steps * self.particles * self.ns
+
+
+def pareto(points: Sequence[Any]) -> list[Any]:
+    """The points that no other beats in both cost and error, by cost; of equals the first."""
+    best: list[Any] = []
+    for point in sorted(points, key=lambda p: (p.cost, p.error)):
+        if not best or point.error < best[-1].error:
+            best.append(point)
+    return best
+
+
+def time_at(curve: Sequence[Any], error: float) -> float:
+    """Time [s] that a curve of points takes to an error, linear in the logarithms and on beyond its ends.
+
+    Of a curve that is not monotonic the front counts; nan with fewer than two points.
+    """
+    front = pareto(curve)
+    if len(front) < 2:
+        return float("nan")
+    x, y = (np.log([getattr(p, name) for p in front[::-1]]) for name in ("error", "cost"))
+    k = int(np.clip(np.searchsorted(x, np.log(error)), 1, len(x) - 1))
+    slope = (y[k] - y[k - 1]) / (x[k] - x[k - 1])
+    return float(np.exp(y[k] + slope * (np.log(error) - x[k])))
+
+
+def gain(points: Sequence[Point], changes: dict[str, Any]) -> float:
+    """How many times as long the defaults take to the same error, median over the sizes measured; nan if none is."""
+    default = [p for p in points if not p.setting.changes]
+    found = [time_at(default, p.error) / p.cost for p in points if p.setting.changes == changes]
+    return float(np.median(found)) if found else float("nan")
+
+
+def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float]]]:
+    """For each change of the defaults the gain by problem, best first: that of the worst problem counts.
+
+    A choice that means nothing for a problem is left out of the change there.
+    """
+    changes = {repr(p.setting.changes): p.setting.changes for p in points if p.setting.changes}
+    rows = []
+    for change in changes.values():
+        row = {}
+        for name, problem in PROBLEMS.items():
+            own = [p for p in points if p.problem == name]
+            left = {key: value for key, value in change.items() if key not in problem.without}
+            row[name] = gain(own, left) if left else 1.0
+        if not any(np.isnan(value) for value in row.values()):
+            rows.append((change, row))
+    return sorted(rows, key=lambda pair: -min(pair[1].values()))
+
+
+def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
+    """The sentence that names the setting which the defaults should be."""
+    if not rows or min(rows[0][1].values()) < SLOWER:
+        return "The defaults should stay: no change of them that was measured gains time on every problem."
+    change, row = rows[0]
+    told = ", ".join(f"{value:.2g} times as fast on the {name}" for name, value in row.items())
+    return f"By these numbers the defaults should be: {Setting(**change).said} ({told}, to the same error).  How stable it is at large strain is not judged here: `verify --stress` does."
+
+
+def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
+    """Log time against log error of each problem: all points, the front, the defaults, other codes."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(10.5, 4.0), layout="constrained")
+        for ax, (name, problem) in zip(figure.subplots(1, len(PROBLEMS)), PROBLEMS.items(), strict=True):
+            _panel(ax, [p for p in points if p.problem == name], problem.title)
+            if floor := uncertain.get(name):
+                ax.axhspan(ax.get_ylim()[0], 100.0 * floor, color="0.9", zorder=0)
+                ax.text(0.98, 0.01, "the reference is not known better", transform=ax.transAxes, ha="right", fontsize=6)
+            if name == "disc":
+                _peers(ax, [p for p in points if p.problem == name and not p.setting.changes])
+            ax.legend(fontsize=6.5, loc="upper right")
+        figure.savefig(path)
+
+
+def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
+    front, default = pareto(points), sorted((p for p in points if not p.setting.changes), key=lambda p: p.cost)
+    for some, style in ((points, {"marker": ".", "ls": "", "color": "0.75", "label": "all settings"}),
+                        (front, {"marker": ".", "color": COLOURS[0], "label": "Pareto set"}),
+                        (default, {"marker": "s", "ms": 3, "ls": ":", "color": COLOURS[1], "label": "defaults"})):
+        ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
+    for p in default:
+        ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (4, 3), textcoords="offset points", fontsize=5.5,
+                    color=COLOURS[1])
+    ax.set(title=title, xlabel="CPU time on one core [s]", ylabel="error [%]")
+    ax.set_ylim(bottom=0.8 * min(100.0 * p.error for p in points))
+
+
+def _peers(ax: Axes, default: Sequence[Point]) -> None:
+    """Our default discretisations at what a particle costs other codes: an offset in time, no run of theirs."""
+    curve = sorted(default, key=lambda p: p.cost)
+    for (name, ns), colour in zip(PEERS.items(), COLOURS[2:], strict=False):
+        ax.plot([1e-9 * ns * p.steps * p.particles for p in curve], [100.0 * p.error for p in curve], ls="--", lw=0.8,
+                color=colour, label=f"our particles and steps at {name}'s {ns:g} ns")

@@ -1,0 +1,86 @@
+"""Run time against error: fronts and gains on made-up points, and what an accuracy picks or refuses."""
+
+import numpy as np
+import pytest
+from scenes import CASES
+
+from cellmig.case import accuracy
+from cellmig.case.load import load
+from cellmig.case.messages import CaseError
+from cellmig.study.pareto import Point, gain, gains, pareto, time_at, verdict
+from cellmig.study.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
+
+pytestmark = pytest.mark.serial
+
+
+def point(cost, error, problem="disc", **setting):
+    """A made-up point that takes `cost` seconds."""
+    return Point(problem, Setting(**setting), 1, 1, 1e9 * cost, cost, error)
+
+
+def curve(speed, problem="disc", **setting):
+    """Error 1 / cost, `speed` times as fast."""
+    return [point(n / speed, 1.0 / n, problem, per_cell=n, **setting) for n in (100, 200, 400)]
+
+
+def test_the_front_holds_what_no_other_beats():
+    a, b, beaten, same = point(1, 0.5), point(3, 0.1), point(2, 0.5), point(3, 0.1)
+    assert pareto([beaten, b, a, same]) == [a, b] and pareto([]) == []
+
+
+def test_time_to_an_error_is_read_between_points_and_beyond_them():
+    assert [time_at(curve(1.0), 1.0 / n) for n in (150, 50, 800)] == pytest.approx([150, 50, 800])
+    assert np.isnan(time_at(curve(1.0)[:1], 0.1))
+
+
+def test_a_setting_counts_by_its_gain_on_the_worst_problem():
+    points = []
+    for name in PROBLEMS:
+        once, other = (3.0, 9.0) if name == "drop" else (2.0, 0.5)
+        points += curve(1.0, name) + curve(once, name, dilation=1.8) + curve(other, name, step_factor=0.95)
+    assert gain([p for p in points if p.problem == "disc"], {"dilation": 1.8}) == pytest.approx(2.0)
+    rows = gains(points)
+    assert [change for change, _ in rows] == [{"dilation": 1.8}, {"step_factor": 0.95}]
+    assert "dilation 1.8" in verdict(rows) and "should stay" in verdict(rows[1:])
+
+
+def test_exact_answers_have_no_error_and_wrong_ones_theirs():
+    t = np.array(PROBLEMS["disc"].times)
+    a2 = ringing(t)
+    assert judge_disc(t, {"a": a2, "b": -a2}, None)["error"] < 1e-12
+    assert judge_disc(t, {"a": 1.1 * a2, "b": -1.1 * a2}, None)["error"] == pytest.approx(0.1)
+    exact = {"a": np.array([5.08760, 5.15571, 5.28614]), "b": np.array([4.91357, 4.84742, 4.72173])}
+    assert judge_drop(t, exact, None)["error"] < 1e-12
+    assert judge_drop(t, exact | {"a": exact["a"] + 0.0028614}, None)["error"] == pytest.approx(0.01)
+
+
+def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_measured():
+    points = [{"kind": "fluid", "error": e, "cost_s": c, "per_cell": n} for e, c, n in
+              ((0.04, 1.0, 91), (0.01, 9.0, 631), (0.02, 3.0, 331))]
+    assert accuracy.pick(points, "fluid", 0.03)["per_cell"] == 331
+    assert accuracy.pick(points, "fluid", 0.01)["per_cell"] == 631
+    with pytest.raises(ValueError, match=r"0.5 % was not measured.*the least is 1 %"):
+        accuracy.pick(points, "fluid", 0.005)
+    with pytest.raises(ValueError, match="no scene of this kind"):
+        accuracy.pick(points, None, 0.5)
+
+
+@pytest.mark.parametrize("text", ["0 %", "150 %", "fine", "1 um", True])
+def test_what_is_no_accuracy_is_refused(text):
+    with pytest.raises(ValueError, match="expects an accuracy"):
+        accuracy.fraction(text)
+    assert accuracy.fraction("1%") == accuracy.fraction(0.01) == pytest.approx(0.01)
+
+
+def test_a_case_leaves_open_what_its_accuracy_fills_and_keeps_what_it_gives(tmp_path):
+    text = CASES["nucleus"].read_text().replace("per_cell = 1485\ndilation = 2.2\n", "")
+    (tmp_path / "open.toml").write_text(text)
+    case = load(tmp_path / "open.toml", ["numerics.accuracy=2%"])
+    chosen = accuracy.pick(accuracy._measured()["points"], "elastic", 0.02)
+    assert (case.particles.per_cell, case.particles.dilation) == (chosen["per_cell"], chosen["dilation"])
+    assert f"per_cell = {chosen['per_cell']}" in case.chosen and "elastic" in case.chosen
+
+    kept = load(CASES["one_cell"], ["numerics.accuracy=20%", "particles.per_cell=97"])
+    assert kept.particles.per_cell == 97 and "kept as given" in kept.chosen and "per_cell = 97" in kept.chosen
+    with pytest.raises(CaseError, match="was not measured"):
+        load(CASES["one_cell"], ["numerics.accuracy=0.001%"])
