@@ -126,7 +126,7 @@ def _looks(commands: Any) -> None:
 
 
 def _accuracy(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--accuracy", metavar="5%", action="append", dest="sets", type="numerics.accuracy={}".format,
+    command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets", type="numerics.accuracy={}".format,
                          help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
                          "below this error")
 
@@ -338,8 +338,8 @@ def main() -> None:
         if not serial:
             code = run(options, comm)
         else:  # nothing to share: other ranks than the first are idle
-            command = {"validate": validate, "paper": paper, "verify": verify, "bench": bench}.get(options.command, show)
-            code = command(options) if RANK == 0 else DONE
+            command = {"validate": validate, "paper": paper, "verify": verify, "bench": bench}
+            code = command.get(options.command, show)(options) if RANK == 0 else DONE
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

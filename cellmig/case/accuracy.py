@@ -109,7 +109,8 @@ def _wanted(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tup
     rows = [(key, place, chosen[key]) for key, place in PLACES.items()]
     for name, material in data["materials"].items() if "modulus" in chosen else ():
         if "reduced_bulk_modulus" in declared(registry.laws("material")[material["law"]]):
-            rows.append(("reduced_bulk_modulus", ("materials", name, "reduced_bulk_modulus"), f"{chosen['modulus']:g} MPa"))
+            place = ("materials", name, "reduced_bulk_modulus")
+            rows.append((place[-1], place, f"{chosen['modulus']:g} MPa"))
     return rows
 
 

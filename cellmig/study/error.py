@@ -171,7 +171,8 @@ def bench_error(out: Path, quick: bool = False) -> int:
     return DONE
 
 
-def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float], text: str, quick: bool) -> None:
+def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float], text: str,
+          quick: bool) -> None:
     """All points as JSON, what was said as Markdown, the picture, and what accuracies are picked from."""
     out.mkdir(parents=True, exist_ok=True)
     origin = {"command": f"cellmig bench --error{' --quick' * quick}", "date": date.today().isoformat(),
@@ -216,7 +217,8 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
                            "defaults take [s]"],
                           [_line(p, [q for q in own if not q.setting.changes]) for p in pareto(own)]), ""]
     best = gains(points)
-    lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains nothing", "",
+    lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains nothing",
+              "",
               *_table(["change", *PROBLEMS], [[Setting(**change).said, *(f"{row[name]:.2f}" for name in PROBLEMS)]
                                               for change, row in best]), ""]
     broken = "; ".join(f"{f['problem']} {f['message'][:60]}" for f in failed)
@@ -226,8 +228,8 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
 
 def _line(p: Point, default: Sequence[Point]) -> list[str]:
     parts = [f"{value:.2g}" for value in p.parts.values()]
-    return [str(p.particles), p.setting.said, str(p.steps), f"{p.ns:.0f}", f"{p.cost:.3g}", f"{100 * p.error:.2f}", *parts,
-            f"{time_at(default, p.error):.3g}"]
+    return [str(p.particles), p.setting.said, str(p.steps), f"{p.ns:.0f}", f"{p.cost:.3g}", f"{100 * p.error:.2f}",
+            *parts, f"{time_at(default, p.error):.3g}"]
 
 
 def _json(tree: Any) -> str:

@@ -97,7 +97,8 @@ def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
         return "The defaults should stay: no change of them that was measured gains time on every problem."
     change, row = rows[0]
     told = ", ".join(f"{value:.2g} times as fast on the {name}" for name, value in row.items())
-    return f"By these numbers the defaults should be: {Setting(**change).said} ({told}, to the same error).  How stable it is at large strain is not judged here: `verify --stress` does."
+    return (f"By these numbers the defaults should be: {Setting(**change).said} ({told}, to the same error).  "
+            "How stable that is at large strain is not judged here: `verify --stress` does.")
 
 
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:

@@ -128,7 +128,7 @@ def _cell() -> dict:
 
 
 def semi_axes(sim: Simulation) -> dict[str, float]:
-    """Half the width and the height of a disc by the material points at 0 and 90 degrees, interpolated along it [µm]."""
+    """Half the width and the height of a disc by the material points at 0 and 90 degrees, interpolated [µm]."""
     m, surface = sim.mechanics, sim.scene.surface(0)
     at = np.argsort(m.ids)[surface]
     X = sim.scene.X[surface] - sim.scene.centre[0]
@@ -172,7 +172,7 @@ def judge_disc(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
 
 
 def judge_drop(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
-    """Largest error of each semi-axis at 1, 2 and 5 µs over the displacement at the end; the error is the larger one."""
+    """Largest error of each semi-axis at 1, 2 and 5 µs over the displacement at the end; the error is the larger."""
     exact = {"a": (5.08760, 5.15571, 5.28614), "b": (4.91357, 4.84742, 4.72173)}  # to 1e-5, high-order finite elements
     parts = {name: float(np.abs(seen[name] - exact[name]).max()) / 0.28614 for name in exact}
     return {"error": max(parts.values()), **parts}
