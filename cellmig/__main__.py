@@ -126,7 +126,8 @@ def _looks(commands: Any) -> None:
 
 
 def _accuracy(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets", type="numerics.accuracy={}".format,
+    command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets",
+                         type="numerics.accuracy={}".format,
                          help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
                          "below this error")
 

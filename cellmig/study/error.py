@@ -217,8 +217,8 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
                            "defaults take [s]"],
                           [_line(p, [q for q in own if not q.setting.changes]) for p in pareto(own)]), ""]
     best = gains(points)
-    lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains nothing",
-              "",
+    lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains "
+              "nothing", "",
               *_table(["change", *PROBLEMS], [[Setting(**change).said, *(f"{row[name]:.2f}" for name in PROBLEMS)]
                                               for change, row in best]), ""]
     broken = "; ".join(f"{f['problem']} {f['message'][:60]}" for f in failed)
