@@ -13,7 +13,9 @@ from . import meshfree, model
 from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
 from .case.schema import Case
+from .case.expression import evaluate
 from .meshfree.body import Scene, template
+from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
@@ -98,9 +100,11 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                       case.friction if case.substrate is not None else None)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
+    outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
+                     "supports, loads, plates", histories_of(case))
     return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
                  director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, skipped=skipped)
+                 acceleration=force, histories=outside, skipped=skipped)
 
 
 class Simulation:
@@ -119,12 +123,13 @@ class Simulation:
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()
         protruding = np.array([c.name in names for c in case.cells])
-        self.mechanics = Mechanics(self.scene, self.terms, self.swarm, owner, comm, case.director, case.seed,
+        boundary = Boundary.of(case, self.scene)
+        self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, case.seed,
                                    protruding)
         self.control = step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
         self.integrator = Integrator(self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
-        self.sampler = Sampler(self.mechanics)
+        self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
         self.time = 0.0
         self.sample()  # the ledger counts from here
 
@@ -135,7 +140,10 @@ class Simulation:
         u, v, theta = np.zeros((len(ids), 2)), np.zeros((len(ids), 2)), np.zeros(len(ids))
         for i, c in enumerate(case.cells):
             on = cell == i
-            v[on] = np.array(c.velocity) + (X[on] - np.array(c.centre)) @ np.array(c.velocity_gradient).T
+            place = X[on] - np.array(c.centre)
+            u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
+            v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
+            v[on] += place @ np.array(c.velocity_gradient).T
             if case.director is not None:
                 theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
         return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 4))}

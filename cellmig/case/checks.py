@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from . import units
+from .messages import show, suggest
 from .schema import Cell, Particles
 from .source import Source
 from .values import declared
@@ -72,6 +74,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     if found["particles"] is not None:
         _count(source, found["particles"], cells)
     _names(source, cells)
+    _parts(source, found)
     if on_substrate:
         _above_substrate(source, cells)
     _overlaps(source, cells)
@@ -130,6 +133,28 @@ def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
             other = ".".join(map(str, seen[cell.name]))
             source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}")
         seen.setdefault(cell.name, path)
+
+
+def _parts(source: Source, found: dict[str, Any]) -> None:
+    """Supports, loads and probes are on parts that their cells have; columns of history.csv have names of their own."""
+    cells, seen = [cell for cell, _ in found["cells"]], set()
+    for kind in ("supports", "loads", "plates", "probes"):
+        for item, path in found[kind]:
+            shapes = {c.shape: c for c in cells if c.name in item.cells or not item.cells} if kind != "plates" else {}
+            for shape, cell in shapes.items():
+                for part in item.parts:
+                    if part not in shape.parts:
+                        source.wrong((*path, "parts"), f"'{cell.name}' has no part {show(part)}"
+                                                       f"{suggest(part, shape.parts)}")
+            if not re.fullmatch(r"[\w-]+", item.name):
+                source.wrong((*path, "name"), "names a column: expects letters, digits, - and _ alone")
+            elif kind != "loads" and item.name in seen:
+                source.wrong((*path, "name"), f"is that of another support, plate or probe: '{item.name}'")
+            if kind != "loads":
+                seen.add(item.name)
+    step = found["time"].integrator if found["time"] is not None else ""
+    if found["plates"] and step not in ("leapfrog", "static", ""):
+        source.wrong(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
 
 
 def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:

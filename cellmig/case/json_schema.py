@@ -32,7 +32,8 @@ def _part(f: Any) -> dict:
     if "section" in meta:
         return _record(meta["section"], doc=meta["doc"])
     if "items_of" in meta:
-        return {"type": "array", "description": meta["doc"], "items": _choice("shape", "shape", Cell)}
+        item = _choice("shape", "shape", Cell) if meta["items_of"] is Cell else _record(meta["items_of"])
+        return {"type": "array", "description": meta["doc"], "items": item}
     if "kind" not in meta:
         return _value(f)
     one = _choice(meta["kind"], "law")
@@ -66,12 +67,15 @@ def _object(properties: dict, doc: str = "") -> dict:
 def _value(f: Any) -> dict:
     """One key: its type, unit, bounds, default and choices."""
     meta = f.metadata
+    if "kind" in meta and not meta.get("inline"):
+        return {"description": meta["doc"], **_choice(meta["kind"], "law")}
     unit = meta.get("unit", "")
     leaf: dict = {"type": "string" if unit or "items" in meta else _TYPES.get(type_name(f), "number")}
     if meta.get("items") == "count":
         leaf = {"type": "integer", "minimum": 1}
     if unit:
-        leaf["pattern"] = "|".join([r"^\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*\S+", *meta.get("words", ())])
+        number = r"^.*\S\s+\S+$" if meta.get("formula") else r"^\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*\S+"
+        leaf["pattern"] = "|".join([number, *meta.get("words", ())])
     else:
         leaf |= {_LIMITS[k]: meta[k] for k in _LIMITS if meta.get(k) is not None}
     if "choices" in meta:

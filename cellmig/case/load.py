@@ -62,7 +62,8 @@ class _Reader:
         if not self.partial:
             resolution(self.source)
         check(self.source, found, on_substrate=self.find(("adhesion", "substrate")) is not None)
-        found["cells"] = tuple(cell for cell, _ in found["cells"])
+        for name in [name for name, f in fields.items() if "items_of" in f.metadata]:
+            found[name] = tuple(item for item, _ in found[name])
         return found
 
     def find(self, path: tuple) -> Any:
@@ -90,8 +91,10 @@ class _Reader:
         meta = f.metadata
         if "section" in meta:
             return self.record(meta["section"], {} if value is None else value, path)
-        if "items_of" in meta:
+        if meta.get("items_of") is Cell:
             return self.cells(value, path)
+        if "items_of" in meta:
+            return self.items(meta["items_of"], [] if value is None else value, path)
         if meta.get("many"):
             if not isinstance(value, dict | None):
                 self.wrong(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
@@ -115,6 +118,14 @@ class _Reader:
             return []
         found = [(self.cell(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
         return [cell for cell in found if cell[0] is not None]
+
+    def items(self, cls: type, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
+        """What the tables of a list say, with their paths; those without mistakes."""
+        if not isinstance(value, list):
+            self.wrong(path, f"is a list of tables: write [[{path[-1]}]]")
+            return []
+        found = [(self.record(cls, item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
+        return [item for item in found if item[0] is not None]
 
     def cell(self, data: Any, path: tuple) -> Cell | None:
         """A cell's table holds its own keys and those of its shape."""
@@ -162,6 +173,8 @@ class _Reader:
             elif key not in fields and others is not None and key not in others:
                 self.wrong((*path, key), f"no such key{suggest(key, [*fields, *others])}")
         for key, f in fields.items():
+            if key not in found and "default_law" in f.metadata:
+                found[key] = self.law(f.metadata["kind"], {}, (*path, key), f.metadata["default_law"])
             if key not in found and values.required(f):
                 self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")
                 found[key] = None
@@ -176,6 +189,8 @@ class _Reader:
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one key, None if it has a mistake."""
+        if "kind" in f.metadata:
+            return self.law(f.metadata["kind"], value, path, f.metadata["default_law"])
         try:
             if f.metadata.get("or_file") and isinstance(value, str):
                 place = self.source.place(path)[0]

@@ -36,7 +36,7 @@ def discover(package: Any) -> None:
 
 def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: float | None = None,
              minimum: float | None = None, maximum: float | None = None, shape: tuple = (),
-             words: tuple = ()) -> Any:
+             words: tuple = (), formula: bool = False) -> Any:
     """A parameter with a unit: dataclass field whose value is a float in the code's units.
 
     Parameters
@@ -47,8 +47,10 @@ def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: 
     above, minimum, maximum : float -- bounds in `unit` (exclusive, inclusive, inclusive).
     shape : tuple of int -- () for one number, (2,) a vector, (None, 2) any number of vectors: nested tuples.
     words : tuple of str -- what may stand in place of a number, e.g. ("auto",).
+    formula : bool -- whether an `Expression` of x and y may stand in place of a number.
     """
-    return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum, shape=shape, words=words)
+    return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum, shape=shape, words=words,
+                     formula=formula)
 
 
 def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> Any:

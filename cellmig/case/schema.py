@@ -64,15 +64,88 @@ class Cell:
     centre: tuple = quantity("um", "position of the centre", minimum=-1e6, maximum=1e6, shape=(2,))
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
-    velocity: tuple = quantity("um/us", "velocity at the start", (0.0, 0.0), shape=(2,))
+    displacement: tuple = quantity("um", "displacement at the start, may be formulas of x and y from the centre",
+                                   (0.0, 0.0), shape=(2,), formula=True)
+    velocity: tuple = quantity("um/us", "velocity at the start, may be formulas of x and y from the centre", (0.0, 0.0),
+                               shape=(2,), formula=True)
     velocity_gradient: tuple = quantity("1/us", "A of a start velocity A (X - centre), added to `velocity`",
                                         ((0.0, 0.0), (0.0, 0.0)), shape=(2, 2))
     repeat: tuple = parameter("copies in each direction", (1,), items="count")
     pitch: tuple = quantity("um", "step from copy to copy, a vector for each direction", (), shape=(None, 2))
 
 
+@dataclass(frozen=True, kw_only=True)
+class OnPart:
+    """Something on a part of the surface of some cells."""
+
+    name: str = parameter("name, unique among supports, plates and probes: columns of history.csv begin with it")
+    cells: tuple = parameter("cells that it acts on; none given: all", (), items="cell")
+    parts: tuple = parameter("parts of the surface that the cells' shape has names for, such as \"left\"; none given: "
+                             "the whole surface", (), items="part")
+    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what begins and ends in it",
+                          (), shape=(None, 2))
+
+    def __post_init__(self) -> None:
+        """Refuse a box that is none; the message is for the user."""
+        if len(self.box) not in (0, 2):
+            raise ValueError('box: expects two opposite corners, such as [["0 um", "0 um"], ["1 um", "2 um"]]')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support(OnPart):
+    """A part of the surface that moves as prescribed, exactly at its particles."""
+
+    displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y from the "
+                                   "centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
+    history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load(OnPart):
+    """A traction per reference length that keeps its direction, or a pressure that follows the surface."""
+
+    traction: tuple | None = quantity("Pa", "traction, may be formulas of x and y from the centre", None, shape=(2,),
+                                      formula=True)
+    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards", None)
+    history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
+
+    def __post_init__(self) -> None:
+        """Refuse a load that is none, or two; the message is for the user."""
+        super().__post_init__()
+        if (self.traction is None) == (self.pressure is None):
+            raise ValueError("expects either traction or pressure")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate:
+    """A rigid half-plane without friction that no particle enters."""
+
+    name: str = parameter("name, unique among supports, plates and probes: columns of history.csv begin with it")
+    point: tuple = quantity("um", "a point of its face", shape=(2,))
+    normal: tuple = quantity("", "direction out of it, of any length", shape=(2,))
+    displacement: tuple = quantity("um", "how far it moves", (0.0, 0.0), shape=(2,))
+    history: Any = parameter("how that changes with time", None, kind="history", default_law="constant")
+
+    def __post_init__(self) -> None:
+        """Refuse a plate without a direction; the message is for the user."""
+        if not any(self.normal):
+            raise ValueError("normal: expects a direction, not zero")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe(OnPart):
+    """What is recorded in history.csv: where a point is and how far it moved, or the mean over a part of a surface."""
+
+    point: tuple | None = quantity("um", "a point of the reference configuration, from the cell's centre", None,
+                                   shape=(2,))
+
+
 def _section(cls: type, doc: str) -> Any:
     return field(metadata={"doc": doc, "section": cls})
+
+
+def _list(cls: type, doc: str) -> Any:
+    return field(default=(), metadata={"doc": doc, "items_of": cls})
 
 
 def _law(kind: str, doc: str, at: str = "", default_law: str | None = None) -> Any:
@@ -85,7 +158,8 @@ def _law(kind: str, doc: str, at: str = "", default_law: str | None = None) -> A
 class Case:
     """A case as loaded: all in the code's units (µm, µs, Pa), names checked, repeated cells written out.
 
-    materials : dict -- name to law;  cells : tuple of Cell, each with its shape;  what is absent is None.
+    materials : dict -- name to law;  cells : tuple of Cell, each with its shape;  supports, loads, plates, probes :
+    tuples;  what else is absent is None.
     """
 
     title: str = parameter("one line that says what this is", "")
@@ -103,6 +177,10 @@ class Case:
     director: Any = _law("director", "director field of the cytoplasm; absent: uniform")
     body_force: tuple | None = parameter("acceleration by a force on the whole body", None, unit="m/s^2", shape=(2,),
                                          at=("body_force", "acceleration"))
+    supports: tuple = _list(Support, "what holds the cells, or moves parts of them")
+    loads: tuple = _list(Load, "tractions and pressures on the cells")
+    plates: tuple = _list(Plate, "rigid plates")
+    probes: tuple = _list(Probe, "what is recorded besides")
     numerics: Numerics = _section(Numerics, "choices of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
     chosen: str = field(default="", compare=False, metadata={"doc": "what an accuracy chose", "hidden": True})
@@ -118,7 +196,7 @@ class Case:
         for name, f in case_fields().items():
             value, table = getattr(self, name), tree
             *groups, key = case_path(f)
-            if value is not None:
+            if value is not None and not (f.default == () and value == ()):
                 for group in groups:
                     table = table.setdefault(group, {})
                 table[key] = _written(f, value)
@@ -151,6 +229,8 @@ def _table(item: Any) -> dict:
         if f.metadata.get("inline"):
             shape = _table(value)
             table |= {name: shape.pop("law"), **shape}
+        elif "kind" in f.metadata:
+            table[name] = _table(value)
         elif value is not None:
             table[name] = write(f, value)
     return table

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from . import units
+from .expression import Expression, is_formula
 from .messages import nearest, show, suggest
 
 LARGEST = 1e100  # its square and cube are finite, too
@@ -47,6 +48,8 @@ def write(field: dataclasses.Field, value: Any) -> Any:
     """What a case file holds for a value: the inverse of `read`."""
     if isinstance(value, tuple | list):
         return [write(field, item) for item in value]
+    if isinstance(value, Expression):
+        return value.text
     if isinstance(value, float) and field.metadata.get("unit"):
         return units.text(value, field.metadata["unit"])
     return value
@@ -77,9 +80,13 @@ def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
     return tuple(_nested(meta, shape[1:], item, leaf) for item in value)
 
 
-def _quantity(meta: Any, value: Any) -> float:
-    """A number with its unit, or a pure number where there is none."""
+def _quantity(meta: Any, value: Any) -> Any:
+    """A number with its unit, or a pure number where there is none; a word or a formula where one may stand."""
     unit = meta.get("unit", "")
+    if isinstance(value, str) and value in meta.get("words", ()):
+        return value
+    if meta.get("formula") and is_formula(value):
+        return Expression(value, unit)
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     or_word = "".join(f" or '{word}'" for word in meta.get("words", ()))
     if unit and isinstance(value, str):

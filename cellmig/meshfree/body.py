@@ -39,6 +39,17 @@ class Template:
     laws: tuple
     damping: np.ndarray
 
+    @property
+    def after(self):
+        return np.roll(np.arange(len(self.surface)), -1)
+
+    @property
+    def parts(self):
+        x = self.X[self.surface]; n = np.arange(len(x))
+        left = n[(np.abs(x[:, 0] - self.X[:, 0].min()) < 1e-9) & (np.abs(x[self.after, 0] - self.X[:, 0].min()) < 1e-9)]
+        right = n[(np.abs(x[:, 0] - self.X[:, 0].max()) < 1e-9) & (np.abs(x[self.after, 0] - self.X[:, 0].max()) < 1e-9)]
+        return {"surface": n, "left": left, "right": right}
+
     def _by_law(self, attribute: str) -> np.ndarray:
         body, nucleus = self.laws
         inside = getattr(nucleus if nucleus is not None else body, attribute)

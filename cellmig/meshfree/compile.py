@@ -52,9 +52,17 @@ FIELDS: dict[str, str] = {
     "director": "double *", "director_gradient": "double *", "director_axis": "double *", "director_flux": "double *",
     "director_mobility": "double *", "director_weight": "double *", "n_anchors": "long", "n_anchors_anywhere": "long",
     "anchor": "int32_t *", "anchor_offset": "double *", "anchor_owned": "int32_t *",
+    # supports, loads and plates at the time of the clock
+    "clock": "double *", "n_held": "long", "held": "int32_t *", "held_value": "double *", "held_history": "int32_t *",
+    "held_before": "double *", "reaction": "double *",
+    "n_loaded": "long", "loaded": "int32_t *", "load": "double *", "load_before": "double *",
+    "n_dead": "long", "dead": "int32_t *", "dead_force": "double *", "dead_history": "int32_t *",
+    "n_pressed": "long", "pressed": "int32_t *", "pressure": "double *", "pressed_history": "int32_t *",
+    "n_plates": "long", "plate": "double *", "plate_history": "int32_t *", "n_platable": "long", "platable": "int32_t *",
+    "plate_before": "double *", "plate_force": "double *",
     # parameters of the laws
     "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
-    "friction": "double *",
+    "friction": "double *", "histories": "double *",
     # ghosts
     "state_vec": "void *", "director_vec": "void *",
 }
@@ -147,7 +155,24 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
            "ACTIVE": terms.active, "DIRECTOR": terms.director != "none" or terms.active,
            "DIRECTOR_RELAXES": terms.director == "relaxing"}
     parts += [f"#define {name} 1" for name, present in has.items() if present]
+    if terms.histories is not None:
+        parts += ["#define BOUNDARY 1", *_histories(terms.histories, vectors)]
     return "\n".join([*parts, STEP.read_text()]), vectors
+
+
+def _histories(laws: tuple, vectors: dict) -> list[str]:
+    """Factors on supports, loads and plates and their rates, by the number of the time law."""
+    parts, vectors["histories"] = [], []
+    for method in ("value", "rate", "acceleration"):
+        choice = []
+        for i, law in enumerate(laws):
+            t = Translator(law, "double")
+            parts.append(t.function(method, f"history_{i}_{method}"))
+            choice.append(f"    if (i == {i}) return history_{i}_{method}(s->histories + {len(vectors['histories'])}, t);\n")
+            vectors["histories"] += t.vector()
+        parts.append(f"static inline double history_{method}(const Scene *s, long i, double t)\n{{\n"
+                     f"    (void)s, (void)i, (void)t;\n{''.join(choice)}    return 0;\n}}\n")
+    return parts
 
 
 def _materials(materials: list, director: str, active: bool, vectors: dict) -> str:

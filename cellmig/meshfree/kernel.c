@@ -531,6 +531,113 @@ void anchor_couple(const Scene *s, double *force)
 }
 #endif
 
+/* ---------------------------------------------------------------- supports, loads and plates */
+
+#ifdef BOUNDARY
+/* Dead tractions and pressures at the time of the clock; their work is accounted as that of the protrusion. */
+static void boundary_loads(const Scene *s, double *force, double elapsed, double dt)
+{
+    double *load = s->load;
+    for (long k = 0; k < s->n_loaded; k++) load[2 * s->loaded[k]] = load[2 * s->loaded[k] + 1] = 0;
+    for (long k = 0; k < s->n_dead; k++) {
+        const double factor = history_value(s, s->dead_history[k], s->clock[0]);
+        for (int c = 0; c < 2; c++) load[2 * s->dead[k] + c] += factor * s->dead_force[2 * k + c];
+    }
+    for (long k = 0; k < s->n_pressed; k++) {
+        const long i = s->pressed[2 * k], j = s->pressed[2 * k + 1];
+        const double half = 0.5 * s->pressure[k] * history_value(s, s->pressed_history[k], s->clock[0]);
+        const double x = s->X[2 * j] + s->state[4 * j] - s->X[2 * i] - s->state[4 * i];
+        const double y = s->X[2 * j + 1] + s->state[4 * j + 1] - s->X[2 * i + 1] - s->state[4 * i + 1];
+        load[2 * i] -= half * y; /* the surface runs counterclockwise: (y, -x) points outwards */
+        load[2 * i + 1] += half * x;
+        load[2 * j] -= half * y;
+        load[2 * j + 1] += half * x;
+    }
+    for (long k = 0; k < s->n_loaded; k++) {
+        const long i = s->loaded[k];
+        if (i >= s->n_owned) continue;
+        for (int c = 0; c < 2; c++) {
+            double *before = s->load_before + 2 * i + c;
+            force[2 * i + c] += load[2 * i + c];
+            s->protrusion_work[i] += 0.5 * (elapsed * *before + dt * load[2 * i + c]) * s->state[4 * i + 2 + c];
+            *before = load[2 * i + c];
+        }
+    }
+}
+
+/* What supports and plates change in the coming kick, as it is before. */
+static void remember_boundary(const Scene *s)
+{
+    for (long k = 0; k < s->n_held; k++) {
+        s->held_before[2 * k] = s->state[s->held[k]];
+        s->held_before[2 * k + 1] = s->state[s->held[k] + 2];
+    }
+    for (long k = 0; k < s->n_platable; k++)
+        for (int c = 0; c < 2; c++) s->plate_before[2 * k + c] = s->state[4 * s->platable[k] + 2 + c];
+}
+
+/* Particles that went into a plate are put on its face.  It does work by its own speed; a blow loses the rest. */
+static void stop_at_plates(const Scene *s, double kick, double dt)
+{
+    const double t = s->clock[0];
+    for (long k = 0; k < s->n_platable; k++)
+        for (long p = 0; p < s->n_plates; p++) {
+            const long i = s->platable[k];
+            const double *n = s->plate + 6 * p, *point = n + 2, *d = n + 4;
+            const double now = history_value(s, s->plate_history[p], t + dt), then = history_value(s, s->plate_history[p], t);
+            double *z = s->state + 4 * i, gap = 0, mean = 0;
+            for (int c = 0; c < 2; c++) gap += n[c] * (s->X[2 * i + c] + z[c] - point[c] - now * d[c]);
+            s->plate_force[k * s->n_plates + p] = 0;
+            if (gap >= 0) continue;
+            for (int c = 0; c < 2; c++) {
+                z[c] -= gap * n[c];
+                z[2 + c] -= gap / dt * n[c];
+                mean += 0.5 * n[c] * (s->plate_before[2 * k + c] + z[2 + c]);
+            }
+            const double impulse = -gap / (dt * s->inverse_mass[i]), speed = (n[0] * d[0] + n[1] * d[1]) * (now - then) / dt;
+            s->plate_force[k * s->n_plates + p] = impulse / kick;
+            s->protrusion_work[i] += impulse * speed;
+            s->numerical_loss[i] += impulse * (speed - mean);
+        }
+}
+
+/* Supports: u as prescribed at the end of the step, v that which leads there; the reaction and its work. */
+static void hold(const Scene *s, double kick, double dt)
+{
+    for (long k = 0; k < s->n_held; k++) {
+        const long d = s->held[k], i = d / 4;
+        const double u = s->held_value[k] * history_value(s, s->held_history[k], s->clock[0] + dt);
+        const double v = (u - s->held_before[2 * k]) / dt;
+        const double impulse = (v - s->state[d + 2]) / s->inverse_mass[i];
+        s->reaction[k] = impulse / kick;
+        s->protrusion_work[i] += 0.5 * impulse * (s->held_before[2 * k + 1] + v);
+        s->state[d] = u;
+        s->state[d + 2] = v;
+    }
+}
+
+/* Supports: u and v as prescribed at the time of the clock. */
+void prescribe(const Scene *s)
+{
+    for (long k = 0; k < s->n_held; k++) {
+        s->state[s->held[k]] = s->held_value[k] * history_value(s, s->held_history[k], s->clock[0]);
+        s->state[s->held[k] + 2] = s->held_value[k] * history_rate(s, s->held_history[k], s->clock[0]);
+    }
+}
+
+/* Rates of what is held, and the reactions. */
+static void hold_rate(const Scene *s, double *out)
+{
+    for (long k = 0; k < s->n_held; k++) {
+        const long d = s->held[k];
+        const double a = s->held_value[k] * history_acceleration(s, s->held_history[k], s->clock[0]);
+        s->reaction[k] = (a - out[d + 2]) / s->inverse_mass[d / 4];
+        out[d] = s->held_value[k] * history_rate(s, s->held_history[k], s->clock[0]);
+        out[d + 2] = a;
+    }
+}
+#endif
+
 /* ---------------------------------------------------------------- the step */
 
 /* Ghosts from their owners: VecGhostUpdate{Begin,End}(vec, INSERT_VALUES, SCATTER_FORWARD), absent on one rank. */
@@ -557,6 +664,9 @@ static int surface_forces(const Scene *s, double elapsed, double dt)
 #endif
 #ifdef PROTRUSION
     protrude(s, s->force, s->protrusion_impulse, s->protrusion_work, elapsed, dt);
+#endif
+#ifdef BOUNDARY
+    boundary_loads(s, s->force, elapsed, dt);
 #endif
     (void)elapsed;
     (void)dt;
@@ -599,7 +709,15 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
         if (director_ready(s)) return 1;
         stress_of_rate(s, moved, kicked, kick);
         if (surface_forces(s, kicked, kick) || director_step(s, dt)) return 1;
+#ifdef BOUNDARY
+        remember_boundary(s);
         kick_and_drift(s, kick, dt);
+        stop_at_plates(s, kick, dt);
+        hold(s, kick, dt);
+        s->clock[0] += dt;
+#else
+        kick_and_drift(s, kick, dt);
+#endif
         kicked = kick;
         if (exchange(s, s->state_vec)) return 1;
     }
@@ -624,14 +742,21 @@ int rate(const Scene *s, double *out, double elapsed)
                 out[k + 2] = s->inverse_mass[4 * b + i] * f[i / 2][2 * (i % 2) + c] + s->acceleration[c];
             }
     }
+#ifdef BOUNDARY
+    hold_rate(s, out);
+#endif
     return 0;
 }
 
-/* Accounts of losses and work over a time dt, at the state as it is. */
+/* Accounts of losses and work over a time dt, at the state as it is; reactions are those of `rate`. */
 int account(const Scene *s, double dt)
 {
     deformation(s);
     stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
+#ifdef BOUNDARY
+    for (long k = 0; k < s->n_held; k++)
+        s->protrusion_work[s->held[k] / 4] += dt * s->reaction[k] * s->state[s->held[k] + 2];
+#endif
     return surface_forces(s, 0.0, 0.0) || surface_forces(s, dt, dt);
 }
 

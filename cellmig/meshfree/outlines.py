@@ -25,6 +25,8 @@ class Ellipse:
     b: float = quantity("um", "semi-axis b along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
 
+    parts = ("surface", "left", "right")
+
     @property
     def area(self) -> float:
         """Area π a b [µm²]."""
@@ -86,6 +88,8 @@ class Polygon:
         """Twice the area of the triangle from the centroid to each edge [µm²]."""
         d = self._polygon - polygons.centroid(self._polygon)
         return polygons.cross(d, np.roll(d, -1, axis=0))
+
+    parts = ("surface", "left", "right")
 
     @property
     def area(self) -> float:

@@ -99,6 +99,16 @@ def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
     return G
 
 
+def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Particles (k,) and weights (k,) that give a field at the point x (2,), linear fields exactly; one that is there."""
+    distance, near = cKDTree(X).query(x, min(12, len(X)))
+    if distance[0] < 1e-9 * distance[-1]:
+        return near[:1], np.ones(1)
+    w = window(distance / (1.01 * distance[-1]))[0]
+    p = np.column_stack([np.ones(len(near)), (X[near] - x) / distance[-1]])
+    return near, w * (p @ np.linalg.solve(p.T @ (w[:, None] * p), np.array([1.0, 0.0, 0.0])))
+
+
 def surface_normals(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
     """Integral of the outward normal times the surface shape functions (n, 2) [µm], the surface a closed polygon."""
     along = X[np.roll(surface, -1)] - X[surface]

@@ -74,3 +74,5 @@ static inline v4 v4_cbrt(v4 x) { return v4_exp(v4_log(x) * (1.0 / 3)); }
 static inline v4 v4_sqrt(v4 x) { return (v4){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}; }
 static inline double d_minimum(double a, double b) { return a < b ? a : b; }
 static inline double d_maximum(double a, double b) { return a > b ? a : b; }
+static inline double d_sin(double a) { return sin(a); }
+static inline double d_cos(double a) { return cos(a); }

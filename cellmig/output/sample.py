@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..meshfree.boundary import Probes
 from ..meshfree.rows import owned_rows
 from ..parallel.reduce import exact_sum
 
@@ -26,9 +27,10 @@ def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
 class Sampler:
     """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`."""
 
-    def __init__(self, mechanics: Any):
+    def __init__(self, mechanics: Any, probes: Probes):
         """Remember masses, volumes and the points that are watched."""
-        m = self.mechanics = mechanics
+        m, self.probes = mechanics, probes
+        self.mechanics = m
         scene, ids = m.scene, m.ids
         self.mass, self.V = scene.field("mass")[ids], scene.field("V")[ids]
         self.cell, self.material = scene.cell[ids], scene.material[ids]
@@ -127,7 +129,37 @@ class Sampler:
         for name in ("area_um2", "perimeter_um", "substrate_contact_um"):
             whole[name] = float(columns[name].sum())
         whole["cell_contact_um"] = 0.5 * float(contact.sum())  # each interface has two sides
-        return [whole, *rows]
+        rows = [whole, *rows]
+        self._add_probes(rows)
+        self._add_reactions(rows)
+        return rows
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of history beside those of every scene: of probes, then of supports and plates."""
+        return (*(f"{name}_{what}_um" for name in self.probes.names for what in ("x", "y", "ux", "uy")),
+                *(f"{name}_force_{c}_pn_per_um" for name in self.mechanics.boundary.names for c in "xy"))
+
+    def _add_probes(self, rows: list[dict[str, float]]) -> None:
+        """Where the probes are and how far they moved, in the rows of their cells and of the aggregate; collective."""
+        m, p = self.mechanics, self.probes
+        if not p.names:
+            return
+        at = m.base.local(p.id)
+        mine = np.flatnonzero((at >= 0) & (at < m.n_owned))
+        u = m.state.owned[at[mine], :2]
+        moved = np.hstack([m.scene.X[p.id[mine]] + u, u])
+        means = exact_sum(m.comm, p.weight[mine, None] * moved, p.probe[mine], len(p.names))
+        for name, cell, mean in zip(p.names, p.cell, means.tolist(), strict=True):
+            for row in (rows[0], rows[1 + cell]):
+                row |= dict(zip((f"{name}_{what}_um" for what in ("x", "y", "ux", "uy")), mean, strict=True))
+
+    def _add_reactions(self, rows: list[dict[str, float]]) -> None:
+        """Forces of supports and plates on each cell and on all; collective."""
+        names = self.mechanics.boundary.names
+        for name, by_cell in zip(names, self.mechanics.reactions() if names else (), strict=True):
+            for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
+                row |= {f"{name}_force_{c}_pn_per_um": float(f) for c, f in zip("xy", force, strict=True)}
 
     def _outline(self) -> np.ndarray:
         """Area [µm²], perimeter, contact with the substrate and with cells [µm] of every cell (cells, 4)."""

@@ -24,8 +24,9 @@ class _Table:
     name: str
     columns: tuple[str, ...]
 
-    def __init__(self, directory: Path, comm: Any) -> None:
-        self._comm, self._path = comm, Path(directory) / self.name
+    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = ()) -> None:
+        """`more` : columns that this scene has besides."""
+        self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
         together(comm, self._begin, root_only=True)
 
     def _begin(self) -> None:

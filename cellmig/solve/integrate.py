@@ -179,12 +179,14 @@ class Integrator:
         m = self.mechanics
         kept = m.state.owned.copy()
         self._take(u)
+        m.prescribe(t)
         out.setArray(m.rate().ravel())
         m.state.owned[:] = kept
 
     def _after_step(self, ts: Any) -> None:
         m = self.mechanics
         self._take(ts.getSolution())
+        m.prescribe(ts.getTime())
         m.state.exchange()
         dt = ts.getTime() - self._last_time
         self._last_time = ts.getTime()
@@ -238,6 +240,7 @@ class Leapfrog:
             left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
             dt = (stop - t) / left
             n = min(allowed, left, ts.getMaxSteps() - taken)
+            run.mechanics.set_clock(t)
             run.mechanics.advance(n, dt)
             if not run.touches:
                 break

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..meshfree.body import Scene
+from ..meshfree.boundary import Boundary
 from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces, contact_lists
 from ..meshfree.rows import blocks, number
@@ -32,10 +33,10 @@ class Mechanics:
     kicked : time of half-done accounts [µs].
     """
 
-    def __init__(self, scene: Scene, terms: Terms, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm, director: Any,
-                 seed: int, protruding: np.ndarray):
+    def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm,
+                 director: Any, seed: int, protruding: np.ndarray):
         """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool."""
-        self.scene, self.terms, self.comm, self.law = scene, terms, comm, director
+        self.scene, self.terms, self.boundary, self.comm, self.law = scene, terms, boundary, comm, director
         self.surfaces = Surfaces.of(scene)
         self._place_in_petsc = np.empty(scene.size, np.int64)
         self._place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
@@ -43,8 +44,12 @@ class Mechanics:
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
         self._fill_surfaces(seed, protruding)
+        if terms.histories is not None:
+            boundary.fill(self.kernel, self.base, self.surfaces.ids[self._mine], self._capacity)
         self.theta = self._director()
         self._load(swarm)
+        self._point_to_memory()
+        self.prescribe(0.0)
         self.moved = self.kicked = self.last = 0.0
         self.rebuilds = 0
         self._kept: list = []
@@ -245,6 +250,18 @@ class Mechanics:
 
     # ------------------------------------------------------------ the step
 
+    def set_clock(self, time: float) -> None:
+        """Supports, loads and plates are those at a time [µs] from now on."""
+        if self.terms.histories is not None:
+            self.kernel["clock"][0] = time
+
+    def prescribe(self, time: float) -> None:
+        """Supports move to where they are at a time [µs], with the velocity they have there; collective."""
+        if self.terms.histories is not None:
+            self.set_clock(time)
+            self.kernel("prescribe")
+            self.state.exchange()
+
     def advance(self, n: int, dt: float) -> None:
         """`n` steps of `dt` [µs] of the symplectic scheme, in place; collective."""
         if self.kernel("advance", n, float(dt), float(self.moved), float(self.kicked), float(self.last)):
@@ -268,7 +285,8 @@ class Mechanics:
 
     def _changing(self) -> list[np.ndarray]:
         return [self._memory, *([self.theta.memory] if self.theta is not None else []),
-                *(self.kernel[name] for name in ("F", "resistance", "pushed", *ACCOUNTS))]
+                *(self.kernel[name] for name in ("F", "resistance", "pushed", *ACCOUNTS)),
+                *(self.kernel[name] for name in ("clock", "load_before") if self.terms.histories is not None)]
 
     def least_gaps(self) -> np.ndarray:
         """Least gaps to the substrate and between cells since this was last asked (2,) [µm]; collective."""
@@ -292,6 +310,8 @@ class Mechanics:
 
     def powers(self) -> np.ndarray:
         """Rates of the accounts (4, n_owned) for the state as it is; collective."""
+        if self.terms.histories is not None:
+            self.rate()  # for the reactions
         kept = [self.kernel[name].copy() for name in ACCOUNTS]
         for name in ACCOUNTS:
             self.kernel[name][:] = 0.0
@@ -319,6 +339,21 @@ class Mechanics:
         else:
             self.kernel(_SURFACE_FORCES[term], force, energy)
         return force[: self.n_owned], energy[: self.n_owned]
+
+    def reactions(self) -> np.ndarray:
+        """Forces of the supports and plates on the cells (names, cells, 2) [pN/µm], current after `rate`; collective."""
+        k, b, cells = self.kernel, self.boundary, len(self.scene.kind)
+        held = k["held"]
+        at, component = held // 4, held % 4
+        force, group = [np.zeros((len(held), 2))], [cells * b.support_of(self.ids[at], component)]
+        force[0][np.arange(len(held)), component] = k["reaction"]
+        group[0] += self.scene.cell[self.ids[at]]
+        at = k["platable"]
+        for p, normal in enumerate(b.plate[:, :2]):
+            force.append(k["plate_force"][:, p, None] * normal)
+            group.append(cells * (len(b.names) - len(b.plate) + p) + self.scene.cell[self.ids[at]])
+        sums = exact_sum(self.comm, np.concatenate(force), np.concatenate(group), len(b.names) * cells)
+        return sums.reshape(len(b.names), cells, 2)
 
     def stabilisation_energy(self) -> np.ndarray:
         """Energy of the elastic stabilisation (n_owned,) [pN]."""

@@ -1,0 +1,80 @@
+"""Values that depend on the place: formulas of x and y, such as "0.02*x um/us", in the numbers of a case file."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import units
+
+FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "hypot", "tanh")}
+FUNCTIONS |= {"abs": np.abs, "atan2": np.arctan2, "min": np.minimum, "max": np.maximum}
+NAMES = ("x", "y", "r", "pi")
+_OPERATORS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power}
+_FORMULA = re.compile(r"(?<![\w.])(?:" + "|".join([*NAMES, *FUNCTIONS]) + r")(?!\w)")
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A formula of x and y [µm], from the centre of the cell, r² = x² + y²; its values have the unit behind it.
+
+    text : str -- as in the case file;  unit : str -- one of the dimension that is asked for.
+    """
+
+    text: str
+    unit: str
+
+    def __post_init__(self) -> None:
+        """Refuse what is no such formula; the messages are for the user."""
+        self._split()
+        with np.errstate(all="ignore"):
+            self(np.array([[0.3, 0.4]]))
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        """Values at places about the centre of the cell (n, 2) [µm], in the code's units (n,)."""
+        formula, scale = self._split()
+        names = {"x": X[:, 0], "y": X[:, 1], "r": np.hypot(X[:, 0], X[:, 1]), "pi": math.pi}
+        return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
+
+    def _split(self) -> tuple[ast.expr, float]:
+        """The formula and the factor of its unit, which is what stands behind the last blank that leaves a formula."""
+        for blank in [m.start() for m in re.finditer(r"\s", self.text.strip())]:
+            formula, unit = self.text.strip()[:blank], self.text.strip()[blank:].strip()
+            try:
+                return ast.parse(formula, mode="eval").body, units.number(f"1 {unit}", self.unit)
+            except (SyntaxError, units.UnitError):
+                continue
+        raise ValueError(f"'{self.text}' is not a formula with a unit, such as '0.1*x {self.unit}'")
+
+    def _value(self, node: ast.expr, names: dict[str, Any]) -> Any:
+        match node:
+            case ast.Constant(value=int() | float() as number):
+                return float(number)
+            case ast.Name(id=name) if name in names:
+                return names[name]
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+                return self._value(operand, names) * (-1.0 if isinstance(sign, ast.USub) else 1.0)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                return _OPERATORS[type(op)](self._value(left, names), self._value(right, names))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
+                try:
+                    return FUNCTIONS[name](*[self._value(a, names) for a in arguments])
+                except (TypeError, ValueError):
+                    raise ValueError(f"'{self.text}': {name} has another number of arguments") from None
+        raise ValueError(f"'{self.text}': '{ast.unparse(node)}' is not known; a formula has numbers, "
+                         f"{', '.join([*NAMES, *FUNCTIONS])} and + - * / **")
+
+
+def is_formula(text: Any) -> bool:
+    """Whether a text depends on the place."""
+    return isinstance(text, str) and _FORMULA.search(text) is not None
+
+
+def evaluate(value: float | Expression, X: np.ndarray) -> np.ndarray:
+    """Values (n,) of a number or a formula at places (n, 2) [µm] about the centre of the cell, in the code's units."""
+    return value(X) if isinstance(value, Expression) else np.full(len(X), float(value))

@@ -1,0 +1,221 @@
+"""What acts on parts of the surface from outside: supports, loads and plates, and where probes look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..case.expression import evaluate
+from . import rkpm
+from .body import Scene
+
+GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 / 18))
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Supports, loads and plates of a scene, by global ids; factors on them are `histories`, by number.
+
+    histories : the time laws;  names : of the supports, then of the plates, in whose columns reactions stand;
+    held : (k, 2) int -- particle and component;  held_value : (k,) [µm];  held_history, held_support : (k,) int;
+    dead : (d,) int -- particles under dead loads;  dead_force : (d, 2) [pN/µm];  dead_history : (d,) int;
+    pressed : (p, 2) int -- ends of segments under pressure;  pressure : (p,) [Pa];  pressed_history : (p,) int;
+    plate : (n, 6) -- unit normal, point [µm], displacement [µm];  plate_history : (n,) int.
+    """
+
+    histories: tuple
+    names: tuple
+    held: np.ndarray
+    held_value: np.ndarray
+    held_history: np.ndarray
+    held_support: np.ndarray
+    dead: np.ndarray
+    dead_force: np.ndarray
+    dead_history: np.ndarray
+    pressed: np.ndarray
+    pressure: np.ndarray
+    pressed_history: np.ndarray
+    plate: np.ndarray
+    plate_history: np.ndarray
+
+    @classmethod
+    def of(cls, case: Any, scene: Scene) -> Boundary:
+        """What the supports, loads and plates of a case are on a scene."""
+        histories = histories_of(case)
+
+        def number(items: Sequence) -> np.ndarray:
+            return np.array([histories.index(item.history) for item in items], np.int32)
+
+        who = _named(case)
+        held, value, support = _held(case, scene, who)
+        dead, force, dead_load = _dead(case, scene, who)
+        pressed, pressure, pressed_load = _pressed(case, scene, who)
+        plate = np.array([[*(np.array(p.normal) / np.hypot(*p.normal)), *p.point, *p.displacement] for p in case.plates])
+        return cls(histories, tuple(s.name for s in (*case.supports, *case.plates)), held, value,
+                   number(case.supports)[support], support, dead, force, number(case.loads)[dead_load], pressed, pressure,
+                   number(case.loads)[pressed_load], plate.reshape(-1, 6), number(case.plates))
+
+    def fill(self, kernel: Any, base: Any, surface: np.ndarray, capacity: int) -> None:
+        """Set the kernel's arrays of a rank with the numbering `base`; `surface` : ids of its own surface particles."""
+        at = base.local(self.held[:, 0])
+        on = np.flatnonzero((at >= 0) & (at < base.n_owned))
+        kernel["n_held"], kernel["held"] = len(on), 4 * at[on] + self.held[on, 1]
+        kernel["held_value"], kernel["held_history"] = self.held_value[on], self.held_history[on]
+        kernel["held_before"], kernel["reaction"] = np.zeros((len(on), 2)), np.zeros(len(on))
+
+        at = base.local(self.dead)
+        on = np.flatnonzero((at >= 0) & (at < base.n_owned))
+        kernel["n_dead"], kernel["dead"] = len(on), at[on]
+        kernel["dead_force"], kernel["dead_history"] = self.dead_force[on], self.dead_history[on]
+        ends = base.local(self.pressed.ravel()).reshape(-1, 2)
+        near = np.flatnonzero(((ends >= 0) & (ends < base.n_owned)).any(axis=1))
+        kernel["n_pressed"], kernel["pressed"] = len(near), ends[near]
+        kernel["pressure"], kernel["pressed_history"] = self.pressure[near], self.pressed_history[near]
+        loaded = np.unique(np.concatenate([at[on], ends[near].ravel()]))
+        kernel["n_loaded"], kernel["loaded"] = len(loaded), loaded
+        kernel["load"], kernel["load_before"] = np.zeros((capacity, 2)), np.zeros((capacity, 2))
+
+        local = base.local(surface) if len(self.plate) else np.zeros(0, np.int64)
+        kernel["n_platable"], kernel["platable"] = len(local), local
+        kernel["n_plates"], kernel["plate"], kernel["plate_history"] = len(self.plate), self.plate, self.plate_history
+        kernel["plate_before"] = np.zeros((len(local), 2))
+        kernel["plate_force"] = np.zeros((len(local), len(self.plate)))
+        kernel["clock"] = np.zeros(1)
+
+
+    def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
+        """The supports that hold these particles in these directions (k,) int."""
+        return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]
+
+
+def histories_of(case: Any) -> tuple:
+    """The different time laws of a case's supports, loads and plates."""
+    return tuple(dict.fromkeys(item.history for item in (*case.supports, *case.loads, *case.plates)))
+
+
+def _named(case: Any) -> dict[str, int]:
+    return {cell.name: i for i, cell in enumerate(case.cells)}
+
+
+def _where(item: Any, scene: Scene, cell: int) -> np.ndarray:
+    """Segments (e, 2) of a cell's surface on the parts of an item, ends by their numbers in the cell."""
+    t = scene.templates[scene.kind[cell]]
+    chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
+    return np.column_stack([t.surface[chosen], t.surface[t.after[chosen]]])
+
+
+def _in_box(item: Any, X: np.ndarray) -> np.ndarray:
+    """Which of the places about the cell's centre (..., 2) are in the box of an item."""
+    if not item.box:
+        return np.ones(X.shape[:-1], bool)
+    box = np.sort(np.array(item.box), axis=0)
+    margin = 1e-9 * np.ptp(box, axis=0).max() + 1e-12
+    return ((X >= box[0] - margin) & (X <= box[1] + margin)).all(axis=-1)
+
+
+def _cells(item: Any, who: dict[str, int]) -> list[int]:
+    return [who[name] for name in item.cells] if item.cells else list(who.values())
+
+
+def particles_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
+    """Particles of a cell, by their numbers in it, on the parts and in the box of an item (k,)."""
+    on = np.unique(_where(item, scene, cell))
+    return on[_in_box(item, scene.templates[scene.kind[cell]].X[on])]
+
+
+def segments_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
+    """Segments of a cell's surface (e, 2) on the parts and in the box of an item, ends by their numbers in the cell."""
+    ends = _where(item, scene, cell)
+    return ends[_in_box(item, scene.templates[scene.kind[cell]].X[ends]).all(axis=1)]
+
+
+def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Held particles and components (k, 2), values (k,) and supports (k,); the last support of a component counts."""
+    found: dict[tuple[int, int], tuple[float, int]] = {}
+    for number, support in enumerate(case.supports):
+        for cell in _cells(support, who):
+            on = particles_of(support, scene, cell)
+            X = scene.templates[scene.kind[cell]].X[on]
+            for k, value in enumerate(support.displacement):
+                if value != "free":
+                    ids = (scene.offset[cell] + on).tolist()
+                    found |= {(i, k): (v, number) for i, v in zip(ids, evaluate(value, X).tolist(), strict=True)}
+    keys = sorted(found)
+    values = [found[key] for key in keys]
+    return (np.array(keys, np.int64).reshape(-1, 2), np.array([v for v, _ in values], float),
+            np.array([n for _, n in values], np.int64))
+
+
+def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Particles (d,), forces (d, 2) and loads (d,) of tractions, integrated along the segments."""
+    ids, forces, loads = [], [], []
+    for number, load in enumerate(case.loads):
+        for cell in _cells(load, who) if load.traction is not None else ():
+            X, ends = scene.templates[scene.kind[cell]].X, segments_of(load, scene, cell)
+            force = tractions(X, ends, lambda x, t=load.traction: np.column_stack([evaluate(c, x) for c in t]))
+            on = np.unique(ends)
+            ids.append(scene.offset[cell] + on)
+            forces.append(force[on])
+            loads.append(np.full(len(on), number))
+    if not ids:
+        return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
+    return np.concatenate(ids), np.concatenate(forces), np.concatenate(loads)
+
+
+def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
+    """Forces (n, 2) [pN/µm] at X of tractions (…, 2) [Pa], a function of the place, along segments `ends` (e, 2)."""
+    force, along = np.zeros_like(X), X[ends[:, 1]] - X[ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)[:, None]
+    for s, weight in GAUSS:
+        t = weight * length * traction(X[ends[:, 0]] + s * along)
+        np.add.at(force, ends[:, 0], (1.0 - s) * t)
+        np.add.at(force, ends[:, 1], s * t)
+    return force
+
+
+def _pressed(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Segments (p, 2), pressures (p,) and loads (p,)."""
+    ends, values, loads = [np.zeros((0, 2), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
+    for number, load in enumerate(case.loads):
+        for cell in _cells(load, who) if load.pressure is not None else ():
+            found = segments_of(load, scene, cell)
+            ends.append(scene.offset[cell] + found)
+            values.append(np.full(len(found), load.pressure))
+            loads.append(np.full(len(found), number))
+    return np.concatenate(ends), np.concatenate(values), np.concatenate(loads)
+
+
+# ------------------------------------------------------------------------------------------------------------ probes
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Places whose motion is recorded: weighted means over particles.
+
+    names : (p,);  cell : (p,) int;  probe, id : (k,) int, weight : (k,) -- the means, those of a probe sum to 1.
+    """
+
+    names: tuple
+    cell: np.ndarray
+    probe: np.ndarray
+    id: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, case: Any, scene: Scene) -> Probes:
+        """The probes of a case: at a point linear in between the particles, on a part the mean along it."""
+        who, parts = _named(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+        cells = np.array([_cells(p, who)[0] for p in case.probes], np.int64)
+        for number, (item, cell) in enumerate(zip(case.probes, cells, strict=True)):
+            X = scene.templates[scene.kind[cell]].X
+            if item.point is not None:
+                on, weight = rkpm.interpolation(X, np.array(item.point))
+            else:
+                force = tractions(X, segments_of(item, scene, cell), lambda x: np.ones_like(x))[:, 0]
+                on = np.flatnonzero(force)
+                weight = force[on] / force.sum()
+            parts.append((np.full(len(on), number), scene.offset[cell] + on, weight))
+        return cls(tuple(p.name for p in case.probes), cells, *map(np.concatenate, zip(*parts, strict=True)))
