@@ -10,10 +10,10 @@ import numpy as np
 from mpi4py import MPI
 
 from . import meshfree, model
+from .case.expression import evaluate
 from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
 from .case.schema import Case
-from .case.expression import evaluate
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.terms import Terms

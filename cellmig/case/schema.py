@@ -78,12 +78,11 @@ class Cell:
 class OnPart:
     """Something on a part of the surface of some cells."""
 
-    name: str = parameter("name, unique among supports, plates and probes: columns of history.csv begin with it")
+    name: str = parameter("name, unique: columns of history.csv begin with it")
     cells: tuple = parameter("cells that it acts on; none given: all", (), items="cell")
     parts: tuple = parameter("parts of the surface that the cells' shape has names for, such as \"left\"; none given: "
                              "the whole surface", (), items="part")
-    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what begins and ends in it",
-                          (), shape=(None, 2))
+    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what lies in it", (), shape=(None, 2))
 
     def __post_init__(self) -> None:
         """Refuse a box that is none; the message is for the user."""
@@ -95,8 +94,8 @@ class OnPart:
 class Support(OnPart):
     """A part of the surface that moves as prescribed, exactly at its particles."""
 
-    displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y from the "
-                                   "centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
+    displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y "
+                                   "from the centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
     history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
 
 
@@ -120,7 +119,7 @@ class Load(OnPart):
 class Plate:
     """A rigid half-plane without friction that no particle enters."""
 
-    name: str = parameter("name, unique among supports, plates and probes: columns of history.csv begin with it")
+    name: str = parameter("name, unique: columns of history.csv begin with it")
     point: tuple = quantity("um", "a point of its face", shape=(2,))
     normal: tuple = quantity("", "direction out of it, of any length", shape=(2,))
     displacement: tuple = quantity("um", "how far it moves", (0.0, 0.0), shape=(2,))

@@ -40,15 +40,14 @@ class Template:
     damping: np.ndarray
 
     @property
-    def after(self):
+    def after(self) -> np.ndarray:
+        """Position in `surface` of the particle that follows each surface particle on its closed loop (m,) int."""
         return np.roll(np.arange(len(self.surface)), -1)
 
     @property
-    def parts(self):
-        x = self.X[self.surface]; n = np.arange(len(x))
-        left = n[(np.abs(x[:, 0] - self.X[:, 0].min()) < 1e-9) & (np.abs(x[self.after, 0] - self.X[:, 0].min()) < 1e-9)]
-        right = n[(np.abs(x[:, 0] - self.X[:, 0].max()) < 1e-9) & (np.abs(x[self.after, 0] - self.X[:, 0].max()) < 1e-9)]
-        return {"surface": n, "left": left, "right": right}
+    def parts(self) -> dict[str, np.ndarray]:
+        """Positions in `surface` where the segments of each named part of the boundary begin."""
+        return {"surface": np.arange(len(self.surface))}
 
     def _by_law(self, attribute: str) -> np.ndarray:
         body, nucleus = self.laws

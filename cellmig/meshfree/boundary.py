@@ -53,10 +53,12 @@ class Boundary:
         held, value, support = _held(case, scene, who)
         dead, force, dead_load = _dead(case, scene, who)
         pressed, pressure, pressed_load = _pressed(case, scene, who)
-        plate = np.array([[*(np.array(p.normal) / np.hypot(*p.normal)), *p.point, *p.displacement] for p in case.plates])
-        return cls(histories, tuple(s.name for s in (*case.supports, *case.plates)), held, value,
-                   number(case.supports)[support], support, dead, force, number(case.loads)[dead_load], pressed, pressure,
-                   number(case.loads)[pressed_load], plate.reshape(-1, 6), number(case.plates))
+        plate = [[*(np.array(p.normal) / np.hypot(*p.normal)), *p.point, *p.displacement] for p in case.plates]
+        return cls(histories, tuple(s.name for s in (*case.supports, *case.plates)),
+                   held, value, number(case.supports)[support], support,
+                   dead, force, number(case.loads)[dead_load],
+                   pressed, pressure, number(case.loads)[pressed_load],
+                   np.array(plate).reshape(-1, 6), number(case.plates))
 
     def fill(self, kernel: Any, base: Any, surface: np.ndarray, capacity: int) -> None:
         """Set the kernel's arrays of a rank with the numbering `base`; `surface` : ids of its own surface particles."""
@@ -84,7 +86,6 @@ class Boundary:
         kernel["plate_before"] = np.zeros((len(local), 2))
         kernel["plate_force"] = np.zeros((len(local), len(self.plate)))
         kernel["clock"] = np.zeros(1)
-
 
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """The supports that hold these particles in these directions (k,) int."""

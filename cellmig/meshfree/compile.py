@@ -58,8 +58,8 @@ FIELDS: dict[str, str] = {
     "n_loaded": "long", "loaded": "int32_t *", "load": "double *", "load_before": "double *",
     "n_dead": "long", "dead": "int32_t *", "dead_force": "double *", "dead_history": "int32_t *",
     "n_pressed": "long", "pressed": "int32_t *", "pressure": "double *", "pressed_history": "int32_t *",
-    "n_plates": "long", "plate": "double *", "plate_history": "int32_t *", "n_platable": "long", "platable": "int32_t *",
-    "plate_before": "double *", "plate_force": "double *",
+    "n_plates": "long", "plate": "double *", "plate_history": "int32_t *", "n_platable": "long",
+    "platable": "int32_t *", "plate_before": "double *", "plate_force": "double *",
     # parameters of the laws
     "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
     "friction": "double *", "histories": "double *",
@@ -168,7 +168,8 @@ def _histories(laws: tuple, vectors: dict) -> list[str]:
         for i, law in enumerate(laws):
             t = Translator(law, "double")
             parts.append(t.function(method, f"history_{i}_{method}"))
-            choice.append(f"    if (i == {i}) return history_{i}_{method}(s->histories + {len(vectors['histories'])}, t);\n")
+            at = len(vectors["histories"])
+            choice.append(f"    if (i == {i}) return history_{i}_{method}(s->histories + {at}, t);\n")
             vectors["histories"] += t.vector()
         parts.append(f"static inline double history_{method}(const Scene *s, long i, double t)\n{{\n"
                      f"    (void)s, (void)i, (void)t;\n{''.join(choice)}    return 0;\n}}\n")

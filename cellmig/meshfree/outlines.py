@@ -25,7 +25,7 @@ class Ellipse:
     b: float = quantity("um", "semi-axis b along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
 
-    parts = ("surface", "left", "right")
+    parts = ("surface",)
 
     @property
     def area(self) -> float:
@@ -89,7 +89,7 @@ class Polygon:
         d = self._polygon - polygons.centroid(self._polygon)
         return polygons.cross(d, np.roll(d, -1, axis=0))
 
-    parts = ("surface", "left", "right")
+    parts = ("surface",)
 
     @property
     def area(self) -> float:

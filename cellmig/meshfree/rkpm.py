@@ -100,7 +100,7 @@ def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
 
 
 def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Particles (k,) and weights (k,) that give a field at the point x (2,), linear fields exactly; one that is there."""
+    """Particles (k,) and weights (k,) that give a field at the point x (2,), linear fields exactly."""
     distance, near = cKDTree(X).query(x, min(12, len(X)))
     if distance[0] < 1e-9 * distance[-1]:
         return near[:1], np.ones(1)

@@ -31,7 +31,7 @@ class Disc:
     radius: float = quantity("um", "radius R", above=0)
     nucleus_ratio: float | None = quantity("", "radius of the nucleus over R", None, above=0, maximum=0.95)
 
-    parts = ("surface", "left", "right")
+    parts = ("surface",)
 
     @property
     def area(self) -> float:

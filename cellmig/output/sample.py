@@ -157,9 +157,23 @@ class Sampler:
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
         """Forces of supports and plates on each cell and on all; collective."""
         names = self.mechanics.boundary.names
-        for name, by_cell in zip(names, self.mechanics.reactions() if names else (), strict=True):
+        for name, by_cell in zip(names, self.reactions() if names else (), strict=True):
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
                 row |= {f"{name}_force_{c}_pn_per_um": float(f) for c, f in zip("xy", force, strict=True)}
+
+    def reactions(self) -> np.ndarray:
+        """Forces of supports and plates on the cells (names, cells, 2) [pN/µm]; collective."""
+        m, k, b = self.mechanics, self.mechanics.kernel, self.mechanics.boundary
+        cells, held, plated = len(m.scene.kind), k["held"], k["platable"]
+        particle, component = held // 4, held % 4
+        force = [np.zeros((len(held), 2))]
+        force[0][np.arange(len(held)), component] = k["reaction"]
+        group = [cells * b.support_of(m.ids[particle], component) + self.cell[particle]]
+        for p, normal in enumerate(b.plate[:, :2]):
+            force.append(k["plate_force"][:, p, None] * normal)
+            group.append(cells * (len(b.names) - len(b.plate) + p) + self.cell[plated])
+        sums = exact_sum(m.comm, np.concatenate(force), np.concatenate(group), len(b.names) * cells)
+        return sums.reshape(len(b.names), cells, 2)
 
     def _outline(self) -> np.ndarray:
         """Area [µm²], perimeter, contact with the substrate and with cells [µm] of every cell (cells, 4)."""

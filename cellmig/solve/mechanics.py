@@ -340,21 +340,6 @@ class Mechanics:
             self.kernel(_SURFACE_FORCES[term], force, energy)
         return force[: self.n_owned], energy[: self.n_owned]
 
-    def reactions(self) -> np.ndarray:
-        """Forces of the supports and plates on the cells (names, cells, 2) [pN/µm], current after `rate`; collective."""
-        k, b, cells = self.kernel, self.boundary, len(self.scene.kind)
-        held = k["held"]
-        at, component = held // 4, held % 4
-        force, group = [np.zeros((len(held), 2))], [cells * b.support_of(self.ids[at], component)]
-        force[0][np.arange(len(held)), component] = k["reaction"]
-        group[0] += self.scene.cell[self.ids[at]]
-        at = k["platable"]
-        for p, normal in enumerate(b.plate[:, :2]):
-            force.append(k["plate_force"][:, p, None] * normal)
-            group.append(cells * (len(b.names) - len(b.plate) + p) + self.scene.cell[self.ids[at]])
-        sums = exact_sum(self.comm, np.concatenate(force), np.concatenate(group), len(b.names) * cells)
-        return sums.reshape(len(b.names), cells, 2)
-
     def stabilisation_energy(self) -> np.ndarray:
         """Energy of the elastic stabilisation (n_owned,) [pN]."""
         out = np.zeros(4 * -(-self.base.n_rows // 4))

@@ -52,7 +52,8 @@ class Run:
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self._save_manifest()
-        self.history, self.ledger = History(self.directory, comm, self.simulation.sampler.columns), Ledger(self.directory, comm)
+        self.history = History(self.directory, comm, self.simulation.sampler.columns)
+        self.ledger = Ledger(self.directory, comm)
         self.frames: Frames | None = None
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_closure = 0.0
