@@ -82,7 +82,8 @@ class OnPart:
     cells: tuple = parameter("cells that it acts on; none given: all", (), items="cell")
     parts: tuple = parameter("parts of the surface that the cells' shape has names for, such as \"left\"; none given: "
                              "the whole surface", (), items="part")
-    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what lies in it", (), shape=(None, 2))
+    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what lies in it", (),
+                          shape=(None, 2))
 
     def __post_init__(self) -> None:
         """Refuse a box that is none; the message is for the user."""
