@@ -1,0 +1,137 @@
+"""Consistent tangents: the derivatives of any law, exact to rounding, from its pointwise formulas as they stand.
+
+A dual number carries a value and its slopes in some directions through a formula; the rules of calculus are those of
+the operations that formulas may have (see meshfree/translate.py), so that a law needs no word about its tangent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..output.sample import pointwise
+
+
+class Dual(np.lib.mixins.NDArrayOperatorsMixin):
+    """Numbers with slopes.
+
+    value : (...);  slope : (k, ...) -- its derivatives in k directions.
+    """
+
+    def __init__(self, value: Any, slope: Any):
+        self.value, self.slope = np.asarray(value, float), np.asarray(slope, float)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """Arithmetic and functions by the chain rule; comparisons of values."""
+        values = [getattr(x, "value", x) for x in inputs]
+        if method != "__call__" or options:
+            return NotImplemented
+        if ufunc in COMPARISONS:
+            return ufunc(*values)
+        if ufunc not in RULES:
+            return NotImplemented
+        partial = RULES[ufunc](*values)
+        terms = [p * x.slope for p, x in zip(partial, inputs, strict=False) if isinstance(x, Dual)]
+        return Dual(ufunc(*values), sum(terms))
+
+    def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
+        """`where` chooses among values and slopes alike."""
+        if function is not np.where or options or len(inputs) != 3:
+            return NotImplemented
+        yes, a, b = inputs
+        value = np.where(yes, getattr(a, "value", a), getattr(b, "value", b))
+        return Dual(value, np.where(yes, getattr(a, "slope", 0.0), getattr(b, "slope", 0.0)))
+
+
+COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
+RULES: dict[np.ufunc, Callable[..., tuple]] = {  # derivatives by each argument
+    np.add: lambda a, b: (1.0, 1.0),
+    np.subtract: lambda a, b: (1.0, -1.0),
+    np.multiply: lambda a, b: (b, a),
+    np.divide: lambda a, b: (1.0 / b, -a / b**2),
+    np.negative: lambda a: (-1.0,),
+    np.power: lambda a, n: (n * a ** (n - 1),),  # whole exponents
+    np.log: lambda a: (1.0 / a,),
+    np.sqrt: lambda a: (0.5 / np.sqrt(a),),
+    np.cbrt: lambda a: (np.cbrt(a) / (3.0 * a),),
+    np.absolute: lambda a: (np.sign(a),),
+    np.minimum: lambda a, b: (np.less(a, b), np.greater_equal(a, b)),
+    np.maximum: lambda a, b: (np.greater(a, b), np.less_equal(a, b)),
+}
+
+
+def derivative(formula: Callable[..., Any], *arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+    """A formula and its derivatives by all entries of its arguments.
+
+    Parameters
+    ----------
+    formula : takes numbers, or tuples of them, and returns such;
+    arguments : each (shape, ..., n) or (n,) -- scalars, vectors and tensors with points last.
+
+    Returns
+    -------
+    value : (result, n);  slope : (result, entries, n) -- by the entries of all arguments in turn, row by row.
+    """
+    arguments = [np.asarray(a, float) for a in arguments]
+    entries = [a.reshape(-1, a.shape[-1]) for a in arguments]
+    unit = np.eye(sum(map(len, entries)))[:, :, None]
+    duals, k = [], 0
+    for a, e in zip(arguments, entries, strict=True):
+        duals.append(_nested([Dual(row, unit[k + i]) for i, row in enumerate(e)], a.shape[:-1]))
+        k += len(e)
+    points = np.broadcast_shapes(*(e.shape[-1:] for e in entries))
+    result = formula(*duals)
+    return _unfolded(result, (), points), _unfolded(result, (k,), points)
+
+
+def tangent(law: Any, method: str, quantities: dict[str, np.ndarray], by: str = "F") -> np.ndarray:
+    """Derivative of a law's pointwise method, such as "stress" (2, 2, n), by a quantity that it takes, such as F.
+
+    `quantities` : by name, as `pointwise` takes them.  Returns (2, 2, 2, 2, n) for a tensor by a tensor: dP_ij/dF_kl.
+    """
+    given = np.asarray(quantities[by], float)
+    slope = derivative(lambda x: pointwise(law, method, {**quantities, by: x}), given)[1]
+    return slope.reshape(*slope.shape[:-2], *given.shape)
+
+
+def segment_slopes(law: Any, g1: Any, g2: Any) -> tuple:
+    """Derivatives by the gaps g1, g2 at its ends of the mean of a potential over a segment, as kernel.c has them."""
+    dg, low = g2 - g1, np.where(g1 < g2, g1, g2)
+    sloped = np.absolute(dg) > 0.05 * np.where(low > law.cap, low, law.cap)
+    over = 1.0 / np.where(sloped, dg, 1.0)
+    mean = (law.primitive(g2) - law.primitive(g1)) * over
+    d1, d2 = 0.0, 0.0
+    for at, weight in GAUSS:
+        slope = weight * law.slope(g1 + at * dg)
+        d1, d2 = d1 + (1.0 - at) * slope, d2 + at * slope
+    return (np.where(sloped, (mean - law.potential(g1)) * over, d1),
+            np.where(sloped, (law.potential(g2) - mean) * over, d2))
+
+
+def segment_pull(law: Any, along: tuple, length: Any) -> tuple:
+    """Force on the first end of a cortex segment [pN/µm] by the vector to its other end and its reference length."""
+    x, y = along
+    now = np.sqrt(x * x + y * y)
+    t = law.tension(now / length) / now
+    return t * x, t * y
+
+
+GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))
+
+
+def _nested(entries: list, shape: tuple) -> Any:
+    """Entries, row by row, as nested tuples of a shape."""
+    if not shape:
+        return entries[0]
+    step = len(entries) // shape[0]
+    return tuple(_nested(entries[i * step : (i + 1) * step], shape[1:]) for i in range(shape[0]))
+
+
+def _unfolded(result: Any, directions: tuple, points: tuple) -> np.ndarray:
+    """Values, or slopes in so many directions, of nested tuples as an array."""
+    if isinstance(result, tuple):
+        return np.array([_unfolded(r, directions, points) for r in result])
+    part = getattr(result, "slope" if directions else "value", 0.0 if directions else result)
+    return np.broadcast_to(part, (*directions, *points))
