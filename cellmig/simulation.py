@@ -23,6 +23,7 @@ from .parallel.partition import bisection
 from .parallel.swarm import Swarm
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
+from .solve.static import Static
 from .solve.step import StepControl
 
 discover(model)
@@ -89,11 +90,13 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                       "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
     active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
     used = case.materials.values()
-    stabilised = unless(None if any(m.stabilisation for m in used) else "its viscosity is zero",
+    still = (case.static, "nothing moves in a static case")
+    stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
                         "viscous stabilisation", True, False)
     stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
                        "elastic stabilisation", True, False)
-    damped = unless(None if case.numerics.bulk_viscosity else "its viscosity is zero", "bulk damping", True, False)
+    damped = unless(why(still, (not case.numerics.bulk_viscosity, "its viscosity is zero")),
+                    "bulk damping", True, False)
     cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
     friction = unless(why((case.friction is None, "the case has none"),
                           (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
@@ -110,7 +113,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
 class Simulation:
     """A case built on the ranks of a communicator, ready to run; `destroy` it when done.
 
-    scene, terms, mechanics, control, integrator, sampler : its parts;  time : where it is [µs].
+    scene, terms, mechanics, control (None if static), integrator, sampler : its parts;  time : where it is [µs].
     """
 
     def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True):
@@ -126,9 +129,10 @@ class Simulation:
         boundary = Boundary.of(case, self.scene)
         self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, case.seed,
                                    protruding)
-        self.control = step_control(case, self.scene, self.terms)
+        self.control = None if case.static else step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
-        self.integrator = Integrator(self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
+        self.integrator = Static(self.mechanics) if case.static else Integrator(
+            self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
         self.time = 0.0
         self.sample()  # the ledger counts from here
@@ -158,7 +162,7 @@ class Simulation:
         m = self.mechanics
         half = 0.5 * m.last if self.integrator.leapfrog else 0.0
         m.renew_lists()
-        acceleration = m.rate()
+        acceleration = self.integrator.rate()
         m.store(self.swarm)
         return self.sampler.history(), self.sampler.ledger(acceleration, half)
 

@@ -75,6 +75,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
         _count(source, found["particles"], cells)
     _names(source, cells)
     _parts(source, found)
+    _equilibria(source, found)
     if on_substrate:
         _above_substrate(source, cells)
     _overlaps(source, cells)
@@ -155,6 +156,40 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
     step = found["time"].integrator if found["time"] is not None else ""
     if found["plates"] and step not in ("leapfrog", "static", ""):
         source.wrong(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
+
+
+def _equilibria(source: Source, found: dict[str, Any]) -> None:
+    """A static case has solids alone, and loads that grow from nothing: time is what they grow with."""
+    if found["time"] is None or found["time"].integrator != "static":
+        return
+    why = "\"static\" finds equilibria of solids"
+    used = {name for cell, _ in found["cells"] for name in (cell.material, cell.nucleus)}
+    for name, law in (found["materials"] or {}).items():
+        if name in used and law is not None and (law.viscosity or not law.shear_modulus):
+            source.wrong(("materials", name), f"{why}: '{law.law}' flows, and bears no load that stays")
+    for name, path, what in (
+            ("substrate", ("adhesion", "substrate"), "adhesion"), ("contact", ("adhesion", "cells"), "adhesion"),
+            ("protrusion", ("protrusion",), "protrusion"), ("cortex", ("cortex",), "cortex"),
+            ("friction", ("friction",), "friction"), ("director", ("director",), "director"),
+            ("body_force", ("body_force",), "body force")):
+        if found[name] is not None:
+            source.wrong(path, f"{why} under supports, loads and plates; it has no {what} yet")
+    for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
+        for key in ("displacement", "velocity", "velocity_gradient"):
+            if np.any(np.array(getattr(cell, key), object) != np.array(declared(Cell)[key].default, object)):
+                source.wrong((*path, key), f"{why}, from rest: nothing moves at the start")
+    for kind in ("supports", "loads", "plates"):
+        for item, path in found[kind]:
+            if item.history.value(0.0) and _acts(item):
+                source.wrong((*path, "history"), f"{why} under loads that grow with time from zero: "
+                             'expects such as { law = "ramp", duration = "1 us" }')
+
+
+def _acts(item: Any) -> bool:
+    """Whether a support, load or plate does anything but stay."""
+    values = (*(getattr(item, "displacement", None) or ()), *(getattr(item, "traction", None) or ()),
+              getattr(item, "pressure", None) or 0.0)
+    return any(value not in (0.0, "free") for value in values)
 
 
 def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 from .registry import parameter, quantity
 from .values import declared, write
 
-TS_TYPES = ("leapfrog", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha", "alpha2", "bdf",
-            "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk", "radau5",
-            "sundials", "pseudo")
+TS_TYPES = ("leapfrog", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha", "alpha2",
+            "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk",
+            "radau5", "sundials", "pseudo")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,8 @@ class Time:
     step: float | str = quantity("us", "time step; \"auto\" takes a fraction of the stable one", "auto", above=0,
                                  words=("auto",))
     step_factor: float = quantity("", "the fraction of the stable step that \"auto\" takes", 0.8, above=0, maximum=1)
-    integrator: str = parameter("\"leapfrog\" or any type of PETSc's TS", "leapfrog", known=TS_TYPES)
+    integrator: str = parameter("\"leapfrog\" or any type of PETSc's TS; \"static\": equilibria, each sample a "
+                                "load step", "leapfrog", known=TS_TYPES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,6 +190,11 @@ class Case:
     def name(self) -> str:
         """Name of the case: that of its file, without folder and ending."""
         return os.path.splitext(os.path.basename(self.path))[0] or "case"
+
+    @property
+    def static(self) -> bool:
+        """Whether it is a row of equilibria."""
+        return self.time.integrator == "static"
 
     def resolved(self) -> dict:
         """All that the case says, defaults included, in the form of a case file: `load.from_dict` reads it back."""

@@ -103,12 +103,11 @@ def scalar_blocks(scene: Scene, numbering: Numbering, matrices: list) -> tuple[n
     return first, _columns(first, group, lane, col, numbering.n_rows), values
 
 
-def owned_rows(scene: Scene, numbering: Numbering, matrices: list) -> sparse.csr_matrix:
-    """The owned rows of matrices that couple no more than neighbours, one CSR for each template, in local numbers."""
-    row, col, kind, at = _entries(scene, numbering, matrices, numbering.n_owned)
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=numbering.n_owned))])
-    return sparse.csr_matrix((_values([m.data for m in matrices], kind, at), col, ptr),
-                             (numbering.n_owned, numbering.n_rows))
+def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:
+    """First rows of matrices that couple no more than neighbours, one CSR for each template, in local numbers."""
+    row, col, kind, at = _entries(scene, numbering, matrices, n_rows)
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
+    return sparse.csr_matrix((_values([m.data for m in matrices], kind, at), col, ptr), (n_rows, n_columns))
 
 
 _STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..meshfree.boundary import Probes
-from ..meshfree.rows import owned_rows
+from ..meshfree.rows import csr_rows
 from ..parallel.reduce import exact_sum
 
 STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
@@ -43,7 +43,7 @@ class Sampler:
             self.surface[scene.surface(c)] = np.arange(len(scene.surface(c)))
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
-        self._recovery = owned_rows(scene, m.base, [t.R for t in scene.templates])
+        self._recovery = csr_rows(scene, m.base, [t.R for t in scene.templates], m.n_owned, m.base.n_rows)
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self._start: dict[str, float] | None = None
 

@@ -26,6 +26,10 @@ def check_integrator(of_case: str, place: str) -> None:
     """
     options = PETSc.Options()
     kind = options.getString("ts_type", of_case)
+    if of_case == "static":
+        if options.hasName("ts_type"):
+            raise OptionError("-ts_type: a static case takes no steps in time; say time.integrator instead")
+        return
     if options.hasName("ts_type"):
         place = "-ts_type"
         if kind == "leapfrog":

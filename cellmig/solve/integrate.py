@@ -67,6 +67,24 @@ class Integrator:
         return self.ts.getStepNumber()
 
     @property
+    def said(self) -> str:
+        """What it is, for the log."""
+        return "leapfrog" if self.leapfrog else f"{self.ts.getType()} of PETSc"
+
+    @property
+    def time(self) -> float:
+        """Time reached [µs]."""
+        return self.ts.getTime()
+
+    def halt(self) -> None:
+        """Take no further step."""
+        self.ts.setMaxSteps(0)
+
+    def rate(self) -> np.ndarray:
+        """(v, a) of the owned particles (n_owned, 4); F and reactions are brought up to date; collective."""
+        return self.mechanics.rate()
+
+    @property
     def finished(self) -> bool:
         """Whether TS has no steps left (-ts_max_steps)."""
         return self.steps >= self.ts.getMaxSteps()

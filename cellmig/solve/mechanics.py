@@ -38,8 +38,8 @@ class Mechanics:
         """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool."""
         self.scene, self.terms, self.boundary, self.comm, self.law = scene, terms, boundary, comm, director
         self.surfaces = Surfaces.of(scene)
-        self._place_in_petsc = np.empty(scene.size, np.int64)
-        self._place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
+        self.place_in_petsc = np.empty(scene.size, np.int64)
+        self.place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
         self._number(swarm["id"])
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
@@ -82,7 +82,7 @@ class Mechanics:
             self.state.destroy()
         self.numbering = numbering
         self._X[: len(numbering.ids)] = self.scene.X[numbering.ids]
-        ghosts = self._place_in_petsc[numbering.ids[self.n_owned :]]
+        ghosts = self.place_in_petsc[numbering.ids[self.n_owned :]]
         self.state = GhostedField(self.comm, self._memory, self.n_owned, ghosts)
         self.state.exchange()
 
@@ -144,7 +144,7 @@ class Mechanics:
         """The director field, if its gradient or its axis matters."""
         if self.terms.director == "none" and not self.terms.active:
             return None
-        ghosts = self._place_in_petsc[self.base.ids[self.n_owned :]]
+        ghosts = self.place_in_petsc[self.base.ids[self.n_owned :]]
         return Director(self.comm, self.scene, self.surfaces, self.base, ghosts, self._capacity, self.kernel, self.law)
 
     def _load(self, swarm: Swarm) -> None:

@@ -17,10 +17,11 @@ from cellmig.output.sample import UNITS
 from cellmig.simulation import Simulation, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
-from .run import skipped_said, step_said
+from .run import load_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
+NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
 SETUP_BYTES = 4000  # per particle beside the kernel's arrays, as the scene is built (measured)
 
 
@@ -63,6 +64,8 @@ def cost(case: Case) -> Cost:
 
 def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
+    if case.static:
+        return _static_report(case)
     c, frames, cells = cost(case), case.time.frames + 1, len(case.cells)
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
@@ -77,6 +80,22 @@ def report(case: Case) -> str:
         ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all and {_bytes(RANK_BYTES)} on each rank"),
         ("disk", f"{_bytes(frames * c.particles * _frame_bytes(case))} in {frames} frames"),
         *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
+    ])
+
+
+def _static_report(case: Case) -> str:
+    """The report of a static case, which has no steps in time."""
+    scene, frames = discretise(case), case.time.frames + 1
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        ("particles", f"{scene.size} in {len(case.cells)} cell{'s' * (len(case.cells) > 1)}, "
+                      f"spacing {max(t.spacing for t in scene.templates):.3g} µm, support "
+                      f"{case.particles.dilation:g} spacings"),
+        ("load steps", load_said(case)),
+        ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
+                 "measured elsewhere with a direct solver"),
+        ("memory", f"about {_bytes(STATIC_BYTES * scene.size)} in all and {_bytes(RANK_BYTES)} on each rank"),
+        ("disk", f"{_bytes(frames * scene.size * _frame_bytes(case))} in {frames} frames"),
+        *skipped_said(find_terms(case).skipped),
     ])
 
 

@@ -63,6 +63,7 @@ class Run:
     def go(self, asked: Sequence[int] = ()) -> int:
         """Run until something ends it, such as an entry in `asked`; returns the exit code; collective."""
         progress = Progress(self.log, self.end)
+        self._integrator.report = self.log
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
         status, cause = DONE, ""
         try:
@@ -93,7 +94,7 @@ class Run:
         progress(time, self._integrator.steps, self._integrator.dt)
         if self.comm.allreduce(len(asked)):
             self.stopping = True
-            self._integrator.ts.setMaxSteps(0)
+            self._integrator.halt()
 
     def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
         """Status, and why the run ends here, if it does."""
@@ -123,7 +124,7 @@ class Run:
             self.ledger.write(s.time, entries)
         if frame:
             self._write_frame()
-        if entries["closure"] > CLOSURE:  # shapes may look right for long after
+        if entries["closure"] > CLOSURE and not self.case.static:  # shapes may look right for long after
             self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
@@ -140,7 +141,7 @@ class Run:
     def _try_last_frame(self) -> None:
         """A picture of what broke, if it can be drawn at all."""
         with np.errstate(all="ignore"), suppress(OutputError):
-            self.simulation.time = self._integrator.ts.getTime()
+            self.simulation.time = self._integrator.time
             self.simulation.mechanics.rate()
             self._write_frame()
 
@@ -166,8 +167,9 @@ class Run:
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
-            ("integrator", self.case.time.integrator if run.leapfrog else f"{run.ts.getType()} of PETSc"),
-            ("time step", step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+            ("integrator", run.said),
+            ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
+             step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             ("output", str(self.directory)),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
@@ -213,6 +215,12 @@ def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> s
                 "the deformation")
     said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
     return said if fixed <= limit else f"{said}: TOO LARGE"
+
+
+def load_said(case: Case) -> str:
+    """What the load steps of a static case are."""
+    return (f"{case.time.samples}, one for each sample; one that finds no equilibrium is cut; time is what loads "
+            "depend on, nothing moves")
 
 
 def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
