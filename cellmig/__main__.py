@@ -116,8 +116,10 @@ def _looks(commands: Any) -> None:
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
                         "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
     bench = commands.add_parser("bench", help="run time against error, and which settings are worth their time")
-    bench.add_argument("--error", action="store_true", required=True, help="over spacing, dilation, stabilisation, "
-                       "integrator, step and modulus: the Pareto sets, and what the defaults should be")
+    what = bench.add_mutually_exclusive_group(required=True)
+    what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
+                      "integrator, step and modulus: the Pareto sets, and what the defaults should be")
+    what.add_argument("--modulus", action="store_true", help="only what the reduced bulk modulus costs, half a minute")
     bench.add_argument("--quick", action="store_true", help="coarse, in two minutes, to try it out")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")
@@ -241,6 +243,13 @@ def _references(options: argparse.Namespace) -> int:
 
 def bench(options: argparse.Namespace) -> int:
     """Run time against error."""
+    if options.modulus:
+        if options.out:
+            raise UsageError("--out is for --error; --modulus writes nothing")
+        from .study import modulus
+
+        print("\n".join(modulus.said(modulus.continuation(options.quick))))
+        return DONE
     from .study.error import bench_error
 
     return bench_error(options.out or Path("output") / ("bench-quick" if options.quick else "bench"), options.quick)

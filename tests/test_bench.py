@@ -7,6 +7,7 @@ from scenes import CASES
 from cellmig.case import accuracy
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
+from cellmig.study import modulus
 from cellmig.study.pareto import Point, gain, gains, pareto, time_at, verdict
 from cellmig.study.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
 
@@ -52,6 +53,23 @@ def test_exact_answers_have_no_error_and_wrong_ones_theirs():
     exact = {"a": np.array([5.08760, 5.15571, 5.28614]), "b": np.array([4.91357, 4.84742, 4.72173])}
     assert judge_drop(t, exact, None)["error"] < 1e-12
     assert judge_drop(t, exact | {"a": exact["a"] + 0.0028614}, None)["error"] == pytest.approx(0.01)
+
+
+def test_what_goes_with_one_over_the_modulus_is_extrapolated_and_what_does_not_is_told():
+    t = np.linspace(0.0, 1.0, 5)
+    seen = {k: {"a": t * (1.0 + 0.5 / k), "stress": t * (1.0 + 0.5 / k**2)} for k in (*modulus.MODULI, modulus.CHECK)}
+    a, stress = modulus.judge(PROBLEMS["drop"], 91, seen)
+    assert a.orders == pytest.approx((1.0, 1.0)) and a.limit == pytest.approx(1.0)
+    assert a.error == pytest.approx(0.1) and a.known < 1e-12
+    assert stress.orders == pytest.approx((2.0, 2.0)) and stress.known == pytest.approx(0.001645, rel=1e-3)
+    assert "cost the drop's a most: 10 %" in modulus.said([a, stress])[-1]
+
+
+def test_the_reduced_modulus_costs_a_drop_less_than_its_spacing_does():
+    seen = {k: modulus.watch(PROBLEMS["drop"], Setting(91, modulus=k)) for k in (*modulus.MODULI, modulus.CHECK)}
+    rows = {row.quantity: row for row in modulus.judge(PROBLEMS["drop"], 91, seen)}
+    assert list(rows) == ["a", "b", "stress", "pressure"]
+    assert 1e-5 < max(rows["a"].error, rows["b"].error) < 0.01  # measured 0.0073; of the spacing 0.042
 
 
 def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_measured():

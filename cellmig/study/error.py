@@ -23,6 +23,7 @@ from cellmig.output.manifest import environment
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
+from . import modulus
 from .pareto import Point, draw, gains, pareto, time_at, verdict
 from .problems import PROBLEMS, Problem, Seen, Setting
 from .run import DONE, STOPPED, stop_requests
@@ -165,14 +166,15 @@ def bench_error(out: Path, quick: bool = False) -> int:
                 due = perf_counter() + 30.0
                 print(f"{count + 1} of {len(listed)} runs, {clock(perf_counter() - begin)}", flush=True)
     stopwatch.close()
-    text = "\n".join(said(points, failed, uncertain))
+    reduced = modulus.continuation(quick)
+    text = "\n".join([*said(points, failed, uncertain), "", *modulus.said(reduced)])
     print(f"\n{text}\n\n{clock(perf_counter() - begin)} in all")
-    write(out, points, failed, uncertain, text, quick)
+    write(out, points, failed, uncertain, reduced, text, quick)
     return DONE
 
 
-def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float], text: str,
-          quick: bool) -> None:
+def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float],
+          reduced: Sequence[modulus.Row], text: str, quick: bool) -> None:
     """All points as JSON, what was said as Markdown, the picture, and what accuracies are picked from."""
     out.mkdir(parents=True, exist_ok=True)
     origin = {"command": f"cellmig bench --error{' --quick' * quick}", "date": date.today().isoformat(),
@@ -182,6 +184,7 @@ def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}
             for p in sorted(points, key=lambda p: (p.problem, p.cost))]
     replace(out / "error.json", _json({"origin": origin, "reference_known_to": uncertain, "failed": failed,
+                                       "reduced_modulus": [dataclasses.asdict(row) for row in reduced],
                                        "points": rows}))
     replace(out / "accuracy.json", _json({"origin": origin, "points": menu(points, uncertain)}))
     replace(out / "error.md", text + "\n")

@@ -1,0 +1,126 @@
+"""What the reduced bulk modulus of the fluid costs in accuracy: several moduli, extrapolated to one without bound.
+
+In theory J - 1 = -p/k, and flow and shape miss the incompressible ones by a share of 1/k: order 1, and twice the result
+of 2k less that of k has none of it.  A modulus that took no part in this checks it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mpi4py import MPI
+
+from cellmig.simulation import Simulation
+
+from .problems import PROBLEMS, Problem, Seen, Setting
+from .sensitivity import _table
+
+MODULI, CHECK = (2.5, 5.0, 10.0, 20.0), 80.0  # MPa: each twice the one before, and that which checks
+ORDER = 1.0  # of 1/k, in theory
+SIZE, QUICK_SIZE = 1485, 331  # particles
+NAMES = ("drop", "cell")
+PEAKS = ("stress", "pressure")  # Pa; with peaks of less than a microsecond where a contact line advances
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the default modulus costs one quantity of a problem.
+
+    problem, quantity : str;  particles : int;  end, limit : at the end, with the default modulus and extrapolated [µm
+    or Pa];  orders : in 1/k, of each three moduli in a row;  error : of the default against what is extrapolated;
+    known : what is extrapolated against the modulus that checks.  The last two are root mean squares over time (of what
+    has peaks: medians), over that of the change since the start.
+    """
+
+    problem: str
+    quantity: str
+    particles: int
+    end: float
+    limit: float
+    orders: tuple[float, ...]
+    error: float
+    known: float
+
+
+def continuation(quick: bool = False) -> list[Row]:
+    """Run the problems under all moduli; one row a quantity.  Raises NumericsError."""
+    size = QUICK_SIZE if quick else SIZE
+    return [row for name in NAMES
+            for row in judge(PROBLEMS[name], size, {k: watch(PROBLEMS[name], Setting(size, modulus=k))
+                                                    for k in (*MODULI, CHECK)})]
+
+
+def watch(problem: Problem, setting: Setting) -> Seen:
+    """What is seen of a problem at the start and at all its times, with mean effective stress and pressure [Pa]."""
+    sim = Simulation(problem.case(setting), MPI.COMM_SELF)
+    try:
+        problem.place(sim)
+        rows = [_look(problem, sim)]
+        for time in problem.times:
+            sim.go(time)
+            rows.append(_look(problem, sim))
+        return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+    finally:
+        sim.destroy()
+
+
+def _look(problem: Problem, sim: Simulation) -> dict[str, float]:
+    """The pressure is its root mean square over the volume: its mean is that of the surface alone."""
+    stress = sim.sample()[0][1]["effective_stress_pa"]
+    pressure = np.average(sim.sampler.stresses()["pressure"] ** 2, weights=sim.sampler.V)
+    return problem.watch(sim) | {"stress": stress, "pressure": float(np.sqrt(pressure))}
+
+
+def extrapolated(at: Mapping[float, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Limit of values at several moduli, and what 1/k multiplies, from the two largest moduli."""
+    less, most = sorted(at)[-2:]
+    slope = (at[less] - at[most]) / (1.0 / less - 1.0 / most)
+    return at[most] - slope / most, slope
+
+
+def orders(at: Mapping[float, np.ndarray], size: Callable[[np.ndarray], float]) -> tuple[float, ...]:
+    """Orders in 1/k that the sizes of differences from modulus to modulus, each twice the last, show."""
+    moduli = sorted(at)
+    steps = [size(at[a] - at[b]) for a, b in pairwise(moduli)]
+    return tuple(float(np.log2(a / b)) if a * b else float("nan") for a, b in pairwise(steps))
+
+
+def judge(problem: Problem, particles: int, seen: Mapping[float, Seen]) -> list[Row]:
+    """One row a quantity, of what was seen under each modulus and under that which checks."""
+    default, rows = Setting().modulus, []
+    for quantity in seen[default]:
+        size = _median if quantity in PEAKS else _rms
+        at = {k: seen[k][quantity] for k in MODULI}
+        limit, slope = extrapolated(at)
+        change = size(limit - limit[0])
+        error, known = size(at[default] - limit), size(seen[CHECK][quantity] - limit - slope / CHECK)
+        rows.append(Row(problem.name, quantity, particles, float(at[default][-1]), float(limit[-1]), orders(at, size),
+                        error / change, known / change))
+    return rows
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def _median(x: np.ndarray) -> float:
+    return float(np.median(np.abs(x)))
+
+
+def said(rows: Sequence[Row]) -> list[str]:
+    """The table in Markdown, and what it means."""
+    lines = [[row.problem, row.quantity, f"{row.end:.6g} {'Pa' if row.quantity in PEAKS else 'µm'}",
+              f"{row.limit:.6g}", ", ".join(f"{p:.2f}" for p in row.orders), f"{100 * row.error:.2g}",
+              f"{100 * row.known:.2g}"] for row in rows]
+    default = f"{Setting().modulus:g} MPa"
+    worst = max((row for row in rows if row.quantity not in PEAKS), key=lambda row: row.error)
+    return [f"Reduced bulk modulus: {', '.join(f'{k:g}' for k in MODULI)} MPa at {rows[0].particles} particles, "
+            f"extrapolated with order {ORDER:g} in 1/k; errors over the change since the start", "",
+            *_table(["problem", "quantity", f"at the end, {default}", "extrapolated", "orders",
+                     f"error of {default} [%]", f"extrapolated against {CHECK:g} MPa [%]"], lines), "",
+            f"Of the motion {default} cost the {worst.problem}'s {worst.quantity} most: {100 * worst.error:.2g} %, "
+            f"known to {100 * worst.known:.2g} %."]
