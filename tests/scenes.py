@@ -11,7 +11,7 @@ import numpy as np
 
 from mpi4py import MPI
 
-from cellmig.case.load import load
+from cellmig.case.load import from_dict, load
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.case.units import number
@@ -85,3 +85,18 @@ def smooth(X: np.ndarray, seed: int, size: float, waves: int = 3, shortest: floa
         k = rng.uniform(-1, 1, 2) * 2 * np.pi / shortest
         field += rng.standard_normal(2) * np.sin(X @ k + rng.uniform(0, 6))[:, None]
     return size * field / np.sqrt(0.5 * waves)
+
+
+def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", integrator: str = "leapfrog",
+          step: str = "auto", cell: dict | None = None, **sections: Any) -> Case:
+    """A test piece of nucleus: a bar of 4 by 2 µm unless told otherwise, with what holds and loads it."""
+    corners = [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]
+    shapes = {"polygon": {"shape": "polygon", "corners": corners}, "disc": {"shape": "disc", "radius": "2 um"}}
+    material = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "2126 Pa", "C2": "170 Pa", "lame": "17 kPa"}
+    body = {"name": "Piece", "material": "nucleus", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
+    time = {"end": end, "integrator": integrator, "step": step}
+    return from_dict({"time": time, "particles": {"per_cell": per_cell}, "materials": {"nucleus": material},
+                      "cells": [body], **sections})
+
+
+LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]  # boxes around its ends

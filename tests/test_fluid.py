@@ -248,9 +248,9 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
 
 def anew(t: Template, x: np.ndarray) -> tuple:
     """Volumes, gradients and stabilisation of a body with the particles of t at x."""
-    V, edges = rkpm.dual_cells(x, t.surface)
+    V, edges = rkpm.dual_cells(x, t.segments)
     support = rkpm.supports(x, edges, 2.2 * t.spacing)
-    G = rkpm.consistent(rkpm.gradients(x, support, t.surface), x, V, support, t.surface)
+    G = rkpm.consistent(rkpm.gradients(x, support, t.segments), x, V, support, t.segments)
     return V, G, stabilisation(x, V, edges, np.full(len(x), t.laws[0].numerical_viscosity(t.spacing)))
 
 

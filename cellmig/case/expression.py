@@ -16,7 +16,8 @@ FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "l
 FUNCTIONS |= {"abs": np.abs, "atan2": np.arctan2, "min": np.minimum, "max": np.maximum}
 NAMES = ("x", "y", "r", "pi")
 _OPERATORS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power}
-_FORMULA = re.compile(r"(?<![\w.])(?:" + "|".join([*NAMES, *FUNCTIONS]) + r")(?!\w)")
+_PLACE = r"(?<![\w.])(?:" + "|".join([*NAMES, *FUNCTIONS]) + r")(?!\w)"
+_FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Expression:
 
     def _value(self, node: ast.expr, names: dict[str, Any]) -> Any:
         match node:
-            case ast.Constant(value=int() | float() as number):
+            case ast.Constant(value=number) if type(number) in (int, float):
                 return float(number)
             case ast.Name(id=name) if name in names:
                 return names[name]
@@ -62,16 +63,15 @@ class Expression:
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 return _OPERATORS[type(op)](self._value(left, names), self._value(right, names))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-                try:
-                    return FUNCTIONS[name](*[self._value(a, names) for a in arguments])
-                except (TypeError, ValueError):
-                    raise ValueError(f"'{self.text}': {name} has another number of arguments") from None
+                if len(arguments) != FUNCTIONS[name].nin:
+                    raise ValueError(f"'{self.text}': {name} takes {FUNCTIONS[name].nin}")
+                return FUNCTIONS[name](*[self._value(a, names) for a in arguments])
         raise ValueError(f"'{self.text}': '{ast.unparse(node)}' is not known; a formula has numbers, "
                          f"{', '.join([*NAMES, *FUNCTIONS])} and + - * / **")
 
 
 def is_formula(text: Any) -> bool:
-    """Whether a text depends on the place."""
+    """Whether a text depends on the place, or multiplies as if it did."""
     return isinstance(text, str) and _FORMULA.search(text) is not None
 
 

@@ -21,7 +21,9 @@ STRIP = 3.0  # height in spacings of the strips in which particles are numbered:
 class Template:
     """Discretised kind of cell about its centre; particles are numbered by material, then in strips.
 
-    X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int, counterclockwise, closed;
+    X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int -- particles of its closed loops, the
+    outer one counterclockwise, holes clockwise;  after : (m,) int -- position in `surface` of the one that follows;
+    parts : by name, where in `surface` the segments of a part of the boundary begin;
     G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
     R : (n, n) CSR, recovery of stress;  spacing : mean distance h [µm];
     laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
@@ -31,6 +33,8 @@ class Template:
     V: np.ndarray
     nucleus: np.ndarray
     surface: np.ndarray
+    after: np.ndarray
+    parts: dict[str, np.ndarray]
     G: sparse.csr_matrix
     S: sparse.csr_matrix
     E: sparse.csr_matrix
@@ -39,15 +43,15 @@ class Template:
     laws: tuple
     damping: np.ndarray
 
-    @property
-    def after(self) -> np.ndarray:
-        """Position in `surface` of the particle that follows each surface particle on its closed loop (m,) int."""
-        return np.roll(np.arange(len(self.surface)), -1)
+    @cached_property
+    def segments(self) -> np.ndarray:
+        """Particles at the ends of the segments of the surface (m, 2) int."""
+        return np.column_stack([self.surface, self.surface[self.after]])
 
-    @property
-    def parts(self) -> dict[str, np.ndarray]:
-        """Positions in `surface` where the segments of each named part of the boundary begin."""
-        return {"surface": np.arange(len(self.surface))}
+    @cached_property
+    def before(self) -> np.ndarray:
+        """Position in `surface` of the one that each surface particle follows (m,) int."""
+        return np.argsort(self.after)
 
     def _by_law(self, attribute: str) -> np.ndarray:
         body, nucleus = self.laws
@@ -62,7 +66,7 @@ class Template:
     @cached_property
     def segment_length(self) -> np.ndarray:
         """Reference length of the surface segment from each surface particle to the next (m,) [µm]."""
-        return polygons.sides(self.X[self.surface])
+        return polygons.sides(self.X[self.segments])
 
     @cached_property
     def viscous_weight(self) -> np.ndarray:
@@ -152,17 +156,19 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     place[order] = np.arange(count)
     X = layout.X[order]
     nucleus = layout.nucleus[order] & (laws[1] is not None)
-    surface = place[layout.surface]
-    V, edges = rkpm.dual_cells(X, surface)
+    surface, after = place[layout.surface], layout.next
+    segments = np.column_stack([surface, surface[after]])
+    V, edges = rkpm.dual_cells(X, segments)
     support = rkpm.supports(X, edges, dilation * spacing)
-    G = rkpm.consistent(rkpm.gradients(X, support, surface), X, V, support, surface)
+    G = rkpm.consistent(rkpm.gradients(X, support, segments), X, V, support, segments)
     body, inner = laws
     inner = inner if inner is not None else body
     S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G, support, nucleus)
-    return Template(X, V, nucleus, surface, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
+    parts = {"surface": np.arange(len(surface)), **layout.parts}
+    return Template(X, V, nucleus, surface, after, parts, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)
@@ -210,5 +216,5 @@ class Scene:
         return np.concatenate(parts).astype(np.int32)
 
     def surface(self, cell: int) -> np.ndarray:
-        """Global ids of a cell's surface particles, counterclockwise (m,)."""
+        """Global ids of a cell's surface particles, loop by loop (m,)."""
         return self.offset[cell] + self.templates[self.kind[cell]].surface

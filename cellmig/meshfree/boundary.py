@@ -105,7 +105,7 @@ def _where(item: Any, scene: Scene, cell: int) -> np.ndarray:
     """Segments (e, 2) of a cell's surface on the parts of an item, ends by their numbers in the cell."""
     t = scene.templates[scene.kind[cell]]
     chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
-    return np.column_stack([t.surface[chosen], t.surface[t.after[chosen]]])
+    return t.segments[chosen]
 
 
 def _in_box(item: Any, X: np.ndarray) -> np.ndarray:

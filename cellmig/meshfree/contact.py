@@ -29,8 +29,8 @@ class Surfaces:
         """The surfaces of a scene."""
         rings = [scene.surface(c) for c in range(len(scene.kind))]
         start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
-        after = np.concatenate([a + np.roll(np.arange(len(r)), -1) for a, r in zip(start, rings, strict=False)])
-        before = np.concatenate([a + np.roll(np.arange(len(r)), 1) for a, r in zip(start, rings, strict=False)])
+        after = np.concatenate([a + scene.templates[k].after for a, k in zip(start, scene.kind, strict=False)])
+        before = np.argsort(after)
         cell = np.repeat(np.arange(len(rings)), np.diff(start))
         length = np.concatenate([scene.templates[k].segment_length for k in scene.kind])
         return cls(np.concatenate(rings), cell, after, before, length)

@@ -1,4 +1,7 @@
-"""Polygons: closed outlines as arrays of corners (k, 2) [µm], counterclockwise unless it says otherwise."""
+"""Polygons: closed outlines as arrays of corners (k, 2) [µm], counterclockwise unless it says otherwise.
+
+Where it says outline, edges (k, 2 ends, 2) of several loops may stand as well: the outer one, and clockwise its holes.
+"""
 
 from __future__ import annotations
 
@@ -11,46 +14,59 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def area(polygon: np.ndarray) -> float:
+def edges(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second ends (k, 2) of the edges of an outline."""
+    return (outline, np.roll(outline, -1, axis=0)) if outline.ndim == 2 else (outline[:, 0], outline[:, 1])
+
+
+def joined(loops: list[np.ndarray]) -> np.ndarray:
+    """Several closed loops as one outline."""
+    return loops[0] if len(loops) == 1 else np.concatenate([np.stack(edges(loop), axis=1) for loop in loops])
+
+
+def area(outline: np.ndarray) -> float:
     """Area [µm²], negative if the corners run clockwise."""
-    return 0.5 * float(cross(polygon, np.roll(polygon, -1, axis=0)).sum())
+    return 0.5 * float(cross(*edges(outline)).sum())
 
 
-def sides(polygon: np.ndarray) -> np.ndarray:
+def sides(outline: np.ndarray) -> np.ndarray:
     """Length of the side from each corner to the next (k,) [µm]."""
-    return np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
+    p, q = edges(outline)
+    return np.linalg.norm(q - p, axis=1)
 
 
-def centroid(polygon: np.ndarray) -> np.ndarray:
+def centroid(outline: np.ndarray) -> np.ndarray:
     """Centre of the area (2,) [µm]."""
-    origin = polygon[0]  # near: far from zero, differences of large products would lose digits
-    p = polygon - origin
-    q = np.roll(p, -1, axis=0)
+    p, q = edges(outline)
+    origin = p[0]  # near: far from zero, differences of large products would lose digits
+    p, q = p - origin, q - origin
     c = cross(p, q)
     return origin + (c[:, None] * (p + q)).sum(axis=0) / (3.0 * c.sum())
 
 
-def is_convex(polygon: np.ndarray) -> bool:
-    """Whether it turns left, or not at all, in every corner."""
-    before = polygon - np.roll(polygon, 1, axis=0)
-    return bool((cross(before, np.roll(before, -1, axis=0)) >= -1e-9 * (before**2).sum(axis=1).max()).all())
+def is_convex(outline: np.ndarray) -> bool:
+    """Whether it is one loop that turns left, or not at all, in every corner."""
+    p, q = edges(outline)
+    along = q - p
+    turns = cross(along, np.roll(along, -1, axis=0)) >= -1e-9 * (along**2).sum(axis=1).max()
+    return bool((q == np.roll(p, -1, axis=0)).all() and turns.all())
 
 
-def inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Which points (n, 2) a polygon of either sense holds (n,) bool, by crossings of a ray along x."""
+def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    """Which points (n, 2) an outline of either sense holds (n,) bool, by crossings of a ray along x."""
     within = np.zeros(len(points), bool)
     x, y = points.T
-    for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+    for p, q in zip(*edges(outline), strict=True):
         if p[1] != q[1]:
             across = (p[1] <= y) != (q[1] <= y)
             within ^= across & (x < p[0] + (y - p[1]) * ((q[0] - p[0]) / (q[1] - p[1])))
     return within
 
 
-def distance(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+def distance(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """Distance of points (n, 2) from the outline (n,) [µm]."""
     least = np.full(len(points), np.inf)
-    for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+    for p, q in zip(*edges(outline), strict=True):
         d, e = points - p, q - p
         along = np.clip(d @ e / max(float(e @ e), 1e-300), 0.0, 1.0)
         least = np.minimum(least, np.linalg.norm(d - along[:, None] * e, axis=1))
@@ -83,13 +99,13 @@ def meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarr
     return boxes & (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0)
 
 
-def visible(pairs: np.ndarray, X: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Which pairs (n, 2) of the points X see each other within the polygon, of whose edges they may be ends (n,) bool.
+def visible(pairs: np.ndarray, X: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    """Which pairs (n, 2) of the points X see each other within the outline, of whose edges they may be ends (n,) bool.
 
     A line that leaves by less than a tenth of its length, as where an outline is a little hollow, counts as inside.
     """
     a, b = X[pairs[:, 0]], X[pairs[:, 1]]
-    p, q = polygon, np.roll(polygon, -1, axis=0)
+    p, q = edges(outline)
     length = np.linalg.norm(b - a, axis=1)
     middle = 0.5 * (a + b)
     reach = 0.5 * (length.max() + np.linalg.norm(q - p, axis=1).max())
@@ -102,6 +118,6 @@ def visible(pairs: np.ndarray, X: np.ndarray, polygon: np.ndarray) -> np.ndarray
     sees = np.ones(len(pairs), bool)
     sees[i[through]] = False
     check = np.unique(i[sees[i]])  # near the outline: those between two of its points may run outside all along
-    out = check[~inside(middle[check], polygon)]
-    sees[out[distance(middle[out], polygon) > 0.1 * length[out]]] = False
+    out = check[~inside(middle[check], outline)]
+    sees[out[distance(middle[out], outline) > 0.1 * length[out]]] = False
     return sees

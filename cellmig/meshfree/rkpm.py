@@ -18,8 +18,8 @@ def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(q < 1.0, w, 0.0), np.where(q < 1.0, dw, 0.0)
 
 
-def dual_cells(X: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median dual cells of the Delaunay triangulation of the body within the closed polygon `surface` (m,) int.
+def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median dual cells of the Delaunay triangulation of the body within its surface, the segments (m, 2 ends) int.
 
     Returns
     -------
@@ -31,10 +31,10 @@ def dual_cells(X: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarr
     a, b = X[tri[:, 1]] - X[tri[:, 0]], X[tri[:, 2]] - X[tri[:, 0]]
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     whole = area > 1e-9 * area.mean()  # Qhull may add slivers along a straight edge
-    between = np.flatnonzero(whole & np.isin(tri, surface).all(axis=1))  # only these may lie outside, in a hollow
-    whole[between] = polygons.inside(X[tri[between]].mean(axis=1), X[surface])
+    between = np.flatnonzero(whole & np.isin(tri, segments).all(axis=1))  # only these may lie outside, in a hollow
+    whole[between] = polygons.inside(X[tri[between]].mean(axis=1), X[segments])
     tri, area = tri[whole], area[whole]
-    if abs(area.sum() - polygons.area(X[surface])) > 1e-9 * area.sum():
+    if abs(area.sum() - polygons.area(X[segments])) > 1e-9 * area.sum():
         raise ValueError("the particles are too coarse for their outline: take more of them")
     V = np.bincount(tri.ravel(), np.repeat(area / 3.0, 3), len(X))
     edges = np.sort(np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]]), axis=1)
@@ -49,18 +49,18 @@ def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
     return np.maximum(radius, 1.15 * longest)
 
 
-def gradients(X: np.ndarray, support: np.ndarray, surface: np.ndarray | None = None) -> sparse.csr_matrix:
+def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None) -> sparse.csr_matrix:
     """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
 
     Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
     is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.  No kernel reaches across a hollow of
-    the closed polygon `surface` (m,) int.
+    the surface, the segments (m, 2 ends) int.
     """
     pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
     d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
     pairs = pairs[d < np.maximum(support[pairs[:, 0]], support[pairs[:, 1]])]
-    if surface is not None and not polygons.is_convex(X[surface]):
-        pairs = pairs[polygons.visible(pairs, X, X[surface])]
+    if segments is not None and not polygons.is_convex(X[segments]):
+        pairs = pairs[polygons.visible(pairs, X, X[segments])]
     n, own = len(X), np.arange(len(X))
     I = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
     J = np.concatenate([own, pairs[:, 1], pairs[:, 0]])
@@ -109,17 +109,17 @@ def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return near, w * (p @ np.linalg.solve(p.T @ (w[:, None] * p), np.array([1.0, 0.0, 0.0])))
 
 
-def surface_normals(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Integral of the outward normal times the surface shape functions (n, 2) [µm], the surface a closed polygon."""
-    along = X[np.roll(surface, -1)] - X[surface]
+def surface_normals(X: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Integral of the outward normal times the surface shape functions (n, 2) [µm], over segments (m, 2 ends) int."""
+    along = X[segments[:, 1]] - X[segments[:, 0]]
     half = 0.5 * np.column_stack([along[:, 1], -along[:, 0]])
     b = np.zeros_like(X)
-    np.add.at(b, surface, half)
-    np.add.at(b, np.roll(surface, -1), half)
+    np.add.at(b, segments[:, 0], half)
+    np.add.at(b, segments[:, 1], half)
     return b
 
 
-def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, surface: np.ndarray
+def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray
                ) -> sparse.csr_matrix:
     r"""Gradients next to G for which the divergence theorem holds: Σ_I V_I G_IJ = ∮ n N_J, with the pattern of G.
 
@@ -138,9 +138,9 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
     Y = [sparse.csr_matrix((f, G.indices, G.indptr), G.shape) for f in fit.T]
     V2 = sparse.diags(V**2)
     A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
-    missing = surface_normals(X, surface) - np.column_stack([(V @ G).real, (V @ G).imag])
+    missing = surface_normals(X, segments) - np.column_stack([(V @ G).real, (V @ G).imag])
     free = np.ones(n, bool)
-    free[surface[np.arange(3) * len(surface) // 3]] = False  # γ is known up to a linear function, which changes nothing
+    free[segments[np.arange(3) * len(segments) // 3, 0]] = False  # γ is known up to a linear function, which changes nothing
     gamma = np.zeros((n, 2))
     gamma[free] = splu(A.tocsc()[free][:, free], options={"SymmetricMode": True}).solve(missing[free])
     part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))

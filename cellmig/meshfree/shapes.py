@@ -13,12 +13,21 @@ class Layout(NamedTuple):
     """Particles of one cell about its centre.
 
     X : (n, 2) -- reference positions [µm];  nucleus : (n,) bool -- inside the nucleus;
-    surface : (m,) int -- the surface particles, counterclockwise, a closed polygon.
+    surface : (m,) int -- the surface particles, along closed loops: the outer one counterclockwise, holes clockwise;
+    after : (m,) int -- position in `surface` of the one that follows, None if all are one loop in this order;
+    parts : by name, positions in `surface` where the segments of a part of the boundary begin.
     """
 
     X: np.ndarray
     nucleus: np.ndarray
     surface: np.ndarray
+    after: np.ndarray | None = None
+    parts: dict[str, np.ndarray] = {}
+
+    @property
+    def next(self) -> np.ndarray:
+        """Position in `surface` of the one that follows (m,) int."""
+        return np.roll(np.arange(len(self.surface)), -1) if self.after is None else self.after
 
 
 @law("shape", "disc")

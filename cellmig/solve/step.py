@@ -78,11 +78,11 @@ def _root(c: float, omega2: float) -> float:
 
 def _length_per_mass(t: Any) -> float:
     """Largest length of surface that a particle carries over its mass [µm²/fg]."""
-    share = 0.5 * (t.segment_length + np.roll(t.segment_length, 1))
+    share = 0.5 * (t.segment_length + t.segment_length[t.before])
     return float((share / t.mass[t.surface]).max())
 
 
 def _inverse_inertia(t: Any) -> float:
     """Largest 1/(length of segment x mass of its particle) of a surface [1/(µm fg/µm)]."""
-    shortest = np.minimum(t.segment_length, np.roll(t.segment_length, 1))
+    shortest = np.minimum(t.segment_length, t.segment_length[t.before])
     return float((1.0 / (shortest * t.mass[t.surface])).max())
