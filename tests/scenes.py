@@ -91,7 +91,9 @@ def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", int
           step: str = "auto", cell: dict | None = None, **sections: Any) -> Case:
     """A test piece of nucleus: a bar of 4 by 2 µm unless told otherwise, with what holds and loads it."""
     corners = [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]
-    shapes = {"polygon": {"shape": "polygon", "corners": corners}, "disc": {"shape": "disc", "radius": "2 um"}}
+    shapes = {"polygon": {"shape": "polygon", "corners": corners}, "disc": {"shape": "disc", "radius": "2 um"},
+              "plate with a hole": {"shape": "rectangle", "width": "4 um", "height": "2 um",
+                                    "holes": [["0.5 um", "0 um", "0.4 um"]]}}
     material = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "2126 Pa", "C2": "170 Pa", "lame": "17 kPa"}
     body = {"name": "Piece", "material": "nucleus", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
     time = {"end": end, "integrator": integrator, "step": step}

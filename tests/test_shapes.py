@@ -30,6 +30,10 @@ SHAPES = {
     "notch": ("polygon", {"corners": ((-5.0, -4.0), (5.0, -4.0), (5.0, 4.0), (0.6, 4.0), (0.0, -1.0), (-0.6, 4.0),
                                       (-5.0, 4.0))}, 40, 0.16),
     "star": ("polygon", {"corners": tuple(STAR), "nucleus_ratio": 0.3}, 60, 0.13),
+    "rectangle": ("rectangle", {"width": 8.0, "height": 3.0, "nucleus_ratio": 0.3}, 19, 0.17),
+    "plate with holes": ("rectangle", {"width": 8.0, "height": 6.0, "holes": ((-2.0, 0.5, 1.2), (2.0, 0.0, 1.0))}, 150,
+                         0.13),
+    "ring": ("ellipse", {"a": 4.0, "b": 4.0, "holes": ((0.0, 0.0, 2.0),)}, 60, 0.2),
     "smooth outline": ("polygon", {"corners": tuple(map(tuple, LOBES.tolist())), "nucleus_ratio": 0.3}, 19, 0.20),
 }
 COUNTS = [19, 60, 150, 331, 1000]
@@ -47,6 +51,19 @@ def shape(name: str):
 def cell(name: str, count: int, refinement: float = 1.0) -> Template:
     gel, core = example("material", "nematic"), example("material", "mooney-rivlin")
     return template(shape(name), count, 2.2, (gel, core if shape(name).nucleus_ratio else None), 0.2, refinement)
+
+
+def loops(t: Template) -> list[np.ndarray]:
+    """Particles of each loop of a surface, from the segments alone."""
+    follower, left, found = dict(t.segments.tolist()), set(t.surface.tolist()), []
+    while left:
+        at = next(int(i) for i in t.surface if i in left)
+        loop = [at]
+        while (at := follower[at]) != loop[0]:
+            loop.append(at)
+        left -= set(loop)
+        found.append(np.array(loop))
+    return found
 
 
 def test_every_registered_shape_is_tested_here() -> None:
@@ -75,27 +92,62 @@ def test_a_shape_has_exactly_the_particles_asked_for(name: str, count: int) -> N
 @every
 def test_surface_is_a_closed_counterclockwise_polygon_on_the_outline(name: str, count: int) -> None:
     t = cell(name, count)
-    ring, outline = t.X[t.surface], shape(name).outline(4000)
+    (ring, *inner), outline = [t.X[loop] for loop in loops(t)], shape(name).outline(4000)
     assert polygons.area(ring) > 0 and polygons.crossing(ring) is None
     assert polygons.distance(ring, outline).max() < 1e-3 * t.spacing
-    others = np.setdiff1d(np.arange(count), t.surface)
-    assert polygons.inside(t.X[others], ring).all()
-    assert polygons.distance(t.X[others], ring).min() > 0.25 * t.spacing
+    assert len(inner) == len(getattr(shape(name), "holes", ()))
+    for hole, (x, y, r) in zip(inner, getattr(shape(name), "holes", ()), strict=True):
+        assert polygons.area(hole) < 0 and polygons.crossing(hole) is None
+        assert np.abs(np.hypot(*(hole - [x, y]).T) - r).max() < 1e-3 * t.spacing
+    others, surface = np.setdiff1d(np.arange(count), t.surface), t.X[t.segments]
+    assert polygons.inside(t.X[others], surface).all()
+    assert polygons.distance(t.X[others], surface).min() > 0.25 * t.spacing
+
+
+@every
+def test_parts_of_a_surface_are_its_named_edges_and_make_all_of_it(name: str, count: int) -> None:
+    t = cell(name, count)
+    assert set(t.parts) == set(shape(name).parts)
+    assert t.parts["surface"].tolist() == list(range(len(t.surface)))
+    for kinds, whole in ((("outline", "hole"), "surface"), (("edge", "bottom", "right", "top", "left"), "outline")):
+        named = [on for part, on in t.parts.items() if part.startswith(kinds)]
+        assert not named or sorted(np.concatenate(named).tolist()) == t.parts[whole].tolist()
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_an_edge_is_named_by_its_place_among_the_corners(clockwise: bool) -> None:
+    corners = SHAPES["L"][1]["corners"][:: -1 if clockwise else 1]
+    t = template(laws("shape")["polygon"](corners=corners), 331, 2.2, (example("material", "nematic"), None), 0.2)
+    for n in range(6):
+        ends = np.array([corners[n], corners[(n + 1) % 6]])
+        on = t.X[t.segments[t.parts[f"edge-{n + 1}"]]]
+        assert polygons.distance(on.reshape(-1, 2), ends).max() < 1e-12
+        assert np.linalg.norm(on[:, 1] - on[:, 0], axis=1).sum() == pytest.approx(np.linalg.norm(ends[1] - ends[0]))
+
+
+def test_edges_of_a_rectangle_are_where_their_names_say() -> None:
+    t = cell("rectangle", 331)
+    for part, axis, at in (("bottom", 1, -1.5), ("right", 0, 4.0), ("top", 1, 1.5), ("left", 0, -4.0)):
+        ends = t.X[t.segments[t.parts[part]]]
+        assert (ends[..., axis] == at).all()
+        assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(3.0 if axis == 0 else 8.0)
 
 
 @every
 def test_volumes_fill_the_outline_and_none_is_a_needle(name: str, count: int) -> None:
     t = cell(name, count)
-    assert t.V.sum() == pytest.approx(polygons.area(t.X[t.surface]), rel=1e-12)  # measured 4e-16
-    assert t.V.sum() == pytest.approx(shape(name).area, rel=1.0 / count)  # polygons in curves, measured 0.8 / count
+    assert t.V.sum() == pytest.approx(polygons.area(t.X[t.segments]), rel=1e-12)  # measured 4e-16
+    # polygons in curves, measured 0.8 / count, with holes 1.3
+    assert t.V.sum() == pytest.approx(shape(name).area, rel=1.5 / count)
     assert t.V.min() > 0.95 * SHAPES[name][3] * t.spacing**2
 
 
 @every
 def test_lowest_point_and_outline_bound_the_particles(name: str, count: int) -> None:
     t, outline = cell(name, count), shape(name).outline(720)
+    holes = sum(np.pi * r**2 for *_, r in getattr(shape(name), "holes", ()))
     assert t.X[:, 1].min() >= shape(name).lowest() - 1e-9
-    assert len(outline) >= 720 and polygons.area(outline) == pytest.approx(shape(name).area, rel=1e-4)
+    assert len(outline) >= 720 and polygons.area(outline) == pytest.approx(shape(name).area + holes, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "nucleus_ratio" in s[1]])

@@ -167,7 +167,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G, support, nucleus)
-    parts = {"surface": np.arange(len(surface)), **layout.parts}
+    parts = {"surface": np.arange(len(surface)), **(layout.parts or {})}
     return Template(X, V, nucleus, surface, after, parts, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial import Delaunay
@@ -17,23 +18,90 @@ ROUNDS = 30  # in which the inner particles spread evenly
 FINE = 2000  # points of the polygon that stands for an ellipse
 
 
+def holes_of_shape() -> Any:
+    """The parameter for the circular holes of a shape."""
+    return quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
+                    shape=(None, 3))
+
+
+class _Outlined:
+    """A shape by its outline: what is common to them.  `_border` is the outer loop, counterclockwise (k, 2)."""
+
+    @cached_property
+    def _loops(self) -> list[np.ndarray]:
+        """Outer loop, and clockwise the holes."""
+        turn = -2.0 * np.pi * np.arange(FINE) / FINE
+        return [self._border, *(np.array([x, y]) + r * np.column_stack([np.cos(turn), np.sin(turn)])
+                                for x, y, r in self.holes)]
+
+    def _check_holes(self) -> None:
+        """Refuse holes that reach the outline or each other; the messages are for the user."""
+        for n, (x, y, r) in enumerate(self.holes):
+            middle = np.array([[x, y]])
+            if not (r > 0.0 and polygons.inside(middle, self._border) and polygons.distance(middle, self._border) > r):
+                raise ValueError(f"holes: that at ({x:.4g}, {y:.4g}) um is not inside the outline")
+            for a, b, s in self.holes[:n]:
+                if np.hypot(x - a, y - b) <= r + s:
+                    raise ValueError(f"holes: those at ({a:.4g}, {b:.4g}) um and ({x:.4g}, {y:.4g}) um overlap")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of parts of its surface: all of it, its outer loop, edges of that, holes."""
+        return ("surface", "outline", *self._edges, *(f"hole-{n}" for n in range(1, len(self.holes) + 1)))
+
+    @property
+    def area(self) -> float:
+        """Area [µm²]."""
+        return polygons.area(polygons.joined(self._loops))
+
+    def outline(self, n: int = 64) -> np.ndarray:
+        """Polygon of the outer surface (at least n, 2) [µm], with points between the corners."""
+        length = polygons.sides(self._border)
+        return _divided(self._border, np.ceil(n * length / length.sum()).astype(int))
+
+    def lowest(self) -> float:
+        """Height of the lowest point over the centre [µm]."""
+        return float(self._border[:, 1].min())
+
+    def particles(self, count: int, refinement: float = 1.0) -> Layout:
+        """`count` particles, along the surface `refinement` times as dense as within."""
+        X, edge = fill(self._loops, count, refinement)
+        sizes = [len(e) for e in edge]
+        m, start = sum(sizes), np.cumsum([0, *sizes])
+        after = np.concatenate([a + np.roll(np.arange(k), -1) for a, k in zip(start, sizes, strict=False)])
+        parts = {"outline": np.arange(start[1])}
+        parts |= {name: np.flatnonzero(edge[0] == n) for name, n in self._edges.items()}
+        parts |= {f"hole-{n}": np.arange(start[n], start[n + 1]) for n in range(1, len(sizes))}
+        level = self._level(X) if self.nucleus_ratio is not None else np.zeros(len(X))
+        return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m), after, parts)
+
+
 @law("shape", "ellipse")
-class Ellipse:
+class Ellipse(_Outlined):
     """Ellipse with semi-axes a along x and b along y, and a nucleus that is like it, about the same centre."""
 
     a: float = quantity("um", "semi-axis a along x", above=0)
     b: float = quantity("um", "semi-axis b along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
+    holes: tuple = holes_of_shape()
 
-    parts = ("surface",)
+    _edges: ClassVar[dict[str, int]] = {}
+
+    def __post_init__(self):
+        """Refuse holes where none can be; the messages are for the user."""
+        self._check_holes()
+
+    @cached_property
+    def _border(self) -> np.ndarray:
+        return self.outline(FINE)
 
     @property
     def area(self) -> float:
-        """Area π a b [µm²]."""
-        return float(np.pi * self.a * self.b)
+        """Area [µm²]: π a b less the holes."""
+        return float(np.pi * self.a * self.b) - sum(np.pi * r**2 for *_, r in self.holes)
 
     def outline(self, n: int = 64) -> np.ndarray:
-        """Polygon of the surface about the centre (n, 2) [µm]."""
+        """Polygon of the outer surface about the centre (n, 2) [µm]."""
         t = 2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi
         return np.column_stack([self.a * np.cos(t), self.b * np.sin(t)])
 
@@ -41,23 +109,48 @@ class Ellipse:
         """Height of the lowest point over the centre [µm], negative."""
         return -self.b
 
-    def particles(self, count: int, refinement: float = 1.0) -> Layout:
-        """`count` particles, along the outline `refinement` times as dense as within."""
-        X, m = fill(self.outline(FINE), count, refinement)
-        level = ((X / [self.a, self.b]) ** 2).sum(axis=1)
-        return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m))
+    def _level(self, X: np.ndarray) -> np.ndarray:
+        return ((X / [self.a, self.b]) ** 2).sum(axis=1)
+
+
+class _Cornered(_Outlined):
+    """A shape with corners.  A nucleus is a smaller copy about the centre of the area."""
+
+    def _check(self) -> None:
+        """Refuse a nucleus or holes where none can be; the messages are for the user."""
+        size = np.ptp(self._border, axis=0).max()
+        if self.nucleus_ratio is not None and not self._sides().min() > 1e-9 * size**2:
+            raise ValueError("nucleus_ratio: a nucleus needs an outline all of which is in sight from the centre of "
+                             "its area")
+        self._check_holes()
+
+    def _sides(self) -> np.ndarray:
+        """Twice the area of the triangle from the centroid to each edge [µm²]."""
+        d = self._border - polygons.centroid(self._border)
+        return polygons.cross(d, np.roll(d, -1, axis=0))
+
+    def _level(self, X: np.ndarray) -> np.ndarray:
+        """Size of the copy of the outline about the centroid on which each of the points X lies (n,) [-]."""
+        c = polygons.centroid(self._border)
+        level, d = np.zeros(len(X)), X - c
+        for p, q in zip(self._border - c, np.roll(self._border, -1, axis=0) - c, strict=True):
+            towards = (polygons.cross(p, d) >= 0) & (polygons.cross(d, q) >= 0)
+            level[towards] = polygons.cross(d[towards], q - p) / polygons.cross(p, q)
+        return level
 
 
 @law("shape", "polygon")
-class Polygon:
+class Polygon(_Cornered):
     """Polygon, convex or not, given by its corners about the cell's centre in either sense.
 
-    A nucleus is a smaller copy about the centre of the area, from where all of the outline has to be in sight.
+    Parts of its surface: edge-1 from the first corner to the second, and so on.  A nucleus is a smaller copy about the
+    centre of the area, from where all of the outline has to be in sight.
     """
 
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
                                minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=True)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
+    holes: tuple = holes_of_shape()
 
     def __post_init__(self):
         """Refuse what bounds no area; the messages are for the user."""
@@ -66,12 +159,9 @@ class Polygon:
         if (pair := polygons.crossing(p)) is not None:
             i, j = ("({:.4g}, {:.4g}) um".format(*p[n]) for n in pair)
             raise ValueError(f"corners: the outline crosses or touches itself: the edge from {i} meets that from {j}")
-        size = np.ptp(self._polygon, axis=0).max()
-        if not self.area > 1e-6 * size**2:
+        if not abs(polygons.area(p)) > 1e-6 * np.ptp(p, axis=0).max() ** 2:
             raise ValueError("corners: the polygon has no area")
-        if self.nucleus_ratio is not None and not self._sides().min() > 1e-9 * size**2:
-            raise ValueError("nucleus_ratio: a nucleus needs an outline all of which is in sight from the centre of "
-                             "its area")
+        self._check()
 
     def _distinct(self) -> np.ndarray:
         """Corners without those that occur twice in a row (k, 2)."""
@@ -79,63 +169,57 @@ class Polygon:
         return p[(p != np.roll(p, -1, axis=0)).any(axis=1)]
 
     @cached_property
-    def _polygon(self) -> np.ndarray:
-        """Corners counterclockwise (k, 2)."""
+    def _border(self) -> np.ndarray:
         p = self._distinct()
         return p if polygons.area(p) > 0 else p[::-1]
 
-    def _sides(self) -> np.ndarray:
-        """Twice the area of the triangle from the centroid to each edge [µm²]."""
-        d = self._polygon - polygons.centroid(self._polygon)
-        return polygons.cross(d, np.roll(d, -1, axis=0))
-
-    parts = ("surface",)
-
-    @property
-    def area(self) -> float:
-        """Area [µm²]."""
-        return abs(polygons.area(self._polygon))
-
-    def outline(self, n: int = 64) -> np.ndarray:
-        """Polygon of the surface (at least n, 2) [µm], with points between the corners."""
-        length = polygons.sides(self._polygon)
-        return _divided(self._polygon, np.ceil(n * length / length.sum()).astype(int))
-
-    def lowest(self) -> float:
-        """Height of the lowest point over the centre [µm]."""
-        return float(self._polygon[:, 1].min())
-
-    def particles(self, count: int, refinement: float = 1.0) -> Layout:
-        """`count` particles, along the outline `refinement` times as dense as within."""
-        X, m = fill(self._polygon, count, refinement)
-        level = np.zeros(len(X)) if self.nucleus_ratio is None else self._level(X)
-        return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m))
-
-    def _level(self, X: np.ndarray) -> np.ndarray:
-        """Size of the copy of the outline about the centroid on which each of the points X lies (n,) [-]."""
-        c = polygons.centroid(self._polygon)
-        level, d = np.zeros(len(X)), X - c
-        for p, q in zip(self._polygon - c, np.roll(self._polygon, -1, axis=0) - c, strict=True):
-            towards = (polygons.cross(p, d) >= 0) & (polygons.cross(d, q) >= 0)
-            level[towards] = polygons.cross(d[towards], q - p) / polygons.cross(p, q)
-        return level
+    @cached_property
+    def _edges(self) -> dict[str, int]:
+        """Edges by their names, in the order of the corners as they are given: numbers of those of `_border`."""
+        p = self._distinct()
+        n = np.arange(len(p))
+        number = n if polygons.area(p) > 0 else (len(p) - 2 - n) % len(p)
+        return {f"edge-{k}": int(i) for k, i in enumerate(number, 1)}
 
 
-def fill(polygon: np.ndarray, count: int, refinement: float) -> tuple[np.ndarray, int]:
-    """`count` particles in a polygon (k, 2): positions (count, 2), those of the surface first, and the number of these.
+@law("shape", "rectangle")
+class Rectangle(_Cornered):
+    """Rectangle about its centre; parts of its surface: bottom, right, top, left."""
 
-    Along the outline they are `refinement` times as dense as within.
+    width: float = quantity("um", "width, along x", above=0)
+    height: float = quantity("um", "height, along y", above=0)
+    nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
+    holes: tuple = holes_of_shape()
+
+    _edges: ClassVar[dict[str, int]] = {"bottom": 0, "right": 1, "top": 2, "left": 3}
+
+    def __post_init__(self):
+        """Refuse holes where none can be; the messages are for the user."""
+        self._check()
+
+    @cached_property
+    def _border(self) -> np.ndarray:
+        return 0.5 * np.array([self.width, self.height]) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+
+
+def fill(loops: list[np.ndarray], count: int, refinement: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """`count` particles in closed loops: positions (count, 2), those of the surface first.
+
+    Of each loop, the edges (m,) as well on which the segments from its particles to the next lie.  Along the surface
+    particles are `refinement` times as dense as within.
 
     Raises ValueError if they are too few for the outline.
     """
+    outline = polygons.joined(loops)
     # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
-    a, b = polygons.area(polygon) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(polygon).sum()
+    a, b = polygons.area(outline) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(outline).sum()
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
-    surface = _along(polygon, h / refinement)
-    if len(surface) >= count or polygons.crossing(surface) is not None:
+    rings, edge = zip(*(_along(loop, h / refinement) for loop in loops), strict=True)
+    surface = np.concatenate(rings)
+    if len(surface) >= count or any(polygons.crossing(ring) is not None for ring in rings):
         raise ValueError(f"{count} particles are too few for such an outline")
-    inner = _lattice(surface, h, count - len(surface))
-    return _spread(np.concatenate([surface, inner]), len(surface)), len(surface)
+    inner = _lattice(polygons.joined(list(rings)), h, count - len(surface))
+    return _spread(np.concatenate([surface, inner]), len(surface)), list(edge)
 
 
 def innermost(level: np.ndarray, m: int, ratio: float | None) -> np.ndarray:
@@ -147,8 +231,11 @@ def innermost(level: np.ndarray, m: int, ratio: float | None) -> np.ndarray:
     return nucleus
 
 
-def _along(polygon: np.ndarray, h: float) -> np.ndarray:
-    """Points in the corners of an outline, as far as they are apart, and evenly about `h` apart between them."""
+def _along(polygon: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points in the corners of an outline, as far as they are apart, and evenly about `h` apart between them (m, 2).
+
+    The edges of the outline, too, on which the middles between them and the next lie (m,) int.
+    """
     edge = np.roll(polygon, -1, axis=0) - polygon
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(edge, axis=1))])
     before = np.roll(edge, 1, axis=0)
@@ -163,8 +250,11 @@ def _along(polygon: np.ndarray, h: float) -> np.ndarray:
         n = max(1 if len(kept) > 2 else 3, round((t - s) / h))
         places.append(s + (t - s) * np.arange(n) / n)
     closed = np.concatenate([polygon, polygon[:1]])
-    s = np.concatenate(places) % arc[-1]
-    return np.column_stack([np.interp(s, arc, closed[:, k]) for k in range(2)])
+    s = np.concatenate(places)
+    middle = 0.5 * (s + np.append(s[1:], s[0] + arc[-1])) % arc[-1]
+    s = s % arc[-1]
+    return (np.column_stack([np.interp(s, arc, closed[:, k]) for k in range(2)]),
+            np.searchsorted(arc, middle, side="right") - 1)
 
 
 def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
@@ -174,30 +264,30 @@ def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
                                                                                        strict=True)])
 
 
-def _lattice(polygon: np.ndarray, h: float, count: int) -> np.ndarray:
-    """`count` points of the widest triangular lattice that has as many inside a polygon, clear of the outline."""
+def _lattice(outline: np.ndarray, h: float, count: int) -> np.ndarray:
+    """`count` points of the widest triangular lattice that has as many inside an outline, clear of it."""
     low, high = 0.3 * h, 2.0 * h
     for _ in range(25):
         s = 0.5 * (low + high)
-        enough = len(_points(polygon, s, CLEARANCE * min(s, h))) >= count
+        enough = len(_points(outline, s, CLEARANCE * min(s, h))) >= count
         low, high = (s, high) if enough else (low, s)
-    points = _points(polygon, low, CLEARANCE * min(low, h))
+    points = _points(outline, low, CLEARANCE * min(low, h))
     if len(points) < count:
         raise ValueError(f"{count} particles do not fit inside such an outline")
-    return points[np.sort(np.argsort(-polygons.distance(points, polygon), kind="stable")[:count])]
+    return points[np.sort(np.argsort(-polygons.distance(points, outline), kind="stable")[:count])]
 
 
-def _points(polygon: np.ndarray, s: float, clearance: float) -> np.ndarray:
-    """Points of a triangular lattice with spacing s inside a polygon, one of them in the centre of its area."""
-    c = polygons.centroid(polygon)
-    low, high = polygon.min(axis=0) - c, polygon.max(axis=0) - c
+def _points(outline: np.ndarray, s: float, clearance: float) -> np.ndarray:
+    """Points of a triangular lattice with spacing s inside an outline, one of them in the centre of its area."""
+    c, corners = polygons.centroid(outline), outline.reshape(-1, 2)
+    low, high = corners.min(axis=0) - c, corners.max(axis=0) - c
     rows = np.arange(np.floor(low[1] / (s * np.sqrt(0.75))), np.ceil(high[1] / (s * np.sqrt(0.75))) + 1)
     columns = np.arange(np.floor(low[0] / s) - 1, np.ceil(high[0] / s) + 1)
     x = s * (columns[None, :] + 0.5 * (rows[:, None] % 2))
     y = np.broadcast_to(s * np.sqrt(0.75) * rows[:, None], x.shape)
     points = c + np.column_stack([x.ravel(), y.ravel()])
-    points = points[polygons.inside(points, polygon)]
-    return points[polygons.distance(points, polygon) > clearance]
+    points = points[polygons.inside(points, outline)]
+    return points[polygons.distance(points, outline) > clearance]
 
 
 def _spread(X: np.ndarray, m: int) -> np.ndarray:

@@ -140,7 +140,8 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
     A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
     missing = surface_normals(X, segments) - np.column_stack([(V @ G).real, (V @ G).imag])
     free = np.ones(n, bool)
-    free[segments[np.arange(3) * len(segments) // 3, 0]] = False  # γ is known up to a linear function, which changes nothing
+    three = np.arange(3) * len(segments) // 3
+    free[segments[three, 0]] = False  # γ is known up to a linear function, which changes nothing
     gamma = np.zeros((n, 2))
     gamma[free] = splu(A.tocsc()[free][:, free], options={"SymmetricMode": True}).solve(missing[free])
     part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))

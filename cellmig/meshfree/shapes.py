@@ -15,14 +15,14 @@ class Layout(NamedTuple):
     X : (n, 2) -- reference positions [µm];  nucleus : (n,) bool -- inside the nucleus;
     surface : (m,) int -- the surface particles, along closed loops: the outer one counterclockwise, holes clockwise;
     after : (m,) int -- position in `surface` of the one that follows, None if all are one loop in this order;
-    parts : by name, positions in `surface` where the segments of a part of the boundary begin.
+    parts : by name, positions in `surface` where the segments of a part of the boundary begin, None if none has one.
     """
 
     X: np.ndarray
     nucleus: np.ndarray
     surface: np.ndarray
     after: np.ndarray | None = None
-    parts: dict[str, np.ndarray] = {}
+    parts: dict[str, np.ndarray] | None = None
 
     @property
     def next(self) -> np.ndarray:

@@ -40,7 +40,7 @@ class Sampler:
         self.watched = np.array([_below_centre(scene, c) for c in range(self.n_cells)])
         self.surface = np.full(scene.size, -1, np.int32)
         for c in range(self.n_cells):
-            self.surface[scene.surface(c)] = np.arange(len(scene.surface(c)))
+            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].after)
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
         self._recovery = csr_rows(scene, m.base, [t.R for t in scene.templates], m.n_owned, m.base.n_rows)
@@ -254,3 +254,9 @@ def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.clip((height - low) / (high - low), 0.0, 1.0)
     return np.where(np.isfinite(high) & (high > low), share, (low < height) & np.isfinite(low))
+
+
+def _places(after: np.ndarray) -> np.ndarray:
+    """Numbers of surface particles along their loops (m,) int, one left out between loops."""
+    place = np.arange(len(after))
+    return place + np.append(0, np.cumsum(after[:-1] != place[1:]))

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import TriMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.path import Path as Polygon
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
+from cellmig.meshfree import polygons
 from cellmig.output.directory import OutputError
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
@@ -140,23 +140,25 @@ def _snapshot(ax: Axes, fields: dict[str, np.ndarray], values: np.ndarray, norm:
         own = fields["cell"] == cell
         triangles, outline = _drawing({name: fields[name][own] for name in ("X", "u", "surface")})
         image = ax.tripcolor(triangles, values[own], norm=norm, cmap="viridis", shading="gouraud", rasterized=True)
-        ax.plot(triangles.x[outline], triangles.y[outline], color="0.1", linewidth=0.6)
+        for loop in outline:
+            ax.plot(triangles.x[loop], triangles.y[loop], color="0.1", linewidth=0.6)
         material = fields["material"][own].astype(float)
         if borders := list(np.unique(material)[:-1] + 0.5):
             ax.tricontour(triangles, material, levels=borders, colors="white", linewidths=0.7)
     return image
 
 
-def _drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, np.ndarray]:
-    """A cell where it is now, in triangles between those who were neighbours at the start; and its closed outline."""
+def _drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, list[np.ndarray]]:
+    """A cell where it is now, in triangles between those who were neighbours at the start; and its closed outlines."""
     reference, x = fields["X"][:, :2], (fields["X"] + fields["u"])[:, :2]
     surface = np.flatnonzero(fields["surface"] >= 0)
     outline = surface[np.argsort(fields["surface"][surface], kind="stable")]
-    outline = np.append(outline, outline[:1])
+    loops = np.split(outline, np.flatnonzero(np.diff(fields["surface"][outline]) > 1) + 1)  # between, one is left out
     triangles = Triangulation(*reference.T).triangles
-    if len(outline) > 3:
-        triangles = triangles[Polygon(reference[outline]).contains_points(reference[triangles].mean(axis=1))]
-    return Triangulation(*x.T, triangles), outline
+    if len(outline) > 2:
+        rings = polygons.joined([reference[loop] for loop in loops])
+        triangles = triangles[polygons.inside(reference[triangles].mean(axis=1), rings)]
+    return Triangulation(*x.T, triangles), [np.append(loop, loop[:1]) for loop in loops]
 
 
 def _displacement(directory: Path) -> Figure | None:
