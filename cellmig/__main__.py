@@ -115,6 +115,7 @@ def _looks(commands: Any) -> None:
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
                         "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
+    _sets(verify)
     bench = commands.add_parser("bench", help="run time against error, and which settings are worth their time")
     what = bench.add_mutually_exclusive_group(required=True)
     what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
@@ -207,6 +208,8 @@ def _in_a_name(text: str) -> str:
 
 def verify(options: argparse.Namespace) -> int:
     """The references; or random scenes, or the sensitivity of the main one."""
+    if options.sets and not options.stress:
+        raise UsageError("--set is for --stress")
     if not (options.stress or options.sensitivity):
         return _references(options)
     if options.only:
@@ -222,7 +225,8 @@ def verify(options: argparse.Namespace) -> int:
         raise UsageError("--quick is for --sensitivity; --stress takes fewer scenes")
     from .study.stress import stress
 
-    return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs)
+    return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs,
+                  options.sets)
 
 
 def _references(options: argparse.Namespace) -> int:

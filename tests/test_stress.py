@@ -74,6 +74,12 @@ def test_toml_holds_what_it_was_made_from(tmp_path: Path) -> None:
     assert tomllib.loads(toml(tables)) == tables
 
 
+def test_a_change_is_made_to_every_scene(tmp_path: Path) -> None:
+    jobs = [stress.prepare(tmp_path, 0, number, ("materials.cytoplasm.stabilisation=2",)) for number in (1, 2)]
+    assert {job.load().materials["cytoplasm"].stabilisation for job in jobs} == {2.0}
+    assert all("stabilisation=2" in job.command() for job in jobs)
+
+
 # ----------------------------------------------------------------------------------------------------------- judgement
 
 

@@ -50,11 +50,14 @@ class Verdict:
     numbers: dict[str, float]
 
 
-def stress(out: Path, count: int, seed: int, at_once: int | None = None) -> int:
-    """Draw `count` scenes, run each a while and judge; returns the exit code, UNSOUND if any ended badly."""
+def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: Sequence[str] = ()) -> int:
+    """Draw `count` scenes, run each a while and judge; returns the exit code, UNSOUND if any ended badly.
+
+    `sets` : "KEY=VALUE", changes to all scenes.
+    """
     discover(model)
     discover(meshfree)
-    jobs = [prepare(out, seed, number) for number in range(count)]
+    jobs = [prepare(out, seed, number, tuple(sets)) for number in range(count)]
     verdicts, progress = [], Count(count)
     with stop_requests() as asked:
         for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), asked, LIMIT):
@@ -64,19 +67,19 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None) -> int:
     if asked:
         return STOPPED
     verdicts.sort(key=lambda v: v.name)
-    (out / "stress.json").write_text(json.dumps({"seed": seed, "scenes": [asdict(v) for v in verdicts]}, indent=1,
-                                                ensure_ascii=False))
+    said = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
+    (out / "stress.json").write_text(json.dumps(said, indent=1, ensure_ascii=False))
     print("\n".join([*table(verdicts), str(out / "stress.json")]))
     return UNSOUND if any(v.ended == "bad" for v in verdicts) else DONE
 
 
-def prepare(out: Path, seed: int, number: int) -> Job:
+def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = ()) -> Job:
     """Write the case file of a scene."""
     folder = out / f"seed{seed}-scene{number:03}"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "case.toml").write_text(toml(scene(seed, number)) + "\n", encoding="utf-8")
     ranks, options = launch(seed, number)
-    return Job(folder.name, folder / "case.toml", (), folder / "run", ("-ts_max_steps", str(STEPS), *options), ranks)
+    return Job(folder.name, folder / "case.toml", sets, folder / "run", ("-ts_max_steps", str(STEPS), *options), ranks)
 
 
 # -------------------------------------------------------------------------------------------------------- judgement
