@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from .plot import COLOURS, STYLE
 from .problems import PROBLEMS, Setting
@@ -104,34 +105,46 @@ def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
     """Log time against log error of each problem: all points, the front, the defaults, other codes."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.5, 4.0), layout="constrained")
-        for ax, (name, problem) in zip(figure.subplots(1, len(PROBLEMS)), PROBLEMS.items(), strict=True):
-            _panel(ax, [p for p in points if p.problem == name], problem.title)
+        figure = Figure(figsize=(10.5, 4.3), layout="constrained")
+        axes = figure.subplots(1, len(PROBLEMS))
+        for ax, (name, problem) in zip(axes, PROBLEMS.items(), strict=True):
+            own = [p for p in points if p.problem == name]
+            _panel(ax, own, problem.title)
             if floor := uncertain.get(name):
                 ax.axhspan(ax.get_ylim()[0], 100.0 * floor, color="0.9", zorder=0)
-                ax.text(0.98, 0.01, "the reference is not known better", transform=ax.transAxes, ha="right", fontsize=6)
+                ax.text(0.03, 0.02, "grey: the reference is not known better", transform=ax.transAxes, fontsize=7)
             if name == "disc":
-                _peers(ax, [p for p in points if p.problem == name and not p.setting.changes])
-            ax.legend(fontsize=6.5, loc="upper right")
+                _peers(ax, [p for p in own if not p.setting.changes])
+        axes[0].set_ylabel("error [%]")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=5)
+        figure.get_layout_engine().set(rect=(0.0, 0.07, 1.0, 0.93))  # room for the legend
         figure.savefig(path)
 
 
 def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
+    """The front is a staircase: between its points nothing that was measured is as good as a line would promise."""
     front, default = pareto(points), sorted((p for p in points if not p.setting.changes), key=lambda p: p.cost)
-    for some, style in ((points, {"marker": ".", "ls": "", "color": "0.75", "label": "all settings"}),
-                        (front, {"marker": ".", "color": COLOURS[0], "label": "Pareto set"}),
-                        (default, {"marker": "s", "ms": 3, "ls": ":", "color": COLOURS[1], "label": "defaults"})):
+    for some, style in ((points, {"marker": ".", "ls": "", "color": "0.65", "mew": 0, "label": "all settings"}),
+                        (front, {"marker": "o", "ms": 3.5, "drawstyle": "steps-post", "color": COLOURS[0],
+                                 "label": "Pareto set"}),
+                        (default, {"marker": "s", "ms": 5, "ls": ":", "color": COLOURS[1],
+                                   "label": "defaults, with their particles"})):
         ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
     for p in default:
-        ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (4, 3), textcoords="offset points", fontsize=5.5,
+        ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (5, 4), textcoords="offset points", fontsize=7,
                     color=COLOURS[1])
-    ax.set(title=title, xlabel="CPU time on one core [s]", ylabel="error [%]")
+    ax.set(title=title, xlabel="CPU time on one core [s]")
     ax.set_ylim(bottom=0.8 * min(100.0 * p.error for p in points))
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("")
+    ax.grid(color="0.9", lw=0.5)
+    ax.set_axisbelow(True)
 
 
 def _peers(ax: Axes, default: Sequence[Point]) -> None:
     """Our default discretisations at what a particle costs other codes: an offset in time, no run of theirs."""
     curve = sorted(default, key=lambda p: p.cost)
-    for (name, ns), colour in zip(PEERS.items(), COLOURS[2:], strict=False):
-        ax.plot([1e-9 * ns * p.steps * p.particles for p in curve], [100.0 * p.error for p in curve], ls="--", lw=0.8,
+    for (name, ns), colour, dashes in zip(PEERS.items(), COLOURS[2:], ("--", "-."), strict=False):
+        ax.plot([1e-9 * ns * p.steps * p.particles for p in curve], [100.0 * p.error for p in curve], ls=dashes, lw=1.0,
                 color=colour, label=f"our particles and steps at {name}'s {ns:g} ns")
