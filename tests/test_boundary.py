@@ -151,6 +151,15 @@ def test_forces_of_a_traction_are_its_integrals_along_the_surface() -> None:
         assert y[b.dead] @ b.dead_force[:, 1] == pytest.approx(-20 * 2 / 3, rel=1e-12)
 
 
+def test_a_load_on_the_body_is_its_integral() -> None:
+    with built(piece(loads=[{"name": "load", "body": ["100 + 30*y Pa/um", "-20*x Pa/um"]}])) as sim:
+        b, V = sim.mechanics.boundary, sim.scene.field("V")
+        assert sorted(b.dead.tolist()) == list(range(sim.scene.size))
+        x = sim.scene.X[b.dead] - CENTRE
+        assert b.dead_force == pytest.approx(V[b.dead, None] * np.column_stack([100 + 30 * x[:, 1], -20 * x[:, 0]]))
+        assert b.dead_force[:, 0].sum() == pytest.approx(800.0, rel=0.01)  # nodal sums; measured below 1e-3
+
+
 def test_a_pressure_in_a_hole_pushes_the_body_apart() -> None:
     blown = {"name": "blown", "parts": ["hole-1"], "pressure": "1 kPa", "history": history("ramp")}
     probes = [{"name": part, "parts": [part]} for part in ("bottom", "top", "left", "hole-1")]
@@ -228,9 +237,10 @@ def test_a_formula_that_is_none_is_refused_and_runs_nothing(text: str) -> None:
     ({"supports": [{"name": "a", "box": [["0 um", "0 um"]]}]}, "two opposite corners"),
     ({"supports": [{"name": "a", "history": {"law": "rmp"}}]}, "did you mean 'ramp'?"),
     ({"supports": [{"name": "a", "history": {"law": "ramp"}}]}, "duration"),
-    ({"loads": [{"name": "a"}]}, "either traction or pressure"),
-    ({"loads": [{"name": "a", "traction": ["1 Pa", "0 Pa"], "pressure": "1 Pa"}]}, "either traction or pressure"),
+    ({"loads": [{"name": "a"}]}, "one of traction, pressure and body"),
+    ({"loads": [{"name": "a", "traction": ["1 Pa", "0 Pa"], "pressure": "1 Pa"}]}, "expects one of"),
     ({"loads": {"name": "a"}}, "[[loads]]"),
+    ({"loads": [{"name": "a", "body": ["1 Pa/um", "0 Pa/um"], "parts": ["edge-1"]}]}, "acts on all of the cells"),
     ({"plates": [{"name": "a", "point": ["0 um", "0 um"], "normal": [0, 0]}]}, "normal: expects a direction"),
     ({**PRESSED, "integrator": "rk"}, "'rk' has no plates"),
 ])

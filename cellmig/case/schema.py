@@ -103,18 +103,23 @@ class Support(OnPart):
 
 @dataclass(frozen=True, kw_only=True)
 class Load(OnPart):
-    """A traction per reference length that keeps its direction, or a pressure that follows the surface."""
+    """A traction that keeps its direction, a pressure that follows the surface, or a force on the whole body."""
 
-    traction: tuple | None = quantity("Pa", "traction, may be formulas of x and y from the centre", None, shape=(2,),
-                                      formula=True)
-    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards", None)
+    traction: tuple | None = quantity("Pa", "force per reference area of the surface, may be formulas of x and y from "
+                                      "the centre", None, shape=(2,), formula=True)
+    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards, may be a formula of x "
+                                      "and y from the centre, where the surface was", None, formula=True)
+    body: tuple | None = quantity("Pa/um", "force per reference volume, may be formulas of x and y from the centre",
+                                  None, shape=(2,), formula=True)
     history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
 
     def __post_init__(self) -> None:
-        """Refuse a load that is none, or two; the message is for the user."""
+        """Refuse a load that is none, or two; the messages are for the user."""
         super().__post_init__()
-        if (self.traction is None) == (self.pressure is None):
-            raise ValueError("expects either traction or pressure")
+        if sum(load is not None for load in (self.traction, self.pressure, self.body)) != 1:
+            raise ValueError("expects one of traction, pressure and body")
+        if self.body is not None and (self.parts or self.box):
+            raise ValueError("body: acts on all of the cells; parts and box are for what acts on the surface")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,8 @@ class Boundary:
 
     histories : the time laws;  names : of the supports, then of the plates, in whose columns reactions stand;
     held : (k, 2) int -- particle and component;  held_value : (k,) [µm];  held_history, held_support : (k,) int;
-    dead : (d,) int -- particles under dead loads;  dead_force : (d, 2) [pN/µm];  dead_history : (d,) int;
+    dead : (d,) int -- particles under tractions and loads on bodies;  dead_force : (d, 2) [pN/µm];
+    dead_history : (d,) int;
     pressed : (p, 2) int -- ends of segments under pressure;  pressure : (p,) [Pa];  pressed_history : (p,) int;
     plate : (n, 6) -- unit normal, point [µm], displacement [µm];  plate_history : (n,) int.
     """
@@ -151,19 +152,27 @@ def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.
 
 
 def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Particles (d,), forces (d, 2) and loads (d,) of tractions, integrated along the segments."""
+    """Particles (d,), forces (d, 2) and loads (d,): tractions by their integrals along segments, bodies by V."""
     ids, forces, loads = [], [], []
     for number, load in enumerate(case.loads):
-        for cell in _cells(load, who) if load.traction is not None else ():
-            X, ends = scene.templates[scene.kind[cell]].X, segments_of(load, scene, cell)
-            force = tractions(X, ends, lambda x, t=load.traction: np.column_stack([evaluate(c, x) for c in t]))
-            on = np.unique(ends)
+        for cell in _cells(load, who) if load.pressure is None else ():
+            t = scene.templates[scene.kind[cell]]
+            if load.body is not None:
+                on, force = np.arange(len(t.X)), t.V[:, None] * _vectors(load.body, t.X)
+            else:
+                ends = segments_of(load, scene, cell)
+                on, force = np.unique(ends), tractions(t.X, ends, lambda x, f=load.traction: _vectors(f, x))
             ids.append(scene.offset[cell] + on)
             forces.append(force[on])
             loads.append(np.full(len(on), number))
     if not ids:
         return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
     return np.concatenate(ids), np.concatenate(forces), np.concatenate(loads)
+
+
+def _vectors(components: tuple, X: np.ndarray) -> np.ndarray:
+    """Values (n, 2) of two numbers or formulas at places (n, 2)."""
+    return np.column_stack([evaluate(c, X) for c in components])
 
 
 def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
@@ -184,7 +193,7 @@ def _pressed(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, 
         for cell in _cells(load, who) if load.pressure is not None else ():
             found = segments_of(load, scene, cell)
             ends.append(scene.offset[cell] + found)
-            values.append(np.full(len(found), load.pressure))
+            values.append(evaluate(load.pressure, scene.templates[scene.kind[cell]].X[found].mean(axis=1)))
             loads.append(np.full(len(found), number))
     return np.concatenate(ends), np.concatenate(values), np.concatenate(loads)
 
