@@ -53,6 +53,11 @@ class Template:
         """Position in `surface` of the one that each surface particle follows (m,) int."""
         return np.argsort(self.after)
 
+    @cached_property
+    def loop(self) -> np.ndarray:
+        """Number of the closed loop that each surface particle is on, 0 for the outer one (m,) int."""
+        return np.append(0, np.cumsum(self.after[:-1] != np.arange(1, len(self.after))))
+
     def _by_law(self, attribute: str) -> np.ndarray:
         body, nucleus = self.laws
         inside = getattr(nucleus if nucleus is not None else body, attribute)

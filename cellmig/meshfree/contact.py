@@ -15,7 +15,8 @@ class Surfaces:
     """All closed polylines of the scene, one after the other; indices run through them.
 
     ids : (m,) -- global ids of the surface particles;  cell : (m,);  after, before : (m,) -- neighbours in the
-    polyline;  length : (m,) -- reference length of the segment from a particle to the next [µm].
+    polyline;  length : (m,) -- reference length of the segment from a particle to the next [µm];  outer : (m,) bool --
+    not in a hole, where there are no bonds and nothing protrudes.
     """
 
     ids: np.ndarray
@@ -23,6 +24,7 @@ class Surfaces:
     after: np.ndarray
     before: np.ndarray
     length: np.ndarray
+    outer: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene) -> Surfaces:
@@ -33,7 +35,8 @@ class Surfaces:
         before = np.argsort(after)
         cell = np.repeat(np.arange(len(rings)), np.diff(start))
         length = np.concatenate([scene.templates[k].segment_length for k in scene.kind])
-        return cls(np.concatenate(rings), cell, after, before, length)
+        outer = np.concatenate([scene.templates[k].loop == 0 for k in scene.kind])
+        return cls(np.concatenate(rings), cell, after, before, length, outer)
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float) -> ContactLis
     """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them."""
     longest = np.linalg.norm(x[surfaces.after] - x, axis=1).max()
     pairs = cKDTree(x).query_pairs(reach + 0.5 * longest, output_type="ndarray")
-    pairs = pairs[surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]]
+    pairs = pairs[(surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]) & surfaces.outer[pairs].all(axis=1)]
     near = np.concatenate([pairs, pairs[:, ::-1]])  # (particle, particle of another cell)
     segments = np.concatenate([near, np.column_stack([near[:, 0], surfaces.before[near[:, 1]]])])
     n_cells = surfaces.cell.max() + 1

@@ -67,5 +67,5 @@ def _crossings(s: Surfaces, x: np.ndarray) -> list[list[int]]:
 
 def _depth(s: Surfaces, x: np.ndarray, a: int, b: int) -> float:
     """How deep the corners of one of two cells lie within the other [µm]."""
-    one, other = x[s.cell == a], x[s.cell == b]
+    one, other = x[(s.cell == a) & s.outer], x[(s.cell == b) & s.outer]
     return max(polygons.depth(one, other), polygons.depth(other, one))

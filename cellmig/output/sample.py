@@ -40,7 +40,7 @@ class Sampler:
         self.watched = np.array([_below_centre(scene, c) for c in range(self.n_cells)])
         self.surface = np.full(scene.size, -1, np.int32)
         for c in range(self.n_cells):
-            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].after)
+            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
         self._recovery = csr_rows(scene, m.base, [t.R for t in scene.templates], m.n_owned, m.base.n_rows)
@@ -256,7 +256,6 @@ def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
     return np.where(np.isfinite(high) & (high > low), share, (low < height) & np.isfinite(low))
 
 
-def _places(after: np.ndarray) -> np.ndarray:
+def _places(loop: np.ndarray) -> np.ndarray:
     """Numbers of surface particles along their loops (m,) int, one left out between loops."""
-    place = np.arange(len(after))
-    return place + np.append(0, np.cumsum(after[:-1] != place[1:]))
+    return np.arange(len(loop)) + loop

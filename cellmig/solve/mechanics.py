@@ -137,7 +137,7 @@ class Mechanics:
         self.alpha = np.zeros(len(s.ids))
         if self.terms.protrusion is not None:
             for c in np.flatnonzero(protruding):
-                on = s.cell == c
+                on = (s.cell == c) & s.outer
                 self.alpha[on] = roughness(s.length[on], self.terms.protrusion, seed, c)
 
     def _director(self) -> Director | None:
@@ -192,10 +192,10 @@ class Mechanics:
         if t.substrate is not None:
             reach = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
             ends = np.column_stack([self._segments, s.after[self._segments]])
-            near = np.flatnonzero(x[ends, 1].min(axis=1) < reach + SKIN)
+            near = np.flatnonzero((x[ends, 1].min(axis=1) < reach + SKIN) & s.outer[self._segments])
             k["near"], k["n_near"] = near, len(near)
         if t.protrusion is not None:
-            mean = np.bincount(s.cell, x[:, 0]) / np.bincount(s.cell)
+            mean = np.bincount(s.cell[s.outer], x[s.outer, 0]) / np.bincount(s.cell[s.outer])
             push = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha
             push *= t.protrusion.front(x[:, 0] - mean[s.cell])
             k["push"][:] = push[ends]
