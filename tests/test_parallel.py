@@ -145,6 +145,7 @@ RUNS: dict[str, Callable[[], Case]] = {
                                     'director.start="radial"'),
     "three active cells under a body force": lambda: case("all_protrude", 'materials.cytoplasm.zeta="-300 Pa"',
                                               'body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]'),
+    "a cell from a mesh": lambda: case("mesh"),
     "rk": lambda: case("paper", "cells.0.repeat=[2]", 'time.integrator="rk"', 'time.step="1 ns"'),
 }
 AS_LONG = 0.2  # µs

@@ -14,9 +14,13 @@ from cellmig.case.messages import CaseError
 from cellmig.case.registry import laws
 from cellmig.meshfree import polygons, rkpm
 from cellmig.meshfree.body import Template, template
+from cellmig.meshfree.mesh_file import Boundary
 
 STAR = [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [5.0, 2.5] * 5, strict=True)]
 T = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+WAVY = (5 + 0.5 * np.cos(4 * T[::6]))[:, None] * np.column_stack([np.cos(T[::6]), np.sin(T[::6])])
+MESH = Boundary((tuple(map(tuple, WAVY.tolist())),), (("core", (tuple(map(tuple, (0.4 * WAVY + 0.5).tolist())),)),),
+                (("left", tuple(range(13, 38))), ("right", (*range(13), *range(38, 50)))))
 LOBES = (5 + 1.5 * np.cos(3 * T))[:, None] * np.column_stack([np.cos(T), np.sin(T)])
 # name: (registered shape, its parameters, fewest particles that resolve it, least V/h² measured)
 SHAPES = {
@@ -34,6 +38,7 @@ SHAPES = {
     "plate with holes": ("rectangle", {"width": 8.0, "height": 6.0, "holes": ((-2.0, 0.5, 1.2), (2.0, 0.0, 1.0))}, 150,
                          0.13),
     "ring": ("ellipse", {"a": 4.0, "b": 4.0, "holes": ((0.0, 0.0, 2.0),)}, 60, 0.2),
+    "mesh": ("mesh", {"file": MESH, "unit": 1.0, "nucleus_region": "core"}, 19, 0.2),
     "smooth outline": ("polygon", {"corners": tuple(map(tuple, LOBES.tolist())), "nucleus_ratio": 0.3}, 19, 0.20),
 }
 COUNTS = [19, 60, 150, 331, 1000]
@@ -203,7 +208,7 @@ C = [(0, 0), (6, 0), (6, 2), (1, 2), (1, 4), (6, 4), (6, 6), (0, 6)]
     ([(0, 0), (4, 0)], {}, "corners: a polygon has at least three"),
     ([(0, 0), (4, 0), (8, 0)], {}, "corners: the"),
     ([(0, 0), (0, 0), (0, 0)], {}, "corners: a polygon has at least three"),
-    (C, {"nucleus_ratio": 0.3, "nucleus": "nucleus"}, "all of which is in sight from the centre"),
+    (C, {"nucleus_ratio": 0.3, "nucleus": "nucleus"}, "about the centre of its area, does not lie within it"),
 ])
 def test_outlines_that_bound_no_cell_are_refused(corners: list, more: dict, message: str) -> None:
     with pytest.raises(CaseError) as error:

@@ -102,11 +102,12 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
     """A nucleus has a size and a material, or neither."""
-    ratio = getattr(cell.shape, "nucleus_ratio", None)
-    if cell.nucleus is not None and ratio is None:
-        source.wrong((*path, "nucleus"), "a nucleus has a size, too: nucleus_ratio is missing")
-    elif cell.nucleus is None and ratio is not None:
-        source.wrong((*path, "nucleus_ratio"), "a nucleus has a material, too: nucleus is missing")
+    key = next((k for k in declared(type(cell.shape)) if k.startswith("nucleus_")), "nucleus_ratio")
+    size = getattr(cell.shape, key, None)
+    if cell.nucleus is not None and size is None:
+        source.wrong((*path, "nucleus"), f"a nucleus has a size, too: {key} is missing")
+    elif cell.nucleus is None and size is not None:
+        source.wrong((*path, key), "a nucleus has a material, too: nucleus is missing")
 
 
 def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:

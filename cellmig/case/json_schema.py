@@ -82,6 +82,8 @@ def _value(f: Any) -> dict:
         leaf["enum"] = list(meta["choices"])
     for n in reversed(meta.get("shape") or ((None,) if "items" in meta else ())):
         leaf = {"type": "array", "items": leaf} | ({"minItems": n, "maxItems": n} if n else {})
+    if "reader" in meta:
+        leaf = {"type": "object"}
     if meta.get("or_file"):
         leaf = {"anyOf": [leaf, {"type": "string"}]}
     limits = bounds(meta) and f", {bounds(meta)}"

@@ -9,7 +9,6 @@ from typing import Any
 from . import accuracy, registry, values
 from .checks import cell_names, check, expand, ordered, resolution
 from .messages import CaseError, show, suggest
-from .outline_file import corners
 from .schema import Case, Cell, case_fields, case_path
 from .source import Source, read
 from .values import declared
@@ -195,7 +194,7 @@ class _Reader:
             if f.metadata.get("or_file") and isinstance(value, str):
                 place = self.source.place(path)[0]
                 folder = "" if place.startswith("--set ") else os.path.dirname(place)
-                value = corners(os.path.join(folder, value))
+                value = f.metadata["or_file"](os.path.join(folder, value))
             found = values.read(f, value)
         except ValueError as error:
             self.wrong(path, str(error))

@@ -37,6 +37,8 @@ def read(field: dataclasses.Field, value: Any) -> Any:
     meta = field.metadata
     if isinstance(value, str) and value in meta.get("words", ()):
         return value
+    if "reader" in meta:
+        return meta["reader"](value)
     if "unit" in meta:
         return _nested(meta, meta.get("shape", ()), value, _quantity)
     if "items" in meta:
@@ -50,6 +52,8 @@ def write(field: dataclasses.Field, value: Any) -> Any:
         return [write(field, item) for item in value]
     if isinstance(value, Expression):
         return value.text
+    if "reader" in field.metadata:
+        return value.written()
     if isinstance(value, float) and field.metadata.get("unit"):
         return units.text(value, field.metadata["unit"])
     return value
@@ -57,7 +61,7 @@ def write(field: dataclasses.Field, value: Any) -> Any:
 
 def example(field: dataclasses.Field) -> str:
     """What could be written for a field, in TOML."""
-    plain = {"str": '"…"', "bool": "true"}.get(type_name(field), "1")
+    plain = '"…"' if "reader" in field.metadata else {"str": '"…"', "bool": "true"}.get(type_name(field), "1")
     return _example(field.metadata, field.metadata.get("shape", ()), plain)
 
 

@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.spatial import Delaunay
 
+from ..case.outline_file import corners
 from ..case.registry import law, parameter, quantity
 from . import polygons
+from .resample import along
 from .shapes import Layout
 
-CORNER = np.radians(30.0)  # an outline that turns by more has a corner there, in which a particle is put
 CLEARANCE = 0.6  # least distance of inner particles from the outline at first, in spacings
 ROUNDS = 30  # in which the inner particles spread evenly
 FINE = 2000  # points of the polygon that stands for an ellipse
@@ -24,8 +25,14 @@ def holes_of_shape() -> Any:
                     shape=(None, 3))
 
 
-class _Outlined:
-    """A shape by its outline: what is common to them.  `_border` is the outer loop, counterclockwise (k, 2)."""
+class Outlined:
+    """A shape by its outline: what is common to them.
+
+    `_border` is the outer loop, counterclockwise (k, 2);  `_edges` names edges by their numbers, counted through all
+    loops;  `_fixed` holds, of each loop, corners in which there has to be a particle.
+    """
+
+    _fixed: ClassVar[Any] = None
 
     @cached_property
     def _loops(self) -> list[np.ndarray]:
@@ -47,7 +54,8 @@ class _Outlined:
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of parts of its surface: all of it, its outer loop, edges of that, holes."""
-        return ("surface", "outline", *self._edges, *(f"hole-{n}" for n in range(1, len(self.holes) + 1)))
+        holes = (f"hole-{n}" for n in range(1, len(self._loops)))
+        return tuple(dict.fromkeys(["surface", "outline", *self._edges, *holes]))
 
     @property
     def area(self) -> float:
@@ -65,19 +73,21 @@ class _Outlined:
 
     def particles(self, count: int, refinement: float = 1.0) -> Layout:
         """`count` particles, along the surface `refinement` times as dense as within."""
-        X, edge = fill(self._loops, count, refinement)
+        X, edge = fill(self._loops, count, refinement, self._fixed)
         sizes = [len(e) for e in edge]
         m, start = sum(sizes), np.cumsum([0, *sizes])
         after = np.concatenate([a + np.roll(np.arange(k), -1) for a, k in zip(start, sizes, strict=False)])
+        first = np.cumsum([0, *map(len, self._loops)])
+        number = np.concatenate([k + e for k, e in zip(first, edge, strict=False)])
         parts = {"outline": np.arange(start[1])}
-        parts |= {name: np.flatnonzero(edge[0] == n) for name, n in self._edges.items()}
         parts |= {f"hole-{n}": np.arange(start[n], start[n + 1]) for n in range(1, len(sizes))}
+        parts |= {name: np.flatnonzero(np.isin(number, n)) for name, n in self._edges.items()}
         level = self._level(X) if self.nucleus_ratio is not None else np.zeros(len(X))
         return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m), after, parts)
 
 
 @law("shape", "ellipse")
-class Ellipse(_Outlined):
+class Ellipse(Outlined):
     """Ellipse with semi-axes a along x and b along y, and a nucleus that is like it, about the same centre."""
 
     a: float = quantity("um", "semi-axis a along x", above=0)
@@ -113,21 +123,17 @@ class Ellipse(_Outlined):
         return ((X / [self.a, self.b]) ** 2).sum(axis=1)
 
 
-class _Cornered(_Outlined):
+class _Cornered(Outlined):
     """A shape with corners.  A nucleus is a smaller copy about the centre of the area."""
 
     def _check(self) -> None:
         """Refuse a nucleus or holes where none can be; the messages are for the user."""
-        size = np.ptp(self._border, axis=0).max()
-        if self.nucleus_ratio is not None and not self._sides().min() > 1e-9 * size**2:
-            raise ValueError("nucleus_ratio: a nucleus needs an outline all of which is in sight from the centre of "
-                             "its area")
+        if self.nucleus_ratio is not None:
+            c, copy = polygons.centroid(self._border), self.outline(FINE)
+            if not polygons.inside(c + self.nucleus_ratio * (copy - c), self._border).all():
+                raise ValueError("nucleus_ratio: a copy of the outline of that size, about the centre of its area, "
+                                 "does not lie within it")
         self._check_holes()
-
-    def _sides(self) -> np.ndarray:
-        """Twice the area of the triangle from the centroid to each edge [µm²]."""
-        d = self._border - polygons.centroid(self._border)
-        return polygons.cross(d, np.roll(d, -1, axis=0))
 
     def _level(self, X: np.ndarray) -> np.ndarray:
         """Size of the copy of the outline about the centroid on which each of the points X lies (n,) [-]."""
@@ -135,7 +141,8 @@ class _Cornered(_Outlined):
         level, d = np.zeros(len(X)), X - c
         for p, q in zip(self._border - c, np.roll(self._border, -1, axis=0) - c, strict=True):
             towards = (polygons.cross(p, d) >= 0) & (polygons.cross(d, q) >= 0)
-            level[towards] = polygons.cross(d[towards], q - p) / polygons.cross(p, q)
+            size = polygons.cross(d[towards], q - p) / polygons.cross(p, q)
+            level[towards] = np.maximum(level[towards], size)  # of several edges that way, the nearest
         return level
 
 
@@ -148,7 +155,7 @@ class Polygon(_Cornered):
     """
 
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
-                               minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=True)
+                               minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=corners)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
     holes: tuple = holes_of_shape()
 
@@ -202,7 +209,8 @@ class Rectangle(_Cornered):
         return 0.5 * np.array([self.width, self.height]) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
-def fill(loops: list[np.ndarray], count: int, refinement: float) -> tuple[np.ndarray, list[np.ndarray]]:
+def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.ndarray] | None = None
+         ) -> tuple[np.ndarray, list[np.ndarray]]:
     """`count` particles in closed loops: positions (count, 2), those of the surface first.
 
     Of each loop, the edges (m,) as well on which the segments from its particles to the next lie.  Along the surface
@@ -214,7 +222,8 @@ def fill(loops: list[np.ndarray], count: int, refinement: float) -> tuple[np.nda
     # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
     a, b = polygons.area(outline) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(outline).sum()
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
-    rings, edge = zip(*(_along(loop, h / refinement) for loop in loops), strict=True)
+    corners = fixed or [None] * len(loops)
+    rings, edge = zip(*(along(loop, h / refinement, at) for loop, at in zip(loops, corners, strict=True)), strict=True)
     surface = np.concatenate(rings)
     if len(surface) >= count or any(polygons.crossing(ring) is not None for ring in rings):
         raise ValueError(f"{count} particles are too few for such an outline")
@@ -229,32 +238,6 @@ def innermost(level: np.ndarray, m: int, ratio: float | None) -> np.ndarray:
         number = np.clip(round(ratio**2 * (len(level) - 0.5 * m)), 1, len(level) - m)
         nucleus[m + np.argsort(level[m:], kind="stable")[:number]] = True
     return nucleus
-
-
-def _along(polygon: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points in the corners of an outline, as far as they are apart, and evenly about `h` apart between them (m, 2).
-
-    The edges of the outline, too, on which the middles between them and the next lie (m,) int.
-    """
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(edge, axis=1))])
-    before = np.roll(edge, 1, axis=0)
-    turn = np.abs(np.arctan2(polygons.cross(before, edge), (before * edge).sum(axis=1)))
-    kept: list[float] = []
-    for s in arc[:-1][turn > CORNER]:
-        if not kept or min(s - kept[-1], kept[0] + arc[-1] - s) > 0.5 * h:
-            kept.append(float(s))
-    kept = kept or [0.0]
-    places = []
-    for s, t in zip(kept, [*kept[1:], kept[0] + arc[-1]], strict=True):
-        n = max(1 if len(kept) > 2 else 3, round((t - s) / h))
-        places.append(s + (t - s) * np.arange(n) / n)
-    closed = np.concatenate([polygon, polygon[:1]])
-    s = np.concatenate(places)
-    middle = 0.5 * (s + np.append(s[1:], s[0] + arc[-1])) % arc[-1]
-    s = s % arc[-1]
-    return (np.column_stack([np.interp(s, arc, closed[:, k]) for k in range(2)]),
-            np.searchsorted(arc, middle, side="right") - 1)
 
 
 def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:

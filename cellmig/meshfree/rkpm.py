@@ -140,10 +140,20 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
     A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
     missing = surface_normals(X, segments) - np.column_stack([(V @ G).real, (V @ G).imag])
     free = np.ones(n, bool)
-    three = np.arange(3) * len(segments) // 3
-    free[segments[three, 0]] = False  # γ is known up to a linear function, which changes nothing
+    free[_three(X, segments[:, 0])] = False  # γ is known up to a linear function, which changes nothing
     gamma = np.zeros((n, 2))
     gamma[free] = splu(A.tocsc()[free][:, free], options={"SymmetricMode": True}).solve(missing[free])
     part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
     D = V[rows] * (part[:, 0] + 1j * part[:, 1])
     return _closed(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))
+
+
+def _three(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Three surface particles that are not on one line (3,) int."""
+    three = surface[np.arange(3) * len(surface) // 3]
+    a, b, c = X[three]
+    if abs(polygons.cross(b - a, c - a)) < 0.1 * (np.ptp(X[surface], axis=0) ** 2).min():  # as may be, with holes
+        second = surface[np.linalg.norm(X[surface] - a, axis=1).argmax()]
+        third = surface[np.abs(polygons.cross(X[second] - a, X[surface] - a)).argmax()]
+        three = np.array([three[0], second, third])
+    return three
