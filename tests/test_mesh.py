@@ -7,7 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from scenes import CASES, built
+from scenes import CASES, built, case
 
 from cellmig.case.load import from_dict, load
 from cellmig.case.messages import CaseError
@@ -54,12 +54,12 @@ def meshed(folder: Path, keys: str, name: str = "cell.msh") -> Case:
 
 def test_a_mesh_gives_the_area_the_hole_the_nucleus_and_the_parts(tmp_path: Path) -> None:
     plate(tmp_path / "cell.msh")
-    case = meshed(tmp_path, 'unit = "500 nm"\nnucleus_region = "core"\nnucleus = "nucleus"')
-    shape = case.cells[0].shape
+    found = meshed(tmp_path, 'unit = "500 nm"\nnucleus_region = "core"\nnucleus = "nucleus"')
+    shape = found.cells[0].shape
     assert shape.area == pytest.approx(23 * 0.25, rel=1e-12)
     assert shape.lowest() == 0.0
     assert {"surface", "outline", "hole-1", "foot"} <= set(shape.parts) and not {"bare", "core"} & set(shape.parts)
-    with built(case) as sim:
+    with built(found) as sim:
         t = sim.scene.templates[0]
     assert t.V.sum() == pytest.approx(shape.area, rel=1e-12)  # its corners are kept, so nothing is cut off
     assert t.V[t.nucleus].sum() == pytest.approx(2 * 0.25, rel=0.15)  # 17 particles of 200; measured
@@ -71,9 +71,9 @@ def test_a_mesh_gives_the_area_the_hole_the_nucleus_and_the_parts(tmp_path: Path
 
 def test_a_case_from_a_mesh_needs_the_file_no_more(tmp_path: Path) -> None:
     plate(tmp_path / "cell.msh")
-    case = meshed(tmp_path, 'unit = "1 um"')
+    found = meshed(tmp_path, 'unit = "1 um"')
     (tmp_path / "cell.msh").unlink()
-    assert from_dict(case.resolved()).cells == case.cells
+    assert from_dict(found.resolved()).cells == found.cells
 
 
 @pytest.mark.parametrize("ending", ["vtk", "vtu", "stl", "inp", "mesh", "xdmf", "ply", "off"])
@@ -205,3 +205,18 @@ def test_rough_outlines_get_particles_evenly_and_a_nucleus(name: str, clockwise:
     assert shape.area == pytest.approx(polygons.area(SMOOTH), rel=0.01)
     assert layout.nucleus.sum() / 400 == pytest.approx(0.09, rel=0.1)
     assert np.linalg.norm(layout.X[layout.nucleus] - polygons.centroid(SMOOTH), axis=1).max() < 0.4 * 5.0
+
+
+@pytest.mark.parametrize(("name", "grown", "moved"), [("outline", 2.5, 0.14), ("mesh", 1.9, 0.08)])
+def test_a_cell_from_a_file_attaches_spreads_and_crawls_if_it_protrudes(name: str, grown: float, moved: float) -> None:
+    def after(*sets: str) -> tuple[float, float]:
+        with built(case(name, *sets, per_cell=150)) as sim:
+            start = sim.sample()[0][1]
+            sim.go(40.0)
+            (_, cell), ledger = sim.sample()
+            assert ledger["closure"] < 0.01  # measured 0.0034
+            return cell["substrate_contact_um"] - start["substrate_contact_um"], cell["ux_um"]
+
+    contact, way = after()
+    _, still = after("protrusion.cells=[]")
+    assert contact > grown and way > moved and abs(still) < 1e-12  # measured 2.98, 0.17; 2.24, 0.10; 1e-16

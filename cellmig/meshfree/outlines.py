@@ -151,7 +151,7 @@ class Polygon(_Cornered):
     """Polygon, convex or not, given by its corners about the cell's centre in either sense.
 
     Parts of its surface: edge-1 from the first corner to the second, and so on.  A nucleus is a smaller copy about the
-    centre of the area, from where all of the outline has to be in sight.
+    centre of the area, and has to lie within.
     """
 
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
