@@ -11,6 +11,8 @@ from scenes import built, case
 from mpi4py import MPI
 
 from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError
+from cellmig.meshfree.body import abs_part
 
 HOLE = ["0 um", "-2.5 um", "1.4 um"]  # leaves 0.1 um below it: bonds would reach it
 
@@ -74,3 +76,49 @@ def test_a_hollow_cell_keeps_its_energy_and_the_same_bits_on_any_number_of_ranks
             assert sim.sample()[1]["closure"] < 0.003  # measured 0.0019
             hashes.append(sim.state_hash())
     assert hashes[0] == hashes[1]
+
+
+def um(*corners: tuple[float, float]) -> list:
+    return [[f"{x} um", f"{y} um"] for x, y in corners]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("cutouts", "message"), [
+    ([um((0, 0), (1, 0))], "cutouts: that of 2 corners at (0, 0) um has no area"),
+    ([[]], "cutouts: that of 0 corners has no area"),
+    ([um((0, 0), (1, 1), (1, 0), (0, 1))], "cutouts: that of 4 corners at (0, 0) um crosses or touches itself"),
+    ([um((0, 0), (5, 0), (0, 1))], "is not inside the outline"), ([um((5, 5), (6, 5), (6, 6))], "is not inside"),
+    ([um((-3.9, 0.5), (3.9, 0.5), (0, -0.5)), um((0, 0), (0.5, 0), (0, 0.2))], "and another hole overlap"),
+    ([um((0, 0), (2, 0), (0, -3))], "at (0, 0) um and another hole overlap"),  # a circle
+    ([um((-0.1, -2.5), (0.1, -2.5), (0, -2.4))], "and another hole overlap"),  # within the circle
+])
+def test_holes_that_are_none_are_refused(cutouts: list, message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        from_dict(hollow(cutouts=cutouts))
+    assert message in str(error.value)
+
+
+@pytest.mark.serial
+def test_a_hole_too_small_for_its_particles_is_a_mistake_of_the_case() -> None:
+    small = from_dict(hollow(holes=[["0 um", "1 um", "0.2 um"]]))
+    with pytest.raises(CaseError, match=r"'A': 300 particles are too few for the hole at .*, 1\) um"), built(small):
+        pass
+
+
+@pytest.mark.serial
+def test_a_uniform_stress_balances_tractions_on_all_loops() -> None:
+    """What the body pulls at its particles is what the stress pulls along the outline and around the holes."""
+    hook = um((-2, -2), (1, -2), (1, -1), (-1, -1), (-1, 0.5), (-2, 0.5))
+    with built(from_dict(hollow(holes=[["0 um", "2 um", "1 um"]], cutouts=[hook]))) as sim:
+        t, stress = sim.scene.templates[0], np.array([[3.0, -1.0], [-1.0, 2.0]])
+        gradient = [abs_part(t.G, part) for part in ("real", "imag")]
+        pulled = np.column_stack([sum(g.T @ (t.V * stress[i, j]) for j, g in enumerate(gradient)) for i in range(2)])
+        ends = t.X[t.segments]
+        along = ends[:, 1] - ends[:, 0]
+        traction = 0.5 * np.column_stack([along[:, 1], -along[:, 0]]) @ stress
+        expected = np.zeros_like(t.X)
+        for k in range(2):
+            np.add.at(expected, t.segments[:, k], traction)
+        assert np.abs(pulled - expected).max() < 1e-11  # measured 3e-14
+        for loop in range(3):
+            assert np.abs(along[t.loop == loop].sum(axis=0)).max() < 1e-13  # measured 3e-15: so do normals

@@ -10,19 +10,14 @@ from scipy.spatial import Delaunay
 
 from ..case.outline_file import corners
 from ..case.registry import law, parameter, quantity
-from . import polygons
+from . import hollow, polygons
 from .resample import along
 from .shapes import Layout
 
+COARSE = 0.6  # least area of a hole's particles over its own, below which it is not resolved
 CLEARANCE = 0.6  # least distance of inner particles from the outline at first, in spacings
 ROUNDS = 30  # in which the inner particles spread evenly
 FINE = 2000  # points of the polygon that stands for an ellipse
-
-
-def holes_of_shape() -> Any:
-    """The parameter for the circular holes of a shape."""
-    return quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
-                    shape=(None, 3))
 
 
 class Outlined:
@@ -37,25 +32,13 @@ class Outlined:
     @cached_property
     def _loops(self) -> list[np.ndarray]:
         """Outer loop, and clockwise the holes."""
-        turn = -2.0 * np.pi * np.arange(FINE) / FINE
-        return [self._border, *(np.array([x, y]) + r * np.column_stack([np.cos(turn), np.sin(turn)])
-                                for x, y, r in self.holes)]
-
-    def _check_holes(self) -> None:
-        """Refuse holes that reach the outline or each other; the messages are for the user."""
-        for n, (x, y, r) in enumerate(self.holes):
-            middle = np.array([[x, y]])
-            if not (r > 0.0 and polygons.inside(middle, self._border) and polygons.distance(middle, self._border) > r):
-                raise ValueError(f"holes: that at ({x:.4g}, {y:.4g}) um is not inside the outline")
-            for a, b, s in self.holes[:n]:
-                if np.hypot(x - a, y - b) <= r + s:
-                    raise ValueError(f"holes: those at ({a:.4g}, {b:.4g}) um and ({x:.4g}, {y:.4g}) um overlap")
+        return [self._border, *hollow.loops(self)]
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of parts of its surface: all of it, its outer loop, edges of that, holes."""
-        holes = (f"hole-{n}" for n in range(1, len(self._loops)))
-        return tuple(dict.fromkeys(["surface", "outline", *self._edges, *holes]))
+        inner = (f"hole-{n}" for n in range(1, len(self._loops)))
+        return tuple(dict.fromkeys(["surface", "outline", *self._edges, *inner]))
 
     @property
     def area(self) -> float:
@@ -93,13 +76,14 @@ class Ellipse(Outlined):
     a: float = quantity("um", "semi-axis a along x", above=0)
     b: float = quantity("um", "semi-axis b along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = holes_of_shape()
+    holes: tuple = hollow.circles()
+    cutouts: tuple = hollow.cutouts()
 
     _edges: ClassVar[dict[str, int]] = {}
 
     def __post_init__(self):
         """Refuse holes where none can be; the messages are for the user."""
-        self._check_holes()
+        hollow.check(self, self._border)
 
     @cached_property
     def _border(self) -> np.ndarray:
@@ -108,7 +92,8 @@ class Ellipse(Outlined):
     @property
     def area(self) -> float:
         """Area [µm²]: π a b less the holes."""
-        return float(np.pi * self.a * self.b) - sum(np.pi * r**2 for *_, r in self.holes)
+        polygonal = sum(map(polygons.area, hollow.loops(self)[len(self.holes):]))  # negative
+        return float(np.pi * self.a * self.b) - sum(np.pi * r**2 for *_, r in self.holes) + polygonal
 
     def outline(self, n: int = 64) -> np.ndarray:
         """Polygon of the outer surface about the centre (n, 2) [µm]."""
@@ -133,7 +118,7 @@ class _Cornered(Outlined):
             if not polygons.inside(c + self.nucleus_ratio * (copy - c), self._border).all():
                 raise ValueError("nucleus_ratio: a copy of the outline of that size, about the centre of its area, "
                                  "does not lie within it")
-        self._check_holes()
+        hollow.check(self, self._border)
 
     def _level(self, X: np.ndarray) -> np.ndarray:
         """Size of the copy of the outline about the centroid on which each of the points X lies (n,) [-]."""
@@ -157,7 +142,8 @@ class Polygon(_Cornered):
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
                                minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=corners)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = holes_of_shape()
+    holes: tuple = hollow.circles()
+    cutouts: tuple = hollow.cutouts()
 
     def __post_init__(self):
         """Refuse what bounds no area; the messages are for the user."""
@@ -172,8 +158,7 @@ class Polygon(_Cornered):
 
     def _distinct(self) -> np.ndarray:
         """Corners without those that occur twice in a row (k, 2)."""
-        p = np.array(self.corners)
-        return p[(p != np.roll(p, -1, axis=0)).any(axis=1)]
+        return polygons.distinct(np.array(self.corners))
 
     @cached_property
     def _border(self) -> np.ndarray:
@@ -196,7 +181,8 @@ class Rectangle(_Cornered):
     width: float = quantity("um", "width, along x", above=0)
     height: float = quantity("um", "height, along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = holes_of_shape()
+    holes: tuple = hollow.circles()
+    cutouts: tuple = hollow.cutouts()
 
     _edges: ClassVar[dict[str, int]] = {"bottom": 0, "right": 1, "top": 2, "left": 3}
 
@@ -224,6 +210,10 @@ def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
     corners = fixed or [None] * len(loops)
     rings, edge = zip(*(along(loop, h / refinement, at) for loop, at in zip(loops, corners, strict=True)), strict=True)
+    for ring, loop in zip(rings[1:], loops[1:], strict=True):
+        if polygons.area(ring) > COARSE * polygons.area(loop):  # both are negative
+            raise ValueError(f"{count} particles are too few for the hole at "
+                             "({:.4g}, {:.4g}) um".format(*polygons.centroid(loop)))
     surface = np.concatenate(rings)
     if len(surface) >= count or any(polygons.crossing(ring) is not None for ring in rings):
         raise ValueError(f"{count} particles are too few for such an outline")

@@ -24,6 +24,11 @@ def joined(loops: list[np.ndarray]) -> np.ndarray:
     return loops[0] if len(loops) == 1 else np.concatenate([np.stack(edges(loop), axis=1) for loop in loops])
 
 
+def distinct(polygon: np.ndarray) -> np.ndarray:
+    """A polygon without corners that occur twice in a row (k, 2)."""
+    return polygon[(polygon != np.roll(polygon, -1, axis=0)).any(axis=1)]
+
+
 def area(outline: np.ndarray) -> float:
     """Area [µm²], negative if the corners run clockwise."""
     return 0.5 * float(cross(*edges(outline)).sum())

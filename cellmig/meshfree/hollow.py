@@ -1,0 +1,61 @@
+"""Holes of shapes: circles and polygons, clockwise loops within the outline."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..case.registry import quantity
+from . import polygons
+
+FINE = 2000  # points of the polygon that stands for a circle
+
+
+def circles() -> Any:
+    """The parameter for the circular holes of a shape."""
+    return quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
+                    shape=(None, 3))
+
+
+def cutouts() -> Any:
+    """The parameter for the other holes of a shape."""
+    return quantity("um", "holes of any shape: their corners from the cell's centre, in either sense; they are counted "
+                    "after those that are circles", (), shape=(None, None, 2))
+
+
+def loops(shape: Any) -> list[np.ndarray]:
+    """Holes of a shape, clockwise (k, 2) each [µm]: the circles, then the others."""
+    turn = -2.0 * np.pi * np.arange(FINE) / FINE
+    round_ones = [np.array([x, y]) + r * np.column_stack([np.cos(turn), np.sin(turn)]) for x, y, r in shape.holes]
+    others = [polygons.distinct(np.array(corners)) for corners in shape.cutouts]
+    return [*round_ones, *(p if polygons.area(p) < 0.0 else p[::-1] for p in others)]
+
+
+def check(shape: Any, border: np.ndarray) -> None:
+    """Refuse holes that bound no area, reach the outline or each other; the messages are for the user."""
+    for n, (x, y, r) in enumerate(shape.holes):
+        middle = np.array([[x, y]])
+        if not (r > 0.0 and polygons.inside(middle, border) and polygons.distance(middle, border) > r):
+            raise ValueError(f"holes: that at ({x:.4g}, {y:.4g}) um is not inside the outline")
+        for a, b, s in shape.holes[:n]:
+            if np.hypot(x - a, y - b) <= r + s:
+                raise ValueError(f"holes: those at ({a:.4g}, {b:.4g}) um and ({x:.4g}, {y:.4g}) um overlap")
+    for n, corners in enumerate(shape.cutouts):
+        p = polygons.distinct(np.array(corners).reshape(-1, 2))
+        name = f"cutouts: that of {len(corners)} corners" + (" at ({:.4g}, {:.4g}) um".format(*p[0]) if len(p) else "")
+        if len(p) > 3 and polygons.crossing(p) is not None:
+            raise ValueError(f"{name} crosses or touches itself")
+        if len(p) < 3 or not abs(polygons.area(p)) > 1e-6 * np.ptp(p, axis=0).max() ** 2:
+            raise ValueError(f"{name} has no area")
+        if not polygons.inside(p, border).all() or _touch(p, border):
+            raise ValueError(f"{name} is not inside the outline")
+        before = loops(shape)[: len(shape.holes) + n]
+        if any(_touch(p, q) or polygons.inside(p[:1], q)[0] or polygons.inside(q[:1], p)[0] for q in before):
+            raise ValueError(f"{name} and another hole overlap")
+
+
+def _touch(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether edges of two polygons meet."""
+    (p, q), (r, s) = polygons.edges(a), polygons.edges(b)
+    return any(polygons.meet(i, j, r, s).any() for i, j in zip(p, q, strict=True))
