@@ -189,6 +189,7 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
 def _acts(item: Any) -> bool:
     """Whether a support, load or plate does anything but stay."""
     values = (*(getattr(item, "displacement", None) or ()), *(getattr(item, "traction", None) or ()),
+              *(getattr(item, "body", None) or ()),
               getattr(item, "pressure", None) or 0.0)
     return any(value not in (0.0, "free") for value in values)
 
