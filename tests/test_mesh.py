@@ -15,6 +15,7 @@ from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.meshfree import polygons
 from cellmig.meshfree.mesh_file import Boundary, boundary
+from cellmig.simulation import discretise
 
 pytestmark = pytest.mark.serial
 
@@ -205,6 +206,20 @@ def test_rough_outlines_get_particles_evenly_and_a_nucleus(name: str, clockwise:
     assert shape.area == pytest.approx(polygons.area(SMOOTH), rel=0.01)
     assert layout.nucleus.sum() / 400 == pytest.approx(0.09, rel=0.1)
     assert np.linalg.norm(layout.X[layout.nucleus] - polygons.centroid(SMOOTH), axis=1).max() < 0.4 * 5.0
+
+
+@pytest.mark.parametrize(("name", "count", "error"), [("outline", 400, 0.03), ("outline", 1000, 0.01),
+                                                     ("mesh", 400, 0.02), ("mesh", 1000, 0.008)])
+def test_the_outline_of_a_nucleus_runs_between_rows_of_particles(name: str, count: int, error: float) -> None:
+    found = case(name, per_cell=count)
+    t, shape = discretise(found).templates[0], found.cells[0].shape
+    area = shape.nucleus_ratio**2 * shape.area
+    assert t.V[t.nucleus].sum() == pytest.approx(area, rel=error)  # measured 0.024, 0.0067; 0.014, 0.0058
+    outline = polygons.joined(shape._nucleus)
+    assert (polygons.inside(t.X, outline) == t.nucleus).all()
+    assert polygons.distance(t.X, outline).min() > 0.3 * t.spacing  # measured 0.33
+    others = np.delete(t.V, t.surface) / t.spacing**2
+    assert 0.6 < others.min() and others.max() < 1.5  # measured 0.63 to 1.45
 
 
 @pytest.mark.parametrize(("name", "grown", "moved"), [("outline", 2.5, 0.14), ("mesh", 1.9, 0.08)])

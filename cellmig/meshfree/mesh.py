@@ -66,15 +66,16 @@ class Mesh(Outlined):
     def _border(self) -> np.ndarray:
         return self._loops[0]
     @cached_property
-    def _nucleus(self) -> np.ndarray:
-        """Edges around the nucleus (k, 2 ends, 2) [µm]."""
-        loops = dict(self.file.regions)[self.nucleus_region]
-        return polygons.joined([self.unit * np.array(loop) for loop in loops])
+    def _nucleus(self) -> list[np.ndarray]:
+        """Loops around the nucleus [µm]."""
+        return [self.unit * np.array(loop) for loop in dict(self.file.regions)[self.nucleus_region]]
 
     @property
     def nucleus_ratio(self) -> float | None:
         """Size of the nucleus over that of the cell: the root of the ratio of areas."""
-        return None if self.nucleus_region is None else float(np.sqrt(polygons.area(self._nucleus) / self.area))
+        if self.nucleus_region is None:
+            return None
+        return float(np.sqrt(polygons.area(polygons.joined(self._nucleus)) / self.area))
 
     @cached_property
     def _edges(self) -> dict[str, np.ndarray]:
@@ -92,7 +93,3 @@ class Mesh(Outlined):
             fixed.append(np.flatnonzero((of_loop != np.roll(of_loop, 1, axis=1)).any(axis=0)))
             first += size
         return fixed
-
-    def _level(self, X: np.ndarray) -> np.ndarray:
-        """Distance from the outline of the nucleus (n,) [µm], negative within."""
-        return np.where(polygons.inside(X, self._nucleus), -1.0, 1.0) * polygons.distance(X, self._nucleus)

@@ -6,17 +6,13 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.spatial import Delaunay
 
 from ..case.outline_file import corners
 from ..case.registry import law, parameter, quantity
 from . import hollow, polygons
-from .resample import along
+from .fill import fill
 from .shapes import Layout
 
-COARSE = 0.6  # least area of a hole's particles over its own, below which it is not resolved
-CLEARANCE = 0.6  # least distance of inner particles from the outline at first, in spacings
-ROUNDS = 30  # in which the inner particles spread evenly
 FINE = 2000  # points of the polygon that stands for an ellipse
 
 
@@ -56,7 +52,8 @@ class Outlined:
 
     def particles(self, count: int, refinement: float = 1.0) -> Layout:
         """`count` particles, along the surface `refinement` times as dense as within."""
-        X, edge = fill(self._loops, count, refinement, self._fixed)
+        nucleus = None if self.nucleus_ratio is None else self._nucleus
+        X, edge, inner = fill(self._loops, count, refinement, self._fixed, nucleus)
         sizes = [len(e) for e in edge]
         m, start = sum(sizes), np.cumsum([0, *sizes])
         after = np.concatenate([a + np.roll(np.arange(k), -1) for a, k in zip(start, sizes, strict=False)])
@@ -65,8 +62,7 @@ class Outlined:
         parts = {"outline": np.arange(start[1])}
         parts |= {f"hole-{n}": np.arange(start[n], start[n + 1]) for n in range(1, len(sizes))}
         parts |= {name: np.flatnonzero(np.isin(number, n)) for name, n in self._edges.items()}
-        level = self._level(X) if self.nucleus_ratio is not None else np.zeros(len(X))
-        return Layout(X, innermost(level, m, self.nucleus_ratio), np.arange(m), after, parts)
+        return Layout(X, inner, np.arange(m), after, parts)
 
 
 @law("shape", "ellipse")
@@ -104,8 +100,9 @@ class Ellipse(Outlined):
         """Height of the lowest point over the centre [µm], negative."""
         return -self.b
 
-    def _level(self, X: np.ndarray) -> np.ndarray:
-        return ((X / [self.a, self.b]) ** 2).sum(axis=1)
+    @property
+    def _nucleus(self) -> list[np.ndarray]:
+        return [self.nucleus_ratio * self._border]
 
 
 class _Cornered(Outlined):
@@ -120,15 +117,10 @@ class _Cornered(Outlined):
                                  "does not lie within it")
         hollow.check(self, self._border)
 
-    def _level(self, X: np.ndarray) -> np.ndarray:
-        """Size of the copy of the outline about the centroid on which each of the points X lies (n,) [-]."""
+    @property
+    def _nucleus(self) -> list[np.ndarray]:
         c = polygons.centroid(self._border)
-        level, d = np.zeros(len(X)), X - c
-        for p, q in zip(self._border - c, np.roll(self._border, -1, axis=0) - c, strict=True):
-            towards = (polygons.cross(p, d) >= 0) & (polygons.cross(d, q) >= 0)
-            size = polygons.cross(d[towards], q - p) / polygons.cross(p, q)
-            level[towards] = np.maximum(level[towards], size)  # of several edges that way, the nearest
-        return level
+        return [c + self.nucleus_ratio * (self._border - c)]
 
 
 @law("shape", "polygon")
@@ -195,83 +187,8 @@ class Rectangle(_Cornered):
         return 0.5 * np.array([self.width, self.height]) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
-def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.ndarray] | None = None
-         ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """`count` particles in closed loops: positions (count, 2), those of the surface first.
-
-    Of each loop, the edges (m,) as well on which the segments from its particles to the next lie.  Along the surface
-    particles are `refinement` times as dense as within.
-
-    Raises ValueError if they are too few for the outline.
-    """
-    outline = polygons.joined(loops)
-    # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
-    a, b = polygons.area(outline) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(outline).sum()
-    h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
-    corners = fixed or [None] * len(loops)
-    rings, edge = zip(*(along(loop, h / refinement, at) for loop, at in zip(loops, corners, strict=True)), strict=True)
-    for ring, loop in zip(rings[1:], loops[1:], strict=True):
-        if polygons.area(ring) > COARSE * polygons.area(loop):  # both are negative
-            raise ValueError(f"{count} particles are too few for the hole at "
-                             "({:.4g}, {:.4g}) um".format(*polygons.centroid(loop)))
-    surface = np.concatenate(rings)
-    if len(surface) >= count or any(polygons.crossing(ring) is not None for ring in rings):
-        raise ValueError(f"{count} particles are too few for such an outline")
-    inner = _lattice(polygons.joined(list(rings)), h, count - len(surface))
-    return _spread(np.concatenate([surface, inner]), len(surface)), list(edge)
-
-
-def innermost(level: np.ndarray, m: int, ratio: float | None) -> np.ndarray:
-    """Which particles are nucleus (n,) bool: those of the least `level`, as many as its area takes; `m` are surface."""
-    nucleus = np.zeros(len(level), bool)
-    if ratio is not None:
-        number = np.clip(round(ratio**2 * (len(level) - 0.5 * m)), 1, len(level) - m)
-        nucleus[m + np.argsort(level[m:], kind="stable")[:number]] = True
-    return nucleus
-
-
 def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """A polygon whose edges are divided into `parts` (k,) each."""
     ends = np.roll(polygon, -1, axis=0)
     return np.concatenate([p + (q - p) * (np.arange(n) / n)[:, None] for p, q, n in zip(polygon, ends, parts,
                                                                                        strict=True)])
-
-
-def _lattice(outline: np.ndarray, h: float, count: int) -> np.ndarray:
-    """`count` points of the widest triangular lattice that has as many inside an outline, clear of it."""
-    low, high = 0.3 * h, 2.0 * h
-    for _ in range(25):
-        s = 0.5 * (low + high)
-        enough = len(_points(outline, s, CLEARANCE * min(s, h))) >= count
-        low, high = (s, high) if enough else (low, s)
-    points = _points(outline, low, CLEARANCE * min(low, h))
-    if len(points) < count:
-        raise ValueError(f"{count} particles do not fit inside such an outline")
-    return points[np.sort(np.argsort(-polygons.distance(points, outline), kind="stable")[:count])]
-
-
-def _points(outline: np.ndarray, s: float, clearance: float) -> np.ndarray:
-    """Points of a triangular lattice with spacing s inside an outline, one of them in the centre of its area."""
-    c, corners = polygons.centroid(outline), outline.reshape(-1, 2)
-    low, high = corners.min(axis=0) - c, corners.max(axis=0) - c
-    rows = np.arange(np.floor(low[1] / (s * np.sqrt(0.75))), np.ceil(high[1] / (s * np.sqrt(0.75))) + 1)
-    columns = np.arange(np.floor(low[0] / s) - 1, np.ceil(high[0] / s) + 1)
-    x = s * (columns[None, :] + 0.5 * (rows[:, None] % 2))
-    y = np.broadcast_to(s * np.sqrt(0.75) * rows[:, None], x.shape)
-    points = c + np.column_stack([x.ravel(), y.ravel()])
-    points = points[polygons.inside(points, outline)]
-    return points[polygons.distance(points, outline) > clearance]
-
-
-def _spread(X: np.ndarray, m: int) -> np.ndarray:
-    """Points of which the first m are the outline and stay; the others move into the middle of what surrounds them."""
-    for _ in range(ROUNDS):
-        tri = Delaunay(X).simplices
-        tri = tri[(tri >= m).any(axis=1)]  # the others lie between points of the outline alone, maybe outside
-        corners = X[tri]
-        size = 0.5 * np.abs(polygons.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-        weight = np.bincount(tri.ravel(), np.repeat(size, 3), len(X))
-        middle = size[:, None] * corners.mean(axis=1)
-        total = np.column_stack([np.bincount(tri.ravel(), np.repeat(middle[:, k], 3), len(X)) for k in range(2)])
-        X = np.concatenate([X[:m], (total / np.maximum(weight, 1e-300)[:, None])[m:]])
-    return X
