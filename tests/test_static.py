@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
+from cellmig.output.manifest import read_manifest
 from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError
 from cellmig.study.run import BROKEN, Run
@@ -120,6 +121,9 @@ def test_a_run_that_finds_no_equilibrium_ends_with_code_4(tmp_path, capsys) -> N
     run = Run(bent(60), tmp_path / "bent", MPI.COMM_SELF)
     assert run.go() == 0
     assert "steps of Newton, out of balance by" in capsys.readouterr().out
+    times, norms = zip(*read_manifest(tmp_path / "bent")["newton"], strict=True)
+    assert times == (0.5, 1.0)
+    assert all(n[-1] < 1e-8 * n[0] for n in norms)
     assert (tmp_path / "bent" / "history.csv").read_text().count("\n") == 1 + 2 * 3
 
 

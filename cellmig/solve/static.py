@@ -16,6 +16,7 @@ from .plates import Contact
 from .step import NumericsError
 from .stiffness import Stiffness, fill, typical
 
+SAID = 20  # load steps that are told one by one; all are in the manifest
 CUTS = 8  # times that a load step is halved before the run gives up
 TIGHT = 1e-10  # what forces may be out of balance, over modulus x spacing, in the mean over particles
 WEAK = 1e-10  # of the stiffness: what keeps bodies in place, within Newton's matrix alone, that nothing holds
@@ -57,8 +58,9 @@ class Static:
     def _snes(self) -> None:
         """SNES and its objects, as its options and those of KSP and PC say; by default Newton and a direct solver."""
         m, options = self.mechanics, PETSc.Options()
+        direct = options.getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         for name, value in DEFAULTS.items():
-            if not options.hasName(name):
+            if not options.hasName(name) and (direct or name != "pc_factor_mat_solver_type"):
                 options[name] = value
         self.snes = snes = PETSc.SNES().create(comm=m.comm)
         self._x = PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm)
@@ -206,8 +208,9 @@ class Static:
                                    ("dt_min", self.dt, min), ("dt_max", self.dt, max)):
             self.extremes[name] = worse(self.extremes[name], value)
         norms = self.newton[-1][1]
-        self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
-                    + ", ".join(f"{n:.2g}" for n in norms) + " pN/µm")
+        if self.steps <= SAID:
+            self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
+                        + ", ".join(f"{n:.2g}" for n in norms) + " pN/µm")
         self.after_batch(time)
 
     def _reason(self) -> str:

@@ -188,6 +188,7 @@ class Run:
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
+            **({"newton": run.newton} if self.case.static else {}),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
