@@ -8,7 +8,7 @@ from cellmig.case import accuracy
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.study import modulus
-from cellmig.study.pareto import Point, gain, gains, pareto, time_at, verdict
+from cellmig.study.pareto import Point, gain, gains, levelled, pareto, time_at, verdict
 from cellmig.study.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
 
 pytestmark = pytest.mark.serial
@@ -38,11 +38,25 @@ def test_a_setting_counts_by_its_gain_on_the_worst_problem():
     points = []
     for name in PROBLEMS:
         once, other = (3.0, 9.0) if name == "drop" else (2.0, 0.5)
-        points += curve(1.0, name) + curve(once, name, dilation=1.8) + curve(other, name, step_factor=0.95)
-    assert gain([p for p in points if p.problem == "disc"], {"dilation": 1.8}) == pytest.approx(2.0)
+        points += curve(1.0, name) + curve(once, name, bulk_viscosity=0.0) + curve(other, name, bulk_viscosity=0.2)
+    assert gain([p for p in points if p.problem == "disc"], {"bulk_viscosity": 0.0}) == pytest.approx(2.0)
     rows = gains(points)
-    assert [change for change, _ in rows] == [{"dilation": 1.8}, {"step_factor": 0.95}]
-    assert "dilation 1.8" in verdict(rows) and "should stay" in verdict(rows[1:])
+    assert [change for change, _ in rows] == [{"bulk_viscosity": 0.0}, {"bulk_viscosity": 0.2}]
+    assert "defaults should be: bulk viscosity 0.0" in verdict(rows) and "should stay: no change" in verdict(rows[1:])
+
+
+def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
+    unfit, fit = (({key: value}, dict.fromkeys(PROBLEMS, gained)) for key, value, gained in (
+        ("stabilisation", 0.25, 5.0), ("modulus", 1.25, 2.0)))
+    assert "best is stabilisation 0.25 (5 times" in verdict([unfit, fit])
+    assert "defaults should be: modulus 1.25 (2 times" in verdict([unfit, fit])
+    assert "should stay, as what gains is unfit (stabilisation: with less, scenes" in verdict([unfit])
+
+
+def test_runs_whose_steps_do_the_same_work_get_the_same_time():
+    times = [(3.0, {}), (5.0, {"modulus": 20.0}), (4.0, {"step_factor": 0.4}), (9.0, {"dilation": 3.0}),
+             (2.0, {"bulk_viscosity": 0.0})]
+    assert [p.ns for p in levelled([point(t, 0.1, **change) for t, change in times])] == [4e9, 4e9, 4e9, 9e9, 2e9]
 
 
 def test_exact_answers_have_no_error_and_wrong_ones_theirs():
