@@ -1,5 +1,6 @@
 """What a run leaves in its directory: whole, readable, and never over an older run."""
 
+import contextlib
 import json
 import resource
 import signal
@@ -211,28 +212,30 @@ def test_an_error_of_one_rank_is_raised_on_all_of_them():
         together(COMM, fail_on_the_last)
 
 
-@pytest.fixture
+@contextlib.contextmanager
 def full_disk_on_the_last_rank():
-    """As if no file could grow beyond 2 kB there."""
+    """As if no file could grow beyond 2 kB there; ends before the tests' own report goes on, which may be a file."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     if COMM.rank == COMM.size - 1:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-def test_a_full_disk_stops_all_ranks_and_leaves_the_frames_before_it_whole(written, full_disk_on_the_last_rank):
+def test_a_full_disk_stops_all_ranks_and_leaves_the_frames_before_it_whole(written):
     writer = Frames(written / "more", COMM, FIELDS)
-    with pytest.raises(OutputError, match=r"cannot write .*s00000000\.h5"):
+    with full_disk_on_the_last_rank(), pytest.raises(OutputError, match=r"cannot write .*s00000000\.h5"):
         writer.write(0.0, 0, arrays(0.0, owned(1)))
     assert frames(written / "more") == [] and not list((written / "more").glob("**/*.part"))
     assert [frame.read()["id"].tolist() for frame in frames(written)] == [list(range(30))] * 4
 
 
 @pytest.mark.serial
-def test_a_full_disk_cuts_no_line_of_a_table(shared_tmp, full_disk_on_the_last_rank):
+def test_a_full_disk_cuts_no_line_of_a_table(shared_tmp):
     ledger = Ledger(shared_tmp, COMM)
-    with pytest.raises(OutputError, match=r"cannot write .*ledger\.csv"):
+    with full_disk_on_the_last_rank(), pytest.raises(OutputError, match=r"cannot write .*ledger\.csv"):
         for step in range(1000):
             ledger.write(step / 7, {"kinetic": step / 3})
     text = (shared_tmp / "ledger.csv").read_text()

@@ -86,7 +86,11 @@ def test_any_number_of_ranks_finds_the_same(make) -> None:
     with built(make(200)) as sim, built(make(200), MPI.COMM_SELF) as alone:
         rows, entries = solved(sim)
         expected, ledger = solved(alone)
-        assert np.abs(displacement(sim) - displacement(alone)).max() < 1e-8
+        apart = displacement(sim) - displacement(alone)
+        if make is squeezed:  # nothing holds it along the plates
+            assert np.abs(apart[:, 0].mean()) < 1e-6  # measured 2e-8
+            apart[:, 0] -= apart[:, 0].mean()
+        assert np.abs(apart).max() < 1e-12  # measured 2e-15
         for name, value in ledger.items():
             assert entries[name] == pytest.approx(value, rel=1e-6, abs=1e-6)
         for name, value in expected[0].items():
