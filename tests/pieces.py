@@ -4,23 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellmig.case.load import from_dict
-from cellmig.case.schema import Case
+from scenes import LEFT, RIGHT
 
-NUCLEUS = {"law": "mooney-rivlin", "C1": "2126 Pa", "C2": "170 Pa", "lame": "170 kPa"}
-RAMP = {"law": "ramp", "duration": "1 us"}
+from cellmig.case.schema import Case
+from cellmig.study.pieces import RAMP, piece
+
 BAR = {"name": "Bar", "shape": "polygon", "material": "nucleus", "centre": ["0 um", "0 um"],
        "corners": [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]}
-DISC = {"name": "Disc", "shape": "disc", "radius": "1.415 um", "material": "nucleus", "centre": ["0 um", "0 um"]}
-LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]
-
-
-def piece(cell: dict, count: int, samples: int = 2, time: dict | None = None, material: dict | None = None,
-          **tables: Any) -> Case:
-    """A static case of one cell of the nucleus's law."""
-    return from_dict({"time": {"end": "1 us", "samples": samples, "frames": 1, "integrator": "static"} | (time or {}),
-                      "particles": {"per_cell": count}, "materials": {"nucleus": NUCLEUS | (material or {})},
-                      "cells": [cell]} | tables)
+DISC = {"name": "Disc", "shape": "disc", "radius": "1.415 um"}
 
 
 def plate(name: str, height: float, normal: float, moves: float) -> dict:
@@ -29,13 +20,14 @@ def plate(name: str, height: float, normal: float, moves: float) -> dict:
             "displacement": ["0 um", f"{moves} um"], "history": RAMP}
 
 
-def squeezed(count: int, by: float = 0.2, **more: Any) -> Case:
+def squeezed(count: int, by: float = 0.2, samples: int = 2, **more: Any) -> Case:
     """The disc between two plates, its diameter reduced by a share."""
     move = 1.415 * by
-    return piece(DISC, count, plates=[plate("top", 1.415, -1.0, -move), plate("bottom", -1.415, 1.0, move)], **more)
+    return piece(DISC, count, samples, plates=[plate("top", 1.415, -1.0, -move), plate("bottom", -1.415, 1.0, move)],
+                 **more)
 
 
-def bent(count: int, pull: float = 200.0, **more: Any) -> Case:
+def bent(count: int, pull: float = 200.0, samples: int = 2, **more: Any) -> Case:
     """The bar, held on the left and pulled up on the right by a traction [Pa]."""
-    return piece(BAR, count, supports=[{"name": "left", "box": LEFT}],
+    return piece(BAR, count, samples, supports=[{"name": "left", "box": LEFT}],
                  loads=[{"name": "up", "box": RIGHT, "traction": ["0 Pa", f"{pull} Pa"], "history": RAMP}], **more)

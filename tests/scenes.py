@@ -11,12 +11,13 @@ import numpy as np
 
 from mpi4py import MPI
 
-from cellmig.case.load import from_dict, load
+from cellmig.case.load import load
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
+from cellmig.study import pieces
 
 DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}
@@ -94,11 +95,9 @@ def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", int
     shapes = {"polygon": {"shape": "polygon", "corners": corners}, "disc": {"shape": "disc", "radius": "2 um"},
               "plate with a hole": {"shape": "rectangle", "width": "4 um", "height": "2 um",
                                     "holes": [["0.5 um", "0 um", "0.4 um"]]}}
-    material = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "2126 Pa", "C2": "170 Pa", "lame": "17 kPa"}
-    body = {"name": "Piece", "material": "nucleus", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
-    time = {"end": end, "integrator": integrator, "step": step}
-    return from_dict({"time": time, "particles": {"per_cell": per_cell}, "materials": {"nucleus": material},
-                      "cells": [body], **sections})
+    body = {"name": "Piece", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
+    return pieces.piece(body, per_cell, time={"end": end, "integrator": integrator, "step": step},
+                        material={"lame": "17 kPa"}, **sections)
 
 
 LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]  # boxes around its ends

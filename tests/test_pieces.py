@@ -46,6 +46,8 @@ def test_kirsch() -> None:
     s = hooke(plate.displacement, X)
     assert np.abs(np.stack([s[:, 0, 0], s[:, 1, 1], s[:, 0, 1]], axis=1) - plate.stress(X)).max() < 1e-4 * plate.pull
     assert np.abs(values(plate.formulas(), X) - plate.displacement(X)).max() < 1e-12
+    pulls = np.column_stack([Expression(f"{f} Pa", "Pa")(X) for f in plate.tractions()])
+    assert np.abs(pulls - plate.stress(X)[:, [2, 1]]).max() < 1e-12 * plate.pull
     assert plate.stress(np.array([[0.0, 1.0], [1.0, 0.0]]))[:, :2] == pytest.approx(
         plate.pull * np.array([[3.0, 0.0], [0.0, -1.0]]), abs=1e-9 * plate.pull)
 

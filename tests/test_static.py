@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pieces import BAR, DISC, LEFT, RAMP, RIGHT, bent, piece, squeezed
-from scenes import built, everywhere
+from pieces import BAR, DISC, bent, squeezed
+from scenes import LEFT, RIGHT, built, everywhere
 
 from mpi4py import MPI
 
@@ -14,6 +14,7 @@ from cellmig.case.messages import CaseError
 from cellmig.output.manifest import read_manifest
 from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError
+from cellmig.study.pieces import RAMP, piece
 from cellmig.study.run import BROKEN, Run
 
 
@@ -99,7 +100,7 @@ def test_any_number_of_ranks_finds_the_same(make) -> None:
 
 def test_pressure_makes_a_disc_smaller_as_the_law_says() -> None:
     """Under a pressure p all round, σ = -p everywhere: F = λ I."""
-    with built(piece(DISC, 300, loads=[{"name": "p", "pressure": "100 kPa", "history": RAMP}])) as sim:
+    with built(piece(DISC, 300, 2, loads=[{"name": "p", "pressure": "100 kPa", "history": RAMP}])) as sim:
         solved(sim)
         stress = sim.sampler.nodal_stress()[0][: sim.mechanics.n_owned]
         assert np.abs(stress[:, 0, 0] + 1e5).max() < 1e-3
@@ -109,7 +110,7 @@ def test_pressure_makes_a_disc_smaller_as_the_law_says() -> None:
 def test_a_load_that_has_no_equilibrium_ends_with_a_message() -> None:
     """A pull on both ends that nothing holds across: the bar is torn; too much for the law."""
     loads = [{"name": "pull", "box": RIGHT, "traction": ["900 kPa", "0 Pa"], "history": RAMP}]
-    with built(piece(BAR, 60, supports=[{"name": "left", "box": LEFT}], loads=loads)) as sim, pytest.raises(
+    with built(piece(BAR, 60, 2, supports=[{"name": "left", "box": LEFT}], loads=loads)) as sim, pytest.raises(
             NumericsError, match=r"no equilibrium was found at .* though the load step was cut 8 times"):
         solved(sim)
 
@@ -144,6 +145,6 @@ def test_a_run_that_finds_no_equilibrium_ends_with_code_4(tmp_path, capsys) -> N
 ])
 def test_what_cannot_be_static_is_refused(change: dict, message: str) -> None:
     cell = BAR | {"centre": ["0 um", "9 um"]}
-    tree = piece(cell, 60).resolved() | change
+    tree = piece(cell, 60, 2).resolved() | change
     with pytest.raises(CaseError, match=message):
         from_dict(tree)

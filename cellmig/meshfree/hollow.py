@@ -6,22 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..case.registry import quantity
 from . import polygons
 
-FINE = 2000  # points of the polygon that stands for a circle
-
-
-def circles() -> Any:
-    """The parameter for the circular holes of a shape."""
-    return quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
-                    shape=(None, 3))
-
-
-def cutouts() -> Any:
-    """The parameter for the other holes of a shape."""
-    return quantity("um", "holes of any shape: their corners from the cell's centre, in either sense; they are counted "
-                    "after those that are circles", (), shape=(None, None, 2))
+FINE = 2000  # points of the polygon that stands for a circle or an ellipse
 
 
 def loops(shape: Any) -> list[np.ndarray]:
@@ -46,7 +33,7 @@ def check(shape: Any, border: np.ndarray) -> None:
         name = f"cutouts: that of {len(corners)} corners" + (" at ({:.4g}, {:.4g}) um".format(*p[0]) if len(p) else "")
         if len(p) > 3 and polygons.crossing(p) is not None:
             raise ValueError(f"{name} crosses or touches itself")
-        if len(p) < 3 or not abs(polygons.area(p)) > 1e-6 * np.ptp(p, axis=0).max() ** 2:
+        if len(p) < 3 or polygons.is_flat(p):
             raise ValueError(f"{name} has no area")
         if not polygons.inside(p, border).all() or _touch(p, border):
             raise ValueError(f"{name} is not inside the outline")

@@ -65,6 +65,7 @@ class Mesh(Outlined):
     @cached_property
     def _border(self) -> np.ndarray:
         return self._loops[0]
+
     @cached_property
     def _nucleus(self) -> list[np.ndarray]:
         """Loops around the nucleus [µm]."""

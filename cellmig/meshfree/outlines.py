@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -11,24 +12,19 @@ from ..case.outline_file import corners
 from ..case.registry import law, parameter, quantity
 from . import hollow, polygons
 from .fill import fill
+from .hollow import FINE
 from .shapes import Layout
-
-FINE = 2000  # points of the polygon that stands for an ellipse
-
 
 class Outlined:
     """A shape by its outline: what is common to them.
 
-    `_border` is the outer loop, counterclockwise (k, 2);  `_edges` names edges by their numbers, counted through all
-    loops;  `_fixed` holds, of each loop, corners in which there has to be a particle.
+    `_border` is the outer loop, counterclockwise (k, 2);  `_loops` are that and, clockwise, the holes;  `_edges` names
+    edges by their numbers, counted through all loops;  `_fixed` holds, of each loop, corners in which there has to be a
+    particle.
     """
 
+    _edges: ClassVar[dict[str, int]] = {}
     _fixed: ClassVar[Any] = None
-
-    @cached_property
-    def _loops(self) -> list[np.ndarray]:
-        """Outer loop, and clockwise the holes."""
-        return [self._border, *hollow.loops(self)]
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -65,21 +61,31 @@ class Outlined:
         return Layout(X, inner, np.arange(m), after, parts)
 
 
-@law("shape", "ellipse")
-class Ellipse(Outlined):
-    """Ellipse with semi-axes a along x and b along y, and a nucleus that is like it, about the same centre."""
+@dataclass(frozen=True, kw_only=True)
+class _Solid(Outlined):
+    """What shapes that a case describes have in common: a nucleus that is like the cell, and holes."""
 
-    a: float = quantity("um", "semi-axis a along x", above=0)
-    b: float = quantity("um", "semi-axis b along y", above=0)
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = hollow.circles()
-    cutouts: tuple = hollow.cutouts()
-
-    _edges: ClassVar[dict[str, int]] = {}
+    holes: tuple = quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
+                            shape=(None, 3))
+    cutouts: tuple = quantity("um", "holes of any shape: their corners from the cell's centre, in either sense; they "
+                              "are counted after those that are circles", (), shape=(None, None, 2))
 
     def __post_init__(self):
         """Refuse holes where none can be; the messages are for the user."""
         hollow.check(self, self._border)
+
+    @cached_property
+    def _loops(self) -> list[np.ndarray]:
+        return [self._border, *hollow.loops(self)]
+
+
+@law("shape", "ellipse")
+class Ellipse(_Solid):
+    """Ellipse with semi-axes a along x and b along y, and a nucleus that is like it, about the same centre."""
+
+    a: float = quantity("um", "semi-axis a along x", above=0)
+    b: float = quantity("um", "semi-axis b along y", above=0)
 
     @cached_property
     def _border(self) -> np.ndarray:
@@ -105,17 +111,17 @@ class Ellipse(Outlined):
         return [self.nucleus_ratio * self._border]
 
 
-class _Cornered(Outlined):
+class _Cornered(_Solid):
     """A shape with corners.  A nucleus is a smaller copy about the centre of the area."""
 
-    def _check(self) -> None:
+    def __post_init__(self):
         """Refuse a nucleus or holes where none can be; the messages are for the user."""
         if self.nucleus_ratio is not None:
             c, copy = polygons.centroid(self._border), self.outline(FINE)
             if not polygons.inside(c + self.nucleus_ratio * (copy - c), self._border).all():
                 raise ValueError("nucleus_ratio: a copy of the outline of that size, about the centre of its area, "
                                  "does not lie within it")
-        hollow.check(self, self._border)
+        super().__post_init__()
 
     @property
     def _nucleus(self) -> list[np.ndarray]:
@@ -133,9 +139,6 @@ class Polygon(_Cornered):
 
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
                                minimum=-1e6, maximum=1e6, shape=(None, 2), or_file=corners)
-    nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = hollow.circles()
-    cutouts: tuple = hollow.cutouts()
 
     def __post_init__(self):
         """Refuse what bounds no area; the messages are for the user."""
@@ -144,9 +147,9 @@ class Polygon(_Cornered):
         if (pair := polygons.crossing(p)) is not None:
             i, j = ("({:.4g}, {:.4g}) um".format(*p[n]) for n in pair)
             raise ValueError(f"corners: the outline crosses or touches itself: the edge from {i} meets that from {j}")
-        if not abs(polygons.area(p)) > 1e-6 * np.ptp(p, axis=0).max() ** 2:
+        if polygons.is_flat(p):
             raise ValueError("corners: the polygon has no area")
-        self._check()
+        super().__post_init__()
 
     def _distinct(self) -> np.ndarray:
         """Corners without those that occur twice in a row (k, 2)."""
@@ -172,15 +175,8 @@ class Rectangle(_Cornered):
 
     width: float = quantity("um", "width, along x", above=0)
     height: float = quantity("um", "height, along y", above=0)
-    nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    holes: tuple = hollow.circles()
-    cutouts: tuple = hollow.cutouts()
 
     _edges: ClassVar[dict[str, int]] = {"bottom": 0, "right": 1, "top": 2, "left": 3}
-
-    def __post_init__(self):
-        """Refuse holes where none can be; the messages are for the user."""
-        self._check()
 
     @cached_property
     def _border(self) -> np.ndarray:

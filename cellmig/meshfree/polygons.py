@@ -34,6 +34,11 @@ def area(outline: np.ndarray) -> float:
     return 0.5 * float(cross(*edges(outline)).sum())
 
 
+def is_flat(polygon: np.ndarray) -> bool:
+    """Whether it has no area to speak of, for its size."""
+    return not abs(area(polygon)) > 1e-6 * np.ptp(polygon, axis=0).max() ** 2
+
+
 def sides(outline: np.ndarray) -> np.ndarray:
     """Length of the side from each corner to the next (k,) [µm]."""
     p, q = edges(outline)

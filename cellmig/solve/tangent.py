@@ -96,31 +96,6 @@ def tangent(law: Any, method: str, quantities: dict[str, np.ndarray], by: str = 
     return slope.reshape(*slope.shape[:-2], *given.shape)
 
 
-def segment_slopes(law: Any, g1: Any, g2: Any) -> tuple:
-    """Derivatives by the gaps g1, g2 at its ends of the mean of a potential over a segment, as kernel.c has them."""
-    dg, low = g2 - g1, np.where(g1 < g2, g1, g2)
-    sloped = np.absolute(dg) > 0.05 * np.where(low > law.cap, low, law.cap)
-    over = 1.0 / np.where(sloped, dg, 1.0)
-    mean = (law.primitive(g2) - law.primitive(g1)) * over
-    d1, d2 = 0.0, 0.0
-    for at, weight in GAUSS:
-        slope = weight * law.slope(g1 + at * dg)
-        d1, d2 = d1 + (1.0 - at) * slope, d2 + at * slope
-    return (np.where(sloped, (mean - law.potential(g1)) * over, d1),
-            np.where(sloped, (law.potential(g2) - mean) * over, d2))
-
-
-def segment_pull(law: Any, along: tuple, length: Any) -> tuple:
-    """Force on the first end of a cortex segment [pN/µm] by the vector to its other end and its reference length."""
-    x, y = along
-    now = np.sqrt(x * x + y * y)
-    t = law.tension(now / length) / now
-    return t * x, t * y
-
-
-GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))
-
-
 def _nested(entries: list, shape: tuple) -> Any:
     """Entries, row by row, as nested tuples of a shape."""
     if not shape:

@@ -18,11 +18,16 @@ NUCLEUS = {"law": "mooney-rivlin", "C1": "2126 Pa", "C2": "170 Pa", "lame": "170
 RAMP = {"law": "ramp", "duration": "1 us"}
 
 
-def piece(shape: dict, count: int, samples: int = 1, **tables: Any) -> Case:
-    """A static case of one body of the nucleus's law, its centre in the origin; loads are there in full at 1 µs."""
-    body = {"name": "Body", "centre": ["0 um", "0 um"], "material": "nucleus", **shape}
-    return from_dict({"time": {"end": "1 us", "samples": samples, "frames": 1, "integrator": "static"},
-                      "particles": {"per_cell": count}, "materials": {"nucleus": NUCLEUS}, "cells": [body], **tables})
+def piece(cell: dict, count: int, samples: int = 1, time: dict | None = None, material: dict | None = None,
+          **tables: Any) -> Case:
+    """A case of one body of the nucleus's law, its centre in the origin; static unless `time` says otherwise.
+
+    `cell`, `time`, `material` : what is to be said besides, or instead;  loads of RAMP are there in full at 1 µs.
+    """
+    body = {"name": "Body", "centre": ["0 um", "0 um"], "material": "nucleus", **cell}
+    clock = {"end": "1 us", "samples": samples, "frames": 1, "integrator": "static"} | (time or {})
+    return from_dict({"time": clock, "particles": {"per_cell": count},
+                      "materials": {"nucleus": NUCLEUS | (material or {})}, "cells": [body], **tables})
 
 
 def rectangle(width: float, height: float, **more: Any) -> dict:
@@ -93,6 +98,12 @@ class Kirsch:
         first, third = f"({self.kappa * R**2!r}/r + r)", f"({R**2!r}/r - {R**4!r}/r**3)"
         return (f"{c!r}*({even}*x/r + {first}*x/r + {third}*cos(3*atan2(y, x)))",
                 f"{c!r}*({even}*y/r - {first}*y/r + {third}*sin(3*atan2(y, x)))")
+
+    def tractions(self) -> tuple[str, str]:
+        """σxy and σyy [Pa], what pulls at a side with its normal along y."""
+        t, q = "atan2(y, x)", f"({self.radius**2!r}/r**2)"
+        return (f"{self.pull!r}*(-{q}*(0.5*sin(2*{t}) + sin(4*{t})) + 1.5*{q}**2*sin(4*{t}))",
+                f"{self.pull!r}*(-{q}*(0.5*cos(2*{t}) - cos(4*{t})) - 1.5*{q}**2*cos(4*{t}))")
 
     def displacement(self, X: np.ndarray) -> np.ndarray:
         """Exact displacements (n, 2) [µm]."""

@@ -66,37 +66,45 @@ def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
     if case.static:
         return _static_report(case)
-    c, frames, cells = cost(case), case.time.frames + 1, len(case.cells)
+    c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        ("particles", f"{c.particles} in {cells} cell{'s' * (cells > 1)}, spacing {c.spacing:.3g} µm, "
-                      f"support {case.particles.dilation:g} spacings"),
+        _particles(case, c.particles, c.spacing),
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
         ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
         ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all and {_bytes(RANK_BYTES)} on each rank"),
-        ("disk", f"{_bytes(frames * c.particles * _frame_bytes(case))} in {frames} frames"),
+        _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
     ])
 
 
 def _static_report(case: Case) -> str:
     """The report of a static case, which has no steps in time."""
-    scene, frames = discretise(case), case.time.frames + 1
+    scene = discretise(case)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        ("particles", f"{scene.size} in {len(case.cells)} cell{'s' * (len(case.cells) > 1)}, "
-                      f"spacing {max(t.spacing for t in scene.templates):.3g} µm, support "
-                      f"{case.particles.dilation:g} spacings"),
+        _particles(case, scene.size, max(t.spacing for t in scene.templates)),
         ("load steps", load_said(case)),
         ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
                  "measured elsewhere with a direct solver"),
         ("memory", f"about {_bytes(STATIC_BYTES * scene.size)} in all and {_bytes(RANK_BYTES)} on each rank"),
-        ("disk", f"{_bytes(frames * scene.size * _frame_bytes(case))} in {frames} frames"),
+        _disk(case, scene.size),
         *skipped_said(find_terms(case).skipped),
     ])
+
+
+def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
+    cells = len(case.cells)
+    return "particles", (f"{count} in {cells} cell{'s' * (cells > 1)}, spacing {spacing:.3g} µm, "
+                         f"support {case.particles.dilation:g} spacings")
+
+
+def _disk(case: Case, count: int) -> tuple[str, str]:
+    frames = case.time.frames + 1
+    return "disk", f"{_bytes(frames * count * _frame_bytes(case))} in {frames} frames"
 
 
 def _timed(case: Case) -> tuple[float, float, float]:

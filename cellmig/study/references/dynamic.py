@@ -11,15 +11,14 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
-from cellmig.study.pieces import NUCLEUS, rectangle
+from cellmig.study.pieces import piece, rectangle
 from cellmig.study.reference import Measured, converges, exact, reference
 
 from .scenes import built, displacement, put
-from .solid import stiffness
-from .static import EDGES, ELASTIC, missed
+from .solid import ELASTIC, stiffness
+from .static import EDGES, missed
 
 SMOOTH = "h² of a linear basis, and of a step that goes with h"
 SIZE = 1e-7  # of what moves [µm]
@@ -28,11 +27,10 @@ LAWS = {"stiff": "170 kPa", "soft": "2 kPa"}  # λ of the paper, Poisson's ratio
 
 def elastic(width: float, height: float, count: int, lame: str, *held: dict, **tables: Any) -> Case:
     """A rectangle [µm] of the nucleus's law, without any damping; `held` : its supports;  `start` : how it starts."""
-    body = {"name": "Body", "centre": ["0 um", "0 um"], "material": "nucleus", **tables.pop("start", {})}
-    supports = [{"name": f"held-{k}", **s} for k, s in enumerate(held)]
-    return from_dict({"time": {"end": "100 us"}, "particles": {"per_cell": count}, "numerics": {"bulk_viscosity": 0},
-                      "materials": {"nucleus": NUCLEUS | {"lame": lame, "stabilisation": 0}},
-                      "cells": [body | rectangle(width, height)], "supports": supports, **tables})
+    clock = {"end": "100 us", "integrator": "leapfrog"} | tables.pop("time", {})
+    return piece(rectangle(width, height, **tables.pop("start", {})), count, time=clock,
+                 material={"lame": lame, "stabilisation": 0}, numerics={"bulk_viscosity": 0},
+                 supports=[{"name": f"held-{k}", **s} for k, s in enumerate(held)], **tables)
 
 
 # --------------------------------------------------------------------------------------------------------- one wave
