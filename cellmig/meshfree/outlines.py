@@ -15,6 +15,7 @@ from .fill import fill
 from .hollow import FINE
 from .shapes import Layout
 
+
 class Outlined:
     """A shape by its outline: what is common to them.
 
