@@ -30,7 +30,7 @@ FIELDS: dict[str, str] = {
     # state (ux uy vx vy) of owned and ghosts, and what the rows keep
     "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
     "volume": "double *", "inverse_mass": "double *", "bulk_damping": "double *", "material": "double *",
-    "mask": "int32_t *", "resistance": "double *", "viscous_loss": "double *",
+    "only": "int32_t *", "resistance": "double *", "viscous_loss": "double *",
     "numerical_loss": "double *",
     # neighbours
     "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
@@ -177,59 +177,82 @@ def _histories(laws: tuple, vectors: dict) -> list[str]:
 
 
 def _materials(materials: list, director: str, active: bool, vectors: dict) -> str:
-    """Pointwise functions of each material, and their dispatch over a block by its mask of materials."""
-    parts, stress, flux = [], [], []
+    """Pointwise functions of each material, and their dispatch: over a block of one, or of several by its lanes."""
+    parts, stress, flux, viscous, activated = [], [], [], [], []
     for i, material in enumerate(materials):
         t, p = Translator(material, "v4"), f"s->material_{i}"
         methods = type(material)
         parts.append(t.function("stress", f"stress_{i}"))
         lines = [f"stress_{i}({p}, F, p);"]
         if hasattr(methods, "viscous_stress"):
+            viscous.append(i)
             parts.append(t.function("viscous_stress", f"viscous_stress_{i}"))
             lines.append(f"viscous_stress_{i}({p}, F, R, w);")
         if director != "none" and hasattr(methods, "director_stress"):
             parts.append(t.function("director_stress", f"director_stress_{i}"))
-            lines.append(f"director_stress_{i}({p}, F, g, t); ADD(p, t);")
+            lines.append(f"v4 t[2][2]; director_stress_{i}({p}, F, g, t); ADD(p, t);")
             parts.append(t.function("director_flux", f"director_flux_{i}"))
-            flux.append(f"    if (mask & {1 << i}) {{ director_flux_{i}({p}, F, g, f); KEEP2(f, {i}); }}")
+            flux.append(f"    if (HAS({i})) {{ director_flux_{i}({p}, F, g, f); KEEP(2, flux[k], f[k], {i}); }}")
         if active and hasattr(methods, "active_stress"):
+            activated.append(i)
             parts.append(t.function("active_stress", f"active_stress_{i}"))
             lines.append(f"active_stress_{i}({p}, F, h, a);")
-        body = " ".join(["v4 p[2][2], t[2][2], w[2][2] = {{{0}}}, a[2][2] = {{{0}}}; (void)t;", *lines, f"KEEP({i});"])
-        stress.append(f"    if (mask & {1 << i}) {{ {body} }}")
+        stress.append(f"    if (material == {i}) {{ v4 (*p)[2] = P, (*w)[2] = W, (*a)[2] = A; (void)w, (void)a; "
+                      f"{' '.join(lines)} return; }}")
         vectors[f"material_{i}"] = t.vector()
     fields = ""
     if director != "none" or active:
         fields = ("    const v4 g[2] = {load(s->director_gradient + 8 * b), load(s->director_gradient + 8 * b + 4)};\n"
                   "    const v4 h[2] = {load(s->director_axis + 8 * b), load(s->director_axis + 8 * b + 4)};\n"
                   "    (void)g; (void)h;\n")
-    parts.append(_DISPATCH.format(fields=fields, stress="\n".join(stress), flux="\n".join(flux)))
+    each = " ".join(f"DO({i})" for i in range(len(materials)))
+    parts.append(_DISPATCH.format(each=each, fields=fields, stress="\n".join(stress), flux="\n".join(flux),
+                                  viscous=_any_of(viscous), active=_any_of(activated)))
     return "\n".join(parts)
 
 
-_DISPATCH = """#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
-#define LANES_OF(i) const i4 m = (i4)(load(s->material + 4 * b) == (double)(i))
-#define KEEP(n) LANES_OF(n); for (int i = 0; i < 2; i++) for (int j = 0; j < 2; j++) \\
-    P[i][j] = choose(m, p[i][j], P[i][j]), W[i][j] = choose(m, w[i][j], W[i][j]), A[i][j] = choose(m, a[i][j], A[i][j])
-#define KEEP2(f, i) LANES_OF(i); for (int a = 0; a < 2; a++) flux[a] = choose(m, f[a], flux[a])
+def _any_of(numbers: list[int]) -> str:
+    return " || ".join([f"material == {i}" for i in numbers] + ["material == MIXED"])
 
-static inline void material_stress(const Scene *s, long b, const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2],
-                                   v4 A[2][2])
+
+_DISPATCH = """#define EACH_MATERIAL(DO) {each}
+enum {{ MIXED = -1 }};
+#define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
+#define LANES_OF(i) ((i4)(load(s->material + 4 * b) == (double)(i)))
+#define KEEP(n, to, from, i) for (int k = 0; k < n; k++) to = choose(LANES_OF(i), from, to)
+
+/* Whether a block of this material, or MIXED, may have such stresses. */
+static inline int is_viscous(int material) {{ return {viscous}; }}
+static inline int is_active(int material) {{ return {active}; }}
+
+static inline __attribute__((always_inline)) void stress_of_one(const Scene *s, long b, const int material,
+    const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2], v4 A[2][2])
 {{
-    const int32_t mask = s->mask[b];
-{fields}    memset(P, 0, 4 * sizeof(v4));
-    memset(W, 0, 4 * sizeof(v4));
-    memset(A, 0, 4 * sizeof(v4));
-    (void)R;
+{fields}    (void)b, (void)R;
 {stress}
+}}
+
+static inline __attribute__((always_inline)) void material_stress(const Scene *s, long b, const int material,
+    const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2], v4 A[2][2])
+{{
+    if (material != MIXED) {{
+        stress_of_one(s, b, material, F, R, P, W, A);
+        return;
+    }}
+    memset(P, 0, 4 * sizeof(v4));
+#define OF_LANES(i) {{ v4 p[2][2], w[2][2] = {{{{{{0}}}}}}, a[2][2] = {{{{{{0}}}}}}; \\
+        stress_of_one(s, b, i, F, R, p, w, a); \\
+        KEEP(4, P[k / 2][k % 2], p[k / 2][k % 2], i); KEEP(4, W[k / 2][k % 2], w[k / 2][k % 2], i); \\
+        KEEP(4, A[k / 2][k % 2], a[k / 2][k % 2], i); }}
+    EACH_MATERIAL(OF_LANES)
 }}
 
 static inline void material_director_flux(const Scene *s, long b, const v4 F[2][2], const v4 g[2], v4 flux[2])
 {{
-    const int32_t mask = s->mask[b];
+#define HAS(i) (s->only[b] == i || s->only[b] == MIXED)
     v4 f[2];
     flux[0] = flux[1] = (v4){{0}};
-    (void)F; (void)g; (void)f; (void)mask;
+    (void)s, (void)b, (void)F, (void)g, (void)f;
 {flux}
 }}
 """

@@ -70,8 +70,11 @@ class ContactLists:
         return np.concatenate([self.pair, *[owner] * 4]), np.concatenate([self.node, *ends, *around])
 
 
-def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float) -> ContactLists:
-    """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them."""
+def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float) -> ContactLists:
+    """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them.
+
+    They hold until a distance changes by `change` [µm]: a segment further away by twice that cannot become the closest.
+    """
     longest = np.linalg.norm(x[surfaces.after] - x, axis=1).max()
     pairs = cKDTree(x).query_pairs(reach + 0.5 * longest, output_type="ndarray")
     pairs = pairs[(surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]) & surfaces.outer[pairs].all(axis=1)]
@@ -80,9 +83,12 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float) -> ContactLis
     n_cells = surfaces.cell.max() + 1
     own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
     unique = np.unique(np.column_stack([own * n_cells + other, segments]), axis=0)
+    away = _distances(x[unique[:, 1]], x[unique[:, 2]], x[surfaces.after[unique[:, 2]]])
+    start = np.flatnonzero(_fresh(unique))
+    least = np.minimum.reduceat(away, start) if len(start) else away
+    unique = unique[away <= np.repeat(least, np.diff(np.append(start, len(unique)))) + 2.0 * change]
     directed, node, candidate = unique.T
-    fresh = np.ones(len(unique), bool)
-    fresh[1:] = (directed[1:] != directed[:-1]) | (node[1:] != node[:-1])
+    fresh = _fresh(unique)
     first = np.append(np.flatnonzero(fresh), len(unique))
     directed, node = directed[fresh], node[fresh]
     key = directed * len(x) + node  # ascending
@@ -93,3 +99,15 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float) -> ContactLis
     own, other = np.divmod(directed, n_cells)
     pair = np.minimum(own, other) * n_cells + np.maximum(own, other)
     return ContactLists(node, pair, first, candidate, segment)
+
+
+def _fresh(listed: np.ndarray) -> np.ndarray:
+    """Where another particle begins in rows of (directed pair, particle, segment) (k,) bool."""
+    return np.append(True, (np.diff(listed[:, :2], axis=0) != 0).any(axis=1))[: len(listed)]
+
+
+def _distances(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distances (k,) of points x (k, 2) from segments a-b (k, 2) each [µm]."""
+    along = b - a
+    t = np.clip(((x - a) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(x - a - t[:, None] * along, axis=1)

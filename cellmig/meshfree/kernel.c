@@ -10,10 +10,11 @@ enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
 #else
 enum { GRADIENT_WIDTH = 8 };
 #endif
+/* What resisted in the last step, by block: viscous stress 16, bulk damping 4, stabilising forces 8, active stress 16. */
 #ifdef ACTIVE
 enum { RESISTANCE_WIDTH = 44 };
 #else
-enum { RESISTANCE_WIDTH = 28 }; /* by block: viscous stress, bulk damping, stabilising forces, active stress, of the last step */
+enum { RESISTANCE_WIDTH = 28 };
 #endif
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
@@ -73,81 +74,87 @@ static inline void gather(const Scene *s, long b, const double *field, v4 grad[4
 /* Power of two tensors, P : R. */
 static inline v4 power(const v4 P[2][2], const v4 R[2][2])
 {
-    return P[0][0] * R[0][0] + P[0][1] * R[0][1] + P[1][0] * R[1][0] + P[1][1] * R[1][1];
+    return fma4(P[0][0], R[0][0], P[0][1] * R[0][1]) + fma4(P[1][0], R[1][0], P[1][1] * R[1][1]);
 }
 
 /* Power of forces on the four particles of block b, rows (0 1), (2 3), on their velocities. */
 static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
 {
-    const double *z = s->state + 16 * b;
-    return (v4){z[2] * f[0][0] + z[3] * f[0][1], z[6] * f[0][2] + z[7] * f[0][3],
-                z[10] * f[1][0] + z[11] * f[1][1], z[14] * f[1][2] + z[15] * f[1][3]};
+    const double *v = s->state + 16 * b + 2;
+    const v4 low = f[0] * halves(twice(v), twice(v + 4)), high = f[1] * halves(twice(v + 8), twice(v + 12));
+    const v4 x = __builtin_shuffle(low, high, (i4){0, 2, 4, 6}), y = __builtin_shuffle(low, high, (i4){1, 3, 5, 7});
+    return x + y;
 }
 
-#ifdef ACTIVE
-/* The account of what activity drives, as those of losses. */
-static inline void account_activity(const Scene *s, long b, const v4 R[2][2], const v4 A[2][2], double elapsed, double dt)
+/* Work of what was kept of the last kick, which took `elapsed`, and of what is there for the coming one, `dt`, on one
+ * rate: a force that resisted over a step did work with the mean of the rates at both its ends. */
+static inline v4 work_of_stress(double *kept, const v4 P[2][2], const v4 R[2][2], double elapsed, double dt)
 {
-    double *kept = s->resistance + RESISTANCE_WIDTH * b + 28;
-    const v4 before[2][2] = {{load(kept), load(kept + 4)}, {load(kept + 8), load(kept + 12)}};
-    store(s->protrusion_work + 4 * b, load(s->protrusion_work + 4 * b) - (0.5 * elapsed * power(before, R) + 0.5 * dt * power(A, R)));
-    for (int i = 0; i < 4; i++) store(kept + 4 * i, A[i / 2][i % 2]);
+    v4 mean[2][2];
+    for (int i = 0; i < 4; i++) {
+        mean[i / 2][i % 2] = fma4(splat(0.5 * elapsed), load(kept + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
+        store(kept + 4 * i, P[i / 2][i % 2]);
+    }
+    return power(mean, R);
 }
-#endif
 
-/* The accounts of losses: a force that resisted over a step did work with the mean of the velocities at both its ends.
- * `elapsed` is the time of the last kick, whose forces are in `resistance`; `dt` that of the one to come. */
-static inline void account_losses(const Scene *s, long b, const v4 R[2][2], const v4 W[2][2], v4 q, v4 rate,
-                                  const v4 stab[2], double elapsed, double dt)
-{
-    double *kept = s->resistance + RESISTANCE_WIDTH * b;
-#ifdef VISCOUS
-    const v4 before[2][2] = {{load(kept), load(kept + 4)}, {load(kept + 8), load(kept + 12)}};
-    store(s->viscous_loss + 4 * b, load(s->viscous_loss + 4 * b) + (0.5 * elapsed * power(before, R) + 0.5 * dt * power(W, R)));
-    for (int i = 0; i < 4; i++) store(kept + 4 * i, W[i / 2][i % 2]);
-    kept += 16;
-#endif
-#if defined BULK_DAMPED || defined STABILISED
-    v4 lost = load(s->numerical_loss + 4 * b);
-#ifdef BULK_DAMPED
-    lost += (0.5 * elapsed * load(kept) + 0.5 * dt * q) * rate;
-    store(kept, q);
-    kept += 4;
-#endif
 #ifdef STABILISED
-    const v4 pulled[2] = {load(kept), load(kept + 4)};
-    lost += 0.5 * elapsed * power_of_forces(s, b, pulled) + 0.5 * dt * power_of_forces(s, b, stab);
-    store(kept, stab[0]);
-    store(kept + 4, stab[1]);
-#endif
-    store(s->numerical_loss + 4 * b, lost);
-#endif
-    (void)s, (void)b, (void)R, (void)W, (void)q, (void)rate, (void)stab, (void)elapsed, (void)dt, (void)kept;
+static inline v4 work_of_forces(const Scene *s, long b, double *kept, const v4 f[2], double elapsed, double dt)
+{
+    v4 mean[2];
+    for (int i = 0; i < 2; i++) {
+        mean[i] = fma4(splat(0.5 * elapsed), load(kept + 4 * i), 0.5 * dt * f[i]);
+        store(kept + 4 * i, f[i]);
+    }
+    return power_of_forces(s, b, mean);
 }
+#endif
 
-/* Stress of block b from F and its rate: V P to Q, -S v - E u to the force, losses to the accounts. */
-static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 r[4], const v4 stab[2], double elapsed,
-                                double dt)
+static inline void add(double *account, v4 amount) { store(account, load(account) + amount); }
+
+/* Stress of block b, all of one material or, where that is MIXED, of several, from F and its rate: V P to Q, -S v - E u
+ * to the force; losses, and what activity drives, to the accounts. */
+static inline __attribute__((always_inline)) void stress_block(const Scene *s, long b, const int material, const v4 f[4],
+                                                               const v4 r[4], const v4 stab[2], double elapsed, double dt)
 {
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
     const v4 V = load(s->volume + 4 * b);
-    v4 P[2][2], W[2][2], A[2][2], q = {0}, rate = {0};
-    material_stress(s, b, F, R, P, W, A);
+    double *kept = s->resistance + RESISTANCE_WIDTH * b;
+    v4 P[2][2], W[2][2] = {{{0}}}, A[2][2] = {{{0}}};
+    material_stress(s, b, material, F, R, P, W, A);
     for (int i = 0; i < 4; i++) {
-        W[i / 2][i % 2] *= V;
-        P[i / 2][i % 2] = V * P[i / 2][i % 2] + W[i / 2][i % 2];
+        P[i / 2][i % 2] *= V;
+#ifdef VISCOUS
+        if (is_viscous(material)) P[i / 2][i % 2] += W[i / 2][i % 2] *= V;
+#endif
 #ifdef ACTIVE
-        A[i / 2][i % 2] *= V;
-        P[i / 2][i % 2] += A[i / 2][i % 2];
+        if (is_active(material)) P[i / 2][i % 2] += A[i / 2][i % 2] *= V;
 #endif
     }
+#ifdef VISCOUS
+    if (is_viscous(material)) add(s->viscous_loss + 4 * b, work_of_stress(kept, W, R, elapsed, dt));
+#endif
+#ifdef ACTIVE
+    if (is_active(material)) add(s->protrusion_work + 4 * b, -work_of_stress(kept + 28, A, R, elapsed, dt));
+#endif
+#if defined BULK_DAMPED || defined STABILISED
+    v4 lost = {0};
+#endif
 #ifdef BULK_DAMPED
-    rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
-    q = V * load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
+    const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
+    const v4 q = V * load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
     P[0][0] += q * F[1][1];
     P[0][1] -= q * F[1][0];
     P[1][0] -= q * F[0][1];
     P[1][1] += q * F[0][0];
+    lost = (0.5 * elapsed * load(kept + 16) + 0.5 * dt * q) * rate;
+    store(kept + 16, q);
+#endif
+#ifdef STABILISED
+    lost += work_of_forces(s, b, kept + 20, stab, elapsed, dt);
+#endif
+#if defined BULK_DAMPED || defined STABILISED
+    add(s->numerical_loss + 4 * b, lost);
 #endif
     const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
     v4 rows[4];
@@ -160,14 +167,11 @@ static inline void stress_block(const Scene *s, long b, const v4 f[4], const v4 
 #endif
     store(s->force + 8 * b, -resistance[0]);
     store(s->force + 8 * b + 4, -resistance[1]);
-    account_losses(s, b, R, W, q, rate, stab, elapsed, dt);
-#ifdef ACTIVE
-    account_activity(s, b, R, A, elapsed, dt);
-#endif
+    (void)kept, (void)elapsed, (void)dt;
 }
 
 /* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since F was brought up to date. */
-static void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
+void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         v4 r[4], f[4], stab[2];
@@ -176,7 +180,11 @@ static void stress_of_rate(const Scene *s, double moved, double elapsed, double 
             f[c] = load(s->F + 16 * b + 4 * c) + moved * r[c];
             store(s->F + 16 * b + 4 * c, f[c]);
         }
-        stress_block(s, b, f, r, stab, elapsed, dt);
+        switch (s->only[b]) {
+#define CASE(i) case i: stress_block(s, b, i, f, r, stab, elapsed, dt); break;
+            EACH_MATERIAL(CASE)
+        default: stress_block(s, b, MIXED, f, r, stab, elapsed, dt);
+        }
     }
 }
 
@@ -217,7 +225,7 @@ static inline void divergence(const Scene *s, long b, v4 f[2])
 static inline int owned_lanes(const Scene *s, long b) { return s->n_owned - 4 * b < 4 ? (int)(s->n_owned - 4 * b) : 4; }
 
 /* v += kick (f/m + g), then u += dt v, for the owned particles. */
-static void kick_and_drift(const Scene *s, double kick, double dt)
+void kick_and_drift(const Scene *s, double kick, double dt)
 {
     const v4 none = {0}, pull = {0, 0, kick * s->acceleration[0], kick * s->acceleration[1]};
     for (long b = 0; 4 * b < s->n_owned; b++) {

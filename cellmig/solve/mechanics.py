@@ -21,7 +21,7 @@ from ..parallel.swarm import Swarm
 from .director import Director
 from .roughness import roughness
 
-SKIN = 0.4  # µm by which surfaces may approach each other before the search lists are made anew
+SKIN = 0.2  # µm by which surfaces may approach each other before the search lists are made anew
 
 
 class Mechanics:
@@ -100,7 +100,8 @@ class Mechanics:
         k["bulk_damping"] = lanes(scene.field("damping")[ids], 0.0)
         material = lanes(scene.material[ids], scene.material[ids[-1]] if n_rows else 0)
         k["material"] = material
-        k["mask"] = np.bitwise_or.reduce(1 << material.astype(np.int32).reshape(-1, 4), axis=1)
+        of_block = material.reshape(-1, 4)
+        k["only"] = np.where((of_block == of_block[:, :1]).all(axis=1), of_block[:, 0], -1)
         for name in ACCOUNTS:
             k[name] = np.zeros(max(self._capacity, 4 * n_blocks))
         k["resistance"] = np.zeros((n_blocks, 44 if self.terms.active else 28))
@@ -206,7 +207,7 @@ class Mechanics:
     def _renew_contact(self, x: np.ndarray) -> None:
         s, k = self.surfaces, self.kernel
         longest = 1.2 * np.linalg.norm(x[s.after] - x, axis=1).max()  # a segment may stretch until the next renewal
-        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + SKIN)
+        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + SKIN, SKIN)
         own = np.zeros(len(s.ids), bool)
         own[self._mine] = True
         pair, particle = lists.involved(s)
