@@ -29,7 +29,7 @@ from .run import BROKEN, CLOSURE, DONE, STOPPED, stop_requests
 REFUSED, UNSOUND = 2, 1
 VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
 SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
-AREA = 0.01  # how far the area of a cell may be from that at the start, beyond what J of its particles makes of it
+AREA = 0.1  # share of that by which the area of a cell may have changed beyond what J of its particles says: 1 to 5 %
 STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
 # What a clean stop says: when, where, why, and what to do about it.
 CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
@@ -153,7 +153,7 @@ def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
     room = VOLUME + soft
     if not (1.0 - room < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
         wrong.append(f"J from {numbers['J_min']:.3g} to {numbers['J_max']:.3g}")
-    if not numbers["area"] < AREA:
+    if not numbers["area"] < AREA * room:
         wrong.append(f"an area changed by {100 * numbers['area']:.3g} % more than its particles")
     return wrong
 
