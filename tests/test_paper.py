@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import cellmig.study.paper as study_paper
-from cellmig.__main__ import UsageError, parse
 from cellmig.__main__ import paper as command
 from cellmig.study import batch
 from cellmig.study.batch import Job, run_all, unsound
 from cellmig.study.claims import AVERAGE, CASES, CLAIMS, FAILS, HOLDS, UNKNOWN, Part
 from cellmig.study.measures import Outcome, gap
 from cellmig.study.paper import CONFIGURATIONS, FOLDER, paper, plan, table
+from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
 

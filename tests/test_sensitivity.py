@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import cellmig.study.sensitivity as study
-from cellmig.__main__ import UsageError, parse
 from cellmig.__main__ import verify as command
 from cellmig.study import batch
 from cellmig.study.measures import Outcome
 from cellmig.study.sensitivity import choices, compare, measure, plan, plateau, sensitivity, spreading
+from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
 

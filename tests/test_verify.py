@@ -8,10 +8,11 @@ import math
 
 import pytest
 
-from cellmig.__main__ import DONE, parse
+from cellmig.__main__ import DONE
 from cellmig.__main__ import verify as command
 from cellmig.study import verify as study
 from cellmig.study.reference import FAILS, HOLDS, Expected, Measured, Reference, converges, exact, judge, orders
+from cellmig.usage import parse
 
 pytestmark = pytest.mark.serial
 

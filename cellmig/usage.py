@@ -1,0 +1,153 @@
+"""The commands and their options, as argparse knows them."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+
+
+def _told_by_mpiexec(what: str, alone: int) -> int:
+    """RANK or SIZE as Open MPI or MPICH tell it: known before MPI has started, and where it cannot start."""
+    told = os.environ.get(f"OMPI_COMM_WORLD_{what}") or os.environ.get(f"PMI_{what}")
+    return int(told) if told else alone
+
+
+RANK, RANKS = _told_by_mpiexec("RANK", 0), _told_by_mpiexec("SIZE", 1)
+
+
+class UsageError(Exception):
+    """The call is wrong; the message is for the user."""
+
+
+class Parser(argparse.ArgumentParser):
+    """One rank speaks and all ranks end: a wrong call is an exception, help comes once."""
+
+    def error(self, message: str) -> None:
+        """Refuse the call."""
+        raise UsageError(f"{message}\n{self.format_usage().strip()}\n'{self.prog} --help' tells more")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if RANK == 0:
+            super()._print_message(message, file)
+
+
+_HELP = """\
+A case alone is run: 'cellmig run --help' lists its options.  On several ranks: mpiexec -n 4 cellmig …
+Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -ts_monitor, -log_view …
+
+exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong, 3 the environment is, 4 the numbers broke,
+            5 input or output, 75 stopped on request"""
+
+
+def parser() -> Parser:
+    """All commands with their options."""
+    top = Parser(prog="cellmig", usage="cellmig CASE.toml [OPTION …]\n       cellmig COMMAND [ARGUMENT …]",
+                 description="Collective cell migration by a meshfree particle method.", epilog=_HELP,
+                 formatter_class=argparse.RawDescriptionHelpFormatter)
+    top.add_argument("--version", action="version", version=f"cellmig {__version__}")
+    commands = top.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND", prog="cellmig")
+
+    run = commands.add_parser("run", help="run a case", epilog="Options with one dash are PETSc's: -ts_type rk …",
+                              description="Run a case.  A run that is already in the directory is moved aside.  ^C, "
+                                          "SIGTERM and SIGUSR1 end a run with all its files whole.")
+    run.add_argument("case", type=Path, help="case file")
+    run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
+    run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
+    run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
+    run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
+    _accuracy(run)
+    _sets(run)
+
+    validate = commands.add_parser("validate", help="check cases and say what a run will cost")
+    validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
+    _accuracy(validate)
+    _sets(validate)
+    _looks(commands)
+    return top
+
+
+def _looks(commands: Any) -> None:
+    """The commands that look at runs and at this machine."""
+    info = commands.add_parser("info", help="what a run was and did")
+    info.add_argument("directory", type=Path, help="of a run")
+    diff = commands.add_parser("diff", help="whether two runs are the same, and where they part")
+    diff.add_argument("directories", type=Path, nargs=2, metavar="directory", help="of a run")
+    diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0 (default) asks for the same bits")
+    plot = commands.add_parser("plot", help="pictures of a run")
+    plot.add_argument("directory", type=Path, help="of a run")
+    plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
+    plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
+    plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
+    paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
+    paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
+                       "followed by what is set)")
+    paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
+    paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
+    paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
+    paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
+    _sets(paper)
+    verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it",
+                                 description="References against exact and published solutions at three resolutions or "
+                                             "more: error, order and verdict; exit code 1 if something does not hold. "
+                                             "With --stress or --sensitivity, other checks.")
+    verify.add_argument("--only", metavar="NAME,NAME", help="these references or groups of them alone")
+    what = verify.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="the references, their sources, and what theory expects")
+    what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each ends stable, stops with a "
+                      "message or is refused")
+    what.add_argument("--sensitivity", action="store_true", help="how the main scene depends on spacing, time step and "
+                      "other choices of the method")
+    verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
+    verify.add_argument("--quick", action="store_true", help="coarse references or a coarse sensitivity: in minutes")
+    verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
+    verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
+                        "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
+    _sets(verify)
+    bench = commands.add_parser("bench", help="run time against error, and which settings are worth their time")
+    what = bench.add_mutually_exclusive_group(required=True)
+    what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
+                      "integrator, step and modulus: the Pareto sets, and what the defaults should be")
+    what.add_argument("--modulus", action="store_true", help="only what the reduced bulk modulus costs, half a minute")
+    bench.add_argument("--quick", action="store_true", help="coarse, in two minutes, to try it out")
+    bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
+                       "output/bench-quick)")
+    commands.add_parser("schema", help="JSON schema of a case file, for editors")
+    commands.add_parser("doctor", help="what this machine has and lacks")
+
+
+def _accuracy(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets",
+                         type="numerics.accuracy={}".format,
+                         help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
+                         "below this error")
+
+
+def _sets(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="sets",
+                         help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
+
+
+COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify", "bench")
+
+
+def parse(words: list[str]) -> argparse.Namespace:
+    """Our part of the command line; a case file as first word stands for `run`."""
+    if words and words[0] not in COMMANDS and not words[0].startswith("-"):
+        if words[0].endswith(".toml") or os.path.exists(words[0]):
+            words = ["run", *words]
+        else:
+            near = difflib.get_close_matches(words[0], COMMANDS, 1)
+            meant = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(COMMANDS)}"
+            raise UsageError(f"'{words[0]}' is neither a case file nor a command{meant}")
+    return parser().parse_args(words)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expects a number from 1 on, not '{text}'")
+    return int(text)
