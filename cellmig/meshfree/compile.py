@@ -26,13 +26,13 @@ _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int3
 
 FIELDS: dict[str, str] = {
     # sizes
-    "n_owned": "long", "n_local": "long", "n_blocks": "long",
+    "n_owned": "long", "n_rows": "long", "n_local": "long", "n_owned_blocks": "long", "n_blocks": "long",
     # state (ux uy vx vy) of owned and ghosts, and what the rows keep
     "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
-    "volume": "double *", "inverse_mass": "double *", "bulk_damping": "double *", "material": "double *",
-    "only": "int32_t *", "resistance": "double *", "viscous_loss": "double *",
-    "numerical_loss": "double *",
-    # neighbours
+    "volume": "double *", "inverse_mass": "double *", "per_mass": "double *", "bulk_damping": "double *",
+    "kept": "double *", "viscous_loss": "double *", "numerical_loss": "double *",
+    # blocks of rows, and by their homes the neighbours
+    "block": "int32_t *",
     "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
     "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
     "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "double *",
@@ -177,7 +177,7 @@ def _histories(laws: tuple, vectors: dict) -> list[str]:
 
 
 def _materials(materials: list, director: str, active: bool, vectors: dict) -> str:
-    """Pointwise functions of each material, and their dispatch: over a block of one, or of several by its lanes."""
+    """Pointwise functions of each material, and their dispatch."""
     parts, stress, flux, viscous, activated = [], [], [], [], []
     for i, material in enumerate(materials):
         t, p = Translator(material, "v4"), f"s->material_{i}"
@@ -192,7 +192,7 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
             parts.append(t.function("director_stress", f"director_stress_{i}"))
             lines.append(f"v4 t[2][2]; director_stress_{i}({p}, F, g, t); ADD(p, t);")
             parts.append(t.function("director_flux", f"director_flux_{i}"))
-            flux.append(f"    if (HAS({i})) {{ director_flux_{i}({p}, F, g, f); KEEP(2, flux[k], f[k], {i}); }}")
+            flux.append(f"    if (material == {i}) director_flux_{i}({p}, F, g, flux);")
         if active and hasattr(methods, "active_stress"):
             activated.append(i)
             parts.append(t.function("active_stress", f"active_stress_{i}"))
@@ -212,47 +212,27 @@ def _materials(materials: list, director: str, active: bool, vectors: dict) -> s
 
 
 def _any_of(numbers: list[int]) -> str:
-    return " || ".join([f"material == {i}" for i in numbers] + ["material == MIXED"])
+    return " || ".join(f"material == {i}" for i in numbers) or "0"
 
 
 _DISPATCH = """#define EACH_MATERIAL(DO) {each}
-enum {{ MIXED = -1 }};
 #define ADD(p, t) (p[0][0] += t[0][0], p[0][1] += t[0][1], p[1][0] += t[1][0], p[1][1] += t[1][1])
-#define LANES_OF(i) ((i4)(load(s->material + 4 * b) == (double)(i)))
-#define KEEP(n, to, from, i) for (int k = 0; k < n; k++) to = choose(LANES_OF(i), from, to)
 
-/* Whether a block of this material, or MIXED, may have such stresses. */
-static inline int is_viscous(int material) {{ return {viscous}; }}
-static inline int is_active(int material) {{ return {active}; }}
+/* Whether a block of this material has such stresses. */
+static inline int is_viscous(int material) {{ (void)material; return {viscous}; }}
+static inline int is_active(int material) {{ (void)material; return {active}; }}
 
-static inline __attribute__((always_inline)) void stress_of_one(const Scene *s, long b, const int material,
+INLINED void material_stress(const Scene *s, long b, const int material,
     const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2], v4 A[2][2])
 {{
 {fields}    (void)b, (void)R;
 {stress}
 }}
 
-static inline __attribute__((always_inline)) void material_stress(const Scene *s, long b, const int material,
-    const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2], v4 A[2][2])
+static inline void material_director_flux(const Scene *s, int material, const v4 F[2][2], const v4 g[2], v4 flux[2])
 {{
-    if (material != MIXED) {{
-        stress_of_one(s, b, material, F, R, P, W, A);
-        return;
-    }}
-    memset(P, 0, 4 * sizeof(v4));
-#define OF_LANES(i) {{ v4 p[2][2], w[2][2] = {{{{{{0}}}}}}, a[2][2] = {{{{{{0}}}}}}; \\
-        stress_of_one(s, b, i, F, R, p, w, a); \\
-        KEEP(4, P[k / 2][k % 2], p[k / 2][k % 2], i); KEEP(4, W[k / 2][k % 2], w[k / 2][k % 2], i); \\
-        KEEP(4, A[k / 2][k % 2], a[k / 2][k % 2], i); }}
-    EACH_MATERIAL(OF_LANES)
-}}
-
-static inline void material_director_flux(const Scene *s, long b, const v4 F[2][2], const v4 g[2], v4 flux[2])
-{{
-#define HAS(i) (s->only[b] == i || s->only[b] == MIXED)
-    v4 f[2];
     flux[0] = flux[1] = (v4){{0}};
-    (void)s, (void)b, (void)F, (void)g, (void)f;
+    (void)s, (void)material, (void)F, (void)g;
 {flux}
 }}
 """
@@ -269,12 +249,14 @@ def cache_directory() -> Path:
 
 
 def _architecture() -> list[str]:
-    """AVX2 and FMA where the processor has them: the same bits on every machine that does."""
+    """The newest level of x86-64 that the processor has: vectors of four on all, more registers on some; same bits."""
     try:
-        flags = Path("/proc/cpuinfo").read_text().split()
+        flags = set(Path("/proc/cpuinfo").read_text().split())
     except OSError:
-        flags = []
-    return ["-march=x86-64-v3"] if {"avx2", "fma", "bmi2"} <= set(flags) else []
+        flags = set()
+    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "fma", "bmi2"} <= flags:
+        return ["-march=x86-64-v4", "-mprefer-vector-width=256"]
+    return ["-march=x86-64-v3"] if {"avx2", "fma", "bmi2"} <= flags else []
 
 
 def compiled(source: str) -> Path:

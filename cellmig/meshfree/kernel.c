@@ -1,21 +1,37 @@
 /* The step of cellmig: internal force, surface forces, update, in total Lagrangian form.
  *
- * Particles lie in blocks of four lanes; the neighbours of a block are padded to one length and ascend by global id,
- * which fixes the order of every sum on any number of ranks.  Both passes gather.  Laws, types of the scene and
- * their dispatch are generated in front of this file (see compile.py); a term that the scene lacks is not there.
+ * Particles are worked on in blocks of up to four lanes, of one cell and one material; the neighbours of a block are
+ * padded to one length and ascend by global id, which fixes the order of every sum on any number of ranks.  Blocks whose
+ * neighbours lie alike, as those of copies of a cell do, share a home, where their coefficients are, and are worked on
+ * two at a time.  Both passes gather.  Laws, types of the scene and their dispatch are generated in front of this file
+ * (see compile.py); a term that the scene lacks is not there.
  */
+
+/* Rows row … row + lanes - 1; the local numbers of their neighbours are those of the home plus `shift`; whether anything
+ * acts on them but stresses. */
+typedef struct { int32_t row, lanes, home, shift, material, loaded; } Block;
 
 #ifdef STABILISED
 enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
 #else
 enum { GRADIENT_WIDTH = 8 };
 #endif
-/* What resisted in the last step, by block: viscous stress 16, bulk damping 4, stabilising forces 8, active stress 16. */
-#ifdef ACTIVE
-enum { RESISTANCE_WIDTH = 44 };
-#else
-enum { RESISTANCE_WIDTH = 28 };
+
+/* What a block keeps: forces and stresses that resisted in the last kick, which accounts alone ask for in a second step,
+ * in single precision where no force is made of them; losses, and work of activity, that its particles have yet to get. */
+typedef struct {
+    double stabilising[8], viscous_loss[4], numerical_loss[4];
+    float viscous[16], bulk[4];
+#ifdef STIFFENED
+    double elastic[8];
 #endif
+#ifdef ACTIVE
+    double protrusion_work[4];
+    float active[16];
+#endif
+} Kept;
+
+long kept_size(void) { return sizeof(Kept); }
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
@@ -30,45 +46,75 @@ static inline void neighbours(const uint32_t *column, size_t c[4])
     c[3] = pair[1] >> 32;
 }
 
-/* Adds to st the sum of field x coefficient over the neighbours of block b, rows (0 1), (2 3). */
-static inline void gather_scalar(const long *first, const uint32_t *column, const double *coefficient, long b,
-                                 const double *field, v4 st[2])
+#ifdef __AVX512VL__
+enum { MOST = 3 }; /* their sums fill the registers */
+#else
+enum { MOST = 2 };
+#endif
+
+/* Number of blocks from b on, before `end`, that are worked on together: they have one home. */
+static inline int together(const Block *block, long b, long end)
 {
-    for (long k = first[b]; k < first[b + 1]; k++) {
-        const v4 w = load(coefficient + 4 * k);
+    int n = 1;
+    while (n < MOST && b + n < end && block[b + n].home == block[b].home) n++;
+    return n;
+}
+
+/* DO(n) for all blocks from `from` to `end`, n of one home at a time, b being the first of them. */
+#define EACH_BLOCK(from, end, DO)                                                                                     \
+    for (long b = (from), last_ = (end), n_; b < last_; b += n_) {                                                    \
+        n_ = together(block, b, last_);                                                                               \
+        if (n_ == MOST) DO(MOST);                                                                                     \
+        else if (n_ == 2) DO(2);                                                                                      \
+        else DO(1);                                                                                                   \
+    }
+
+/* Adds to st the sum of field x coefficient over the neighbours of n blocks of one home, rows (0 1), (2 3). */
+INLINED void gather_scalar(const long *first, const uint32_t *column, const double *coefficient, const Block *block,
+                           const int n, const double *field, v4 st[][2])
+{
+    for (long k = first[block->home]; k < first[block->home + 1]; k++) {
+        const double *a = coefficient + 4 * k;
         size_t c[4];
         neighbours(column + 4 * k, c);
-        st[0] = fma4(halves(twice(field + c[0]), twice(field + c[1])), even(w), st[0]);
-        st[1] = fma4(halves(twice(field + c[2]), twice(field + c[3])), odd(w), st[1]);
+        for (int m = 0; m < n; m++) {
+            const double *x = field + 4L * block[m].shift;
+            st[m][0] = fma4(halves(twice(x + c[0]), twice(x + c[1])), even_of(a), st[m][0]);
+            st[m][1] = fma4(halves(twice(x + c[2]), twice(x + c[3])), odd_of(a), st[m][1]);
+        }
     }
 }
 
-/* Sum of field x gradient over the neighbours of block b, lanes 00 10 01 11; also S x field, rows (0 1), (2 3). */
-static inline void gather(const Scene *s, long b, const double *field, v4 grad[4], v4 stab[2])
+/* Sum of field x gradient over the neighbours of n blocks of one home, lanes 00 10 01 11; also S x field, rows (0 1),
+ * (2 3). */
+INLINED void gather(const Scene *s, const Block *block, const int n, const double *field, v4 grad[][4], v4 stab[][2])
 {
-    v4 acc[4] = {{0}}, st[2] = {{0}};
-    for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+    v4 acc[MOST][4] = {{{0}}}, st[MOST][2] = {{{0}}};
+    for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
         const double *a = s->gradient + GRADIENT_WIDTH * k;
-        const v4 g01 = load(a), g23 = load(a + 4);
         size_t c[4];
         neighbours(s->column + 4 * k, c);
-        const v4 x0 = twice(field + c[0]), x1 = twice(field + c[1]), x2 = twice(field + c[2]), x3 = twice(field + c[3]);
-        acc[0] = fma4(x0, even(g01), acc[0]);
-        acc[1] = fma4(x1, odd(g01), acc[1]);
-        acc[2] = fma4(x2, even(g23), acc[2]);
-        acc[3] = fma4(x3, odd(g23), acc[3]);
+        for (int m = 0; m < n; m++) {
+            const double *x = field + 4L * block[m].shift;
+            const v4 x0 = twice(x + c[0]), x1 = twice(x + c[1]), x2 = twice(x + c[2]), x3 = twice(x + c[3]);
+            acc[m][0] = fma4(x0, even_of(a), acc[m][0]);
+            acc[m][1] = fma4(x1, odd_of(a), acc[m][1]);
+            acc[m][2] = fma4(x2, even_of(a + 4), acc[m][2]);
+            acc[m][3] = fma4(x3, odd_of(a + 4), acc[m][3]);
 #ifdef STABILISED
-        const v4 w = load(a + 8);
-        st[0] = fma4(halves(x0, x1), even(w), st[0]);
-        st[1] = fma4(halves(x2, x3), odd(w), st[1]);
+            st[m][0] = fma4(halves(x0, x1), even_of(a + 8), st[m][0]);
+            st[m][1] = fma4(halves(x2, x3), odd_of(a + 8), st[m][1]);
 #endif
+        }
     }
 #ifdef STABILISED
-    gather_scalar(s->first_outer, s->column_outer, s->outer, b, field, st);
+    gather_scalar(s->first_outer, s->column_outer, s->outer, block, n, field, st);
 #endif
-    transpose(acc, grad);
-    stab[0] = st[0];
-    stab[1] = st[1];
+    for (int m = 0; m < n; m++) {
+        transpose(acc[m], grad[m]);
+        stab[m][0] = st[m][0];
+        stab[m][1] = st[m][1];
+    }
 }
 
 /* Power of two tensors, P : R. */
@@ -77,10 +123,10 @@ static inline v4 power(const v4 P[2][2], const v4 R[2][2])
     return fma4(P[0][0], R[0][0], P[0][1] * R[0][1]) + fma4(P[1][0], R[1][0], P[1][1] * R[1][1]);
 }
 
-/* Power of forces on the four particles of block b, rows (0 1), (2 3), on their velocities. */
-static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
+/* Power of forces on the four particles from `row` on, rows (0 1), (2 3), on their velocities. */
+static inline v4 power_of_forces(const Scene *s, long row, const v4 f[2])
 {
-    const double *v = s->state + 16 * b + 2;
+    const double *v = s->state + 4 * row + 2;
     const v4 low = f[0] * halves(twice(v), twice(v + 4)), high = f[1] * halves(twice(v + 8), twice(v + 12));
     const v4 x = __builtin_shuffle(low, high, (i4){0, 2, 4, 6}), y = __builtin_shuffle(low, high, (i4){1, 3, 5, 7});
     return x + y;
@@ -88,38 +134,40 @@ static inline v4 power_of_forces(const Scene *s, long b, const v4 f[2])
 
 /* Work of what was kept of the last kick, which took `elapsed`, and of what is there for the coming one, `dt`, on one
  * rate: a force that resisted over a step did work with the mean of the rates at both its ends. */
-static inline v4 work_of_stress(double *kept, const v4 P[2][2], const v4 R[2][2], double elapsed, double dt)
+static inline v4 work_of_stress(float *kept, const v4 P[2][2], const v4 R[2][2], double elapsed, double dt)
 {
     v4 mean[2][2];
     for (int i = 0; i < 4; i++) {
-        mean[i / 2][i % 2] = fma4(splat(0.5 * elapsed), load(kept + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
-        store(kept + 4 * i, P[i / 2][i % 2]);
+        mean[i / 2][i % 2] = fma4(splat(0.5 * elapsed), load_single(kept + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
+        store_single(kept + 4 * i, P[i / 2][i % 2]);
     }
     return power(mean, R);
 }
 
 #ifdef STABILISED
-static inline v4 work_of_forces(const Scene *s, long b, double *kept, const v4 f[2], double elapsed, double dt)
+static inline v4 work_of_forces(const Scene *s, long row, double *kept, const v4 f[2], double elapsed, double dt)
 {
     v4 mean[2];
     for (int i = 0; i < 2; i++) {
         mean[i] = fma4(splat(0.5 * elapsed), load(kept + 4 * i), 0.5 * dt * f[i]);
         store(kept + 4 * i, f[i]);
     }
-    return power_of_forces(s, b, mean);
+    return power_of_forces(s, row, mean);
 }
 #endif
 
 static inline void add(double *account, v4 amount) { store(account, load(account) + amount); }
 
-/* Stress of block b, all of one material or, where that is MIXED, of several, from F and its rate: V P to Q, -S v - E u
- * to the force; losses, and what activity drives, to the accounts. */
-static inline __attribute__((always_inline)) void stress_block(const Scene *s, long b, const int material, const v4 f[4],
-                                                               const v4 r[4], const v4 stab[2], double elapsed, double dt)
+/* Stress of block b, of this material, from F and its rate: V P to Q; what resists, losses and what activity drives to what
+ * it keeps.  Lanes that it lacks have no volume and no forces. */
+INLINED void stress_of_block(const Scene *s, long b, const int material, const v4 f[4], const v4 r[4], const v4 stab[2],
+                             double elapsed, double dt)
 {
+    const Block block = ((const Block *)s->block)[b];
+    const long row = block.row;
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
-    const v4 V = load(s->volume + 4 * b);
-    double *kept = s->resistance + RESISTANCE_WIDTH * b;
+    const v4 V = load(s->volume + 4L * block.home);
+    Kept *kept = (Kept *)s->kept + b;
     v4 P[2][2], W[2][2] = {{{0}}}, A[2][2] = {{{0}}};
     material_stress(s, b, material, F, R, P, W, A);
     for (int i = 0; i < 4; i++) {
@@ -132,115 +180,151 @@ static inline __attribute__((always_inline)) void stress_block(const Scene *s, l
 #endif
     }
 #ifdef VISCOUS
-    if (is_viscous(material)) add(s->viscous_loss + 4 * b, work_of_stress(kept, W, R, elapsed, dt));
+    if (is_viscous(material)) add(kept->viscous_loss, work_of_stress(kept->viscous, W, R, elapsed, dt));
 #endif
 #ifdef ACTIVE
-    if (is_active(material)) add(s->protrusion_work + 4 * b, -work_of_stress(kept + 28, A, R, elapsed, dt));
+    if (is_active(material)) add(kept->protrusion_work, -work_of_stress(kept->active, A, R, elapsed, dt));
 #endif
 #if defined BULK_DAMPED || defined STABILISED
     v4 lost = {0};
 #endif
 #ifdef BULK_DAMPED
     const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
-    const v4 q = V * load(s->bulk_damping + 4 * b) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
+    const v4 q = V * load(s->bulk_damping + 4L * block.home) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
     P[0][0] += q * F[1][1];
     P[0][1] -= q * F[1][0];
     P[1][0] -= q * F[0][1];
     P[1][1] += q * F[0][0];
-    lost = (0.5 * elapsed * load(kept + 16) + 0.5 * dt * q) * rate;
-    store(kept + 16, q);
+    lost = (0.5 * elapsed * load_single(kept->bulk) + 0.5 * dt * q) * rate;
+    store_single(kept->bulk, q);
 #endif
 #ifdef STABILISED
-    lost += work_of_forces(s, b, kept + 20, stab, elapsed, dt);
+    lost += work_of_forces(s, row, kept->stabilising, stab, elapsed, dt);
 #endif
 #if defined BULK_DAMPED || defined STABILISED
-    add(s->numerical_loss + 4 * b, lost);
+    add(kept->numerical_loss, lost);
 #endif
     const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
     v4 rows[4];
     transpose(lanes, rows);
-    for (int i = 0; i < 4; i++) store(s->Q + 16 * b + 4 * i, rows[i]);
+    if (block.lanes == 4)
+        for (int i = 0; i < 4; i++) store(s->Q + 4 * row + 4 * i, rows[i]);
+    else
+        memcpy(s->Q + 4 * row, rows, sizeof(v4) * (size_t)block.lanes);
+    (void)kept, (void)elapsed, (void)dt, (void)stab;
+}
 
-    v4 resistance[2] = {stab[0], stab[1]};
+INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved, double elapsed, double dt)
+{
+    const Block *block = (const Block *)s->block + b;
+    v4 r[MOST][4], stab[MOST][2];
+    gather(s, block, n, s->state + 2, r, stab);
 #ifdef STIFFENED
-    gather_scalar(s->first_stiff, s->column_stiff, s->stiff, b, s->state, resistance);
+    v4 elastic[MOST][2] = {{{0}}};
+    gather_scalar(s->first_stiff, s->column_stiff, s->stiff, block, n, s->state, elastic);
+    for (int m = 0; m < n; m++)
+        for (int i = 0; i < 2; i++) store(((Kept *)s->kept)[b + m].elastic + 4 * i, elastic[m][i]);
 #endif
-    store(s->force + 8 * b, -resistance[0]);
-    store(s->force + 8 * b + 4, -resistance[1]);
-    (void)kept, (void)elapsed, (void)dt;
+    for (int m = 0; m < n; m++) {
+        v4 f[4];
+        for (int c = 0; c < 4; c++) {
+            double *F = s->F + 16 * (b + m) + 4 * c;
+            f[c] = load(F) + moved * r[m][c];
+            store(F, f[c]);
+        }
+        switch (block->material) {
+#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], stab[m], elapsed, dt); break;
+            EACH_MATERIAL(CASE)
+        }
+    }
 }
 
 /* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since F was brought up to date. */
 void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
 {
-    for (long b = 0; b < s->n_blocks; b++) {
-        v4 r[4], f[4], stab[2];
-        gather(s, b, s->state + 2, r, stab);
-        for (int c = 0; c < 4; c++) {
-            f[c] = load(s->F + 16 * b + 4 * c) + moved * r[c];
-            store(s->F + 16 * b + 4 * c, f[c]);
-        }
-        switch (s->only[b]) {
-#define CASE(i) case i: stress_block(s, b, i, f, r, stab, elapsed, dt); break;
-            EACH_MATERIAL(CASE)
-        default: stress_block(s, b, MIXED, f, r, stab, elapsed, dt);
-        }
-    }
+    const Block *block = (const Block *)s->block;
+#define STRESS(n) stress_of_blocks(s, b, n, moved, elapsed, dt)
+    EACH_BLOCK(0, s->n_owned_blocks, STRESS)
+    EACH_BLOCK(s->n_owned_blocks, s->n_blocks, STRESS)
 }
 
 /* F = I + grad u from the displacements as they are. */
 void deformation(const Scene *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 h[4], stab[2];
-        gather(s, b, s->state, h, stab);
-        h[0] += 1.0;
-        h[3] += 1.0;
-        for (int c = 0; c < 4; c++) store(s->F + 16 * b + 4 * c, h[c]);
+        v4 h[1][4], stab[1][2];
+        gather(s, (const Block *)s->block + b, 1, s->state, h, stab);
+        h[0][0] += 1.0;
+        h[0][3] += 1.0;
+        for (int c = 0; c < 4; c++) store(s->F + 16 * b + 4 * c, h[0][c]);
     }
 }
 
 /* ---------------------------------------------------------------- internal force, pass 2: divergence */
 
-/* Forces on the four particles of block b: what pass 1 and the surfaces left, and the adjoint of the gradient. */
-static inline void divergence(const Scene *s, long b, v4 f[2])
+/* Forces on the particles of blocks b … b + n - 1, of one home, rows (0 1), (2 3): the adjoint of the gradient, what
+ * resists, and what acts on surfaces, which is taken from there. */
+INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
 {
-    v4 acc[4] = {{0}};
-    for (long k = s->first[b]; k < s->first[b + 1]; k++) {
-        const v4 h01 = load(s->adjoint + 8 * k), h23 = load(s->adjoint + 8 * k + 4);
+    const Block *block = (const Block *)s->block + b;
+    v4 acc[MOST][4] = {{{0}}};
+    for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
+        const double *h = s->adjoint + 8 * k;
         size_t c[4];
         neighbours(s->column + 4 * k, c);
-        acc[0] = fma4(load(s->Q + c[0]), even(h01), acc[0]);
-        acc[1] = fma4(load(s->Q + c[1]), odd(h01), acc[1]);
-        acc[2] = fma4(load(s->Q + c[2]), even(h23), acc[2]);
-        acc[3] = fma4(load(s->Q + c[3]), odd(h23), acc[3]);
+        for (int m = 0; m < n; m++) {
+            const double *Q = s->Q + 4L * block[m].shift;
+            acc[m][0] = fma4(load(Q + c[0]), even_of(h), acc[m][0]);
+            acc[m][1] = fma4(load(Q + c[1]), odd_of(h), acc[m][1]);
+            acc[m][2] = fma4(load(Q + c[2]), even_of(h + 4), acc[m][2]);
+            acc[m][3] = fma4(load(Q + c[3]), odd_of(h + 4), acc[m][3]);
+        }
     }
-    for (int i = 0; i < 2; i++) {
-        const v4 low = __builtin_shuffle(acc[2 * i], acc[2 * i + 1], (i4){0, 1, 4, 5});
-        const v4 high = __builtin_shuffle(acc[2 * i], acc[2 * i + 1], (i4){2, 3, 6, 7});
-        f[i] = load(s->force + 8 * b + 4 * i) + (low + high);
+    for (int m = 0; m < n; m++) {
+        const Kept *kept = (const Kept *)s->kept + b + m;
+        for (int i = 0; i < 2; i++) {
+            const v4 low = __builtin_shuffle(acc[m][2 * i], acc[m][2 * i + 1], (i4){0, 1, 4, 5});
+            const v4 high = __builtin_shuffle(acc[m][2 * i], acc[m][2 * i + 1], (i4){2, 3, 6, 7});
+            f[m][i] = (low + high) - load(kept->stabilising + 4 * i);
+#ifdef STIFFENED
+            f[m][i] -= load(kept->elastic + 4 * i);
+#endif
+        }
+        if (!block[m].loaded) continue;
+        double outside[8] = {0}, *force = s->force + 2L * block[m].row;
+        const size_t size = sizeof(double) * 2 * (size_t)block->lanes;
+        memcpy(outside, force, size);
+        memset(force, 0, size);
+        for (int i = 0; i < 2; i++) f[m][i] += load(outside + 4 * i);
     }
 }
 
-static inline int owned_lanes(const Scene *s, long b) { return s->n_owned - 4 * b < 4 ? (int)(s->n_owned - 4 * b) : 4; }
-
-/* v += kick (f/m + g), then u += dt v, for the owned particles. */
-void kick_and_drift(const Scene *s, double kick, double dt)
+INLINED void kick_and_drift_blocks(const Scene *s, long b, const int n, double kick, double dt)
 {
+    const Block *block = (const Block *)s->block + b;
     const v4 none = {0}, pull = {0, 0, kick * s->acceleration[0], kick * s->acceleration[1]};
-    for (long b = 0; 4 * b < s->n_owned; b++) {
-        v4 f[2];
-        divergence(s, b, f);
-        const v4 rows[4] = {__builtin_shuffle(f[0], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[0], none, (i4){4, 4, 2, 3}),
-                            __builtin_shuffle(f[1], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[1], none, (i4){4, 4, 2, 3})};
-        const int n = owned_lanes(s, b);
-        for (int i = 0; i < n; i++) {
-            double *z = s->state + 16 * b + 4 * i;
-            v4 x = load(z) + kick * s->inverse_mass[4 * b + i] * rows[i] + pull;
+    const double *per_mass = s->per_mass + 4L * block->home;
+    v4 f[MOST][2];
+    divergence(s, b, n, f);
+    for (int m = 0; m < n; m++) {
+        const v4 rows[4] = {
+            __builtin_shuffle(f[m][0], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[m][0], none, (i4){4, 4, 2, 3}),
+            __builtin_shuffle(f[m][1], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[m][1], none, (i4){4, 4, 2, 3})};
+        for (int i = 0; i < block->lanes; i++) {
+            double *z = s->state + 4L * (block[m].row + i);
+            v4 x = load(z) + kick * per_mass[i] * rows[i] + pull;
             x += dt * __builtin_shuffle(x, none, (i4){2, 3, 4, 4});
             store(z, x);
         }
     }
+}
+
+/* v += kick (f/m + g), then u += dt v, for the owned particles. */
+void kick_and_drift(const Scene *s, double kick, double dt)
+{
+    const Block *block = (const Block *)s->block;
+#define KICK(n) kick_and_drift_blocks(s, b, n, kick, dt)
+    EACH_BLOCK(0, s->n_owned_blocks, KICK)
 }
 
 /* ---------------------------------------------------------------- surfaces */
@@ -454,16 +538,18 @@ void cell_adhesion(const Scene *s, double *force, double *energy)
 #ifdef DIRECTOR
 static inline double wrapped(double a) { return a - 2 * M_PI * rint(a / (2 * M_PI)); }
 
-/* Reference gradient of θ at the particles, and h = (cos θ, sin θ). */
+/* Reference gradient of θ at the particles, and h = (cos θ, sin θ), by blocks. */
 static void director_gradient(const Scene *s)
 {
-    for (long b = 0; b < s->n_blocks; b++)
-        for (int i = 0; i < 4; i++) {
-            const double own = s->director[2 * (4 * b + i)];
+    for (long b = 0; b < s->n_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
+        const double *theta = s->director + 2L * block.shift;
+        for (int i = 0; i < block.lanes; i++) {
+            const double own = s->director[2L * (block.row + i)];
             double g[2] = {0, 0};
-            for (long k = s->first[b]; k < s->first[b + 1]; k++) {
+            for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
                 const double *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
-                const double d = wrapped(s->director[s->column[4 * k + i] / 2] - own);
+                const double d = wrapped(theta[s->column[4 * k + i] / 2] - own);
                 g[0] += a[0] * d;
                 g[1] += a[2] * d;
             }
@@ -472,6 +558,7 @@ static void director_gradient(const Scene *s)
             s->director_axis[8 * b + i] = cos(own);
             s->director_axis[8 * b + 4 + i] = sin(own);
         }
+    }
 }
 
 void director_field(const Scene *s) { director_gradient(s); }
@@ -493,24 +580,26 @@ static void anchor_director(const Scene *s)
 static void director_torque(const Scene *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
         const v4 F[2][2] = {{load(s->F + 16 * b), load(s->F + 16 * b + 8)}, {load(s->F + 16 * b + 4), load(s->F + 16 * b + 12)}};
         const v4 g[2] = {load(s->director_gradient + 8 * b), load(s->director_gradient + 8 * b + 4)};
         v4 flux[2];
-        material_director_flux(s, b, F, g, flux);
-        const v4 V = load(s->volume + 4 * b);
-        store(s->director_flux + 8 * b, V * flux[0]);
-        store(s->director_flux + 8 * b + 4, V * flux[1]);
+        material_director_flux(s, block.material, F, g, flux);
+        for (int i = 0; i < block.lanes; i++)
+            for (int c = 0; c < 2; c++) s->director_flux[2L * (block.row + i) + c] = s->volume[4L * block.home + i] * flux[c][i];
     }
-    for (long i = 0; i < s->n_owned; i++) {
-        const long b = i / 4, lane = i % 4;
-        double torque = 0;
-        for (long k = s->first[b]; k < s->first[b + 1]; k++) {
-            const double *h = s->adjoint + 8 * k + 4 * (lane / 2) + lane % 2;
-            const size_t j = s->column[4 * k + lane] / 4;
-            const double *flux = s->director_flux + 8 * (j / 4) + j % 4;
-            torque += h[0] * flux[0] + h[2] * flux[4];
+    for (long b = 0; b < s->n_owned_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
+        const double *flux = s->director_flux + 2L * block.shift;
+        for (int i = 0; i < block.lanes; i++) {
+            double torque = 0;
+            for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
+                const double *h = s->adjoint + 8 * k + 4 * (i / 2) + i % 2;
+                const uint32_t j = s->column[4 * k + i] / 2;
+                torque += h[0] * flux[j] + h[2] * flux[j + 1];
+            }
+            s->director[2L * (block.row + i) + 1] = torque;
         }
-        s->director[2 * i + 1] = torque;
     }
 }
 
@@ -657,7 +746,7 @@ static inline int exchange(const Scene *s, void *vec)
 
 static int surface_forces(const Scene *s, double elapsed, double dt)
 {
-    memset(s->force + 8 * s->n_blocks, 0, sizeof(double) * (size_t)(2 * s->n_local > 8 * s->n_blocks ? 2 * s->n_local - 8 * s->n_blocks : 0));
+    memset(s->force + 2 * s->n_owned, 0, sizeof(double) * 2 * (size_t)(s->n_local - s->n_owned)); /* for their owners */
 #ifdef SUBSTRATE
     substrate_adhesion(s, s->force, 0);
 #endif
@@ -707,6 +796,27 @@ static int director_ready(const Scene *s)
     return 0;
 }
 
+/* Surface forces of which no step is made. */
+static void forget_forces(const Scene *s) { memset(s->force, 0, sizeof(double) * 2 * (size_t)s->n_local); }
+
+/* What blocks have for their particles goes to these. */
+static void settle_accounts(const Scene *s)
+{
+    for (long b = 0; b < s->n_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
+        Kept *kept = (Kept *)s->kept + b;
+        for (int i = 0; i < block.lanes; i++) {
+            s->viscous_loss[block.row + i] += kept->viscous_loss[i];
+            s->numerical_loss[block.row + i] += kept->numerical_loss[i];
+            kept->viscous_loss[i] = kept->numerical_loss[i] = 0;
+#ifdef ACTIVE
+            s->protrusion_work[block.row + i] += kept->protrusion_work[i];
+            kept->protrusion_work[i] = 0;
+#endif
+        }
+    }
+}
+
 /* n steps of M u'' = F_body + F_cs + F_cc + F_d - F_int (2), symplectic: v by the force at u, from the middle of the last
  * step to that of the coming one, then u by the new v.  `moved` is the time by which u went on since F was last brought up
  * to date, `kicked` that for which accounts are half done, `last` the step before the first. */
@@ -729,6 +839,7 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
         kicked = kick;
         if (exchange(s, s->state_vec)) return 1;
     }
+    settle_accounts(s);
     return 0;
 }
 
@@ -739,20 +850,21 @@ int rate(const Scene *s, double *out, double elapsed)
     deformation(s);
     stress_of_rate(s, 0.0, elapsed, 0.0);
     if (surface_forces(s, elapsed, 0.0) || director_step(s, 0.0)) return 1;
-    for (long b = 0; 4 * b < s->n_owned; b++) {
-        v4 f[2];
-        divergence(s, b, f);
-        const int lanes = owned_lanes(s, b);
-        for (int i = 0; i < lanes; i++)
+    for (long b = 0; b < s->n_owned_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
+        v4 f[1][2];
+        divergence(s, b, 1, f);
+        for (int i = 0; i < block.lanes; i++)
             for (int c = 0; c < 2; c++) {
-                const long k = 16 * b + 4 * i + c;
+                const long row = block.row + i, k = 4 * row + c;
                 out[k] = s->state[k + 2];
-                out[k + 2] = s->inverse_mass[4 * b + i] * f[i / 2][2 * (i % 2) + c] + s->acceleration[c];
+                out[k + 2] = s->inverse_mass[row] * f[0][i / 2][2 * (i % 2) + c] + s->acceleration[c];
             }
     }
 #ifdef BOUNDARY
     hold_rate(s, out);
 #endif
+    settle_accounts(s);
     return 0;
 }
 
@@ -765,25 +877,30 @@ int account(const Scene *s, double dt)
     for (long k = 0; k < s->n_held; k++)
         s->protrusion_work[s->held[k] / 4] += dt * s->reaction[k] * s->state[s->held[k] + 2];
 #endif
-    return surface_forces(s, 0.0, 0.0) || surface_forces(s, dt, dt);
+    settle_accounts(s);
+    const int failed = surface_forces(s, 0.0, 0.0) || surface_forces(s, dt, dt);
+    forget_forces(s);
+    return failed;
 }
 
 /* The director alone goes on by dt, for integrators that hold it still within a step. */
 int relax_director(const Scene *s, double dt)
 {
-    return director_ready(s) || director_step(s, dt);
+    const int failed = director_ready(s) || director_step(s, dt);
+    forget_forces(s);
+    return failed;
 }
 
 #ifdef STIFFENED
 /* Energies u·E u/2 of the elastic stabilisation, by rows. */
 void stiffness_energy(const Scene *s, double *out)
 {
-    for (long b = 0; b < s->n_blocks; b++) {
-        v4 st[2] = {{0}};
-        gather_scalar(s->first_stiff, s->column_stiff, s->stiff, b, s->state, st);
-        for (int i = 0; i < 4; i++) {
-            const double *u = s->state + 16 * b + 4 * i;
-            out[4 * b + i] = 0.5 * (u[0] * st[i / 2][2 * (i % 2)] + u[1] * st[i / 2][2 * (i % 2) + 1]);
+    for (const Block *block = (const Block *)s->block, *end = block + s->n_owned_blocks; block < end; block++) {
+        v4 st[1][2] = {{{0}}};
+        gather_scalar(s->first_stiff, s->column_stiff, s->stiff, block, 1, s->state, st);
+        for (int i = 0; i < block->lanes; i++) {
+            const double *u = s->state + 4L * (block->row + i);
+            out[block->row + i] = 0.5 * (u[0] * st[0][i / 2][2 * (i % 2)] + u[1] * st[0][i / 2][2 * (i % 2) + 1]);
         }
     }
 }
@@ -793,9 +910,9 @@ void stiffness_energy(const Scene *s, double *out)
 void velocity_gradient(const Scene *s, double *out)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 r[4], stab[2];
-        gather(s, b, s->state + 2, r, stab);
-        for (int c = 0; c < 4; c++) store(out + 16 * b + 4 * c, r[c]);
+        v4 r[1][4], stab[1][2];
+        gather(s, (const Block *)s->block + b, 1, s->state + 2, r, stab);
+        for (int c = 0; c < 4; c++) store(out + 16 * b + 4 * c, r[0][c]);
     }
 }
 
@@ -805,24 +922,29 @@ void velocity_gradient(const Scene *s, double *out)
 void limits(const Scene *s, double out[6])
 {
     double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0, least = -1;
-    for (long i = 0; i < s->n_owned; i++) {
-        const double *F = s->F + 16 * (i / 4) + i % 4, *K = s->bound + 3 * i, *z = s->state + 4 * i;
-        const double a = F[0], c = F[4], b = F[8], d = F[12], J = a * d - b * c, r = s->volume[i] / J;
-        const double A = (d * d * K[0] - 2 * c * d * K[2] + c * c * K[1]) * r; /* F⁻ᵀ K F⁻¹ J² by entries */
-        const double B = (b * b * K[0] - 2 * a * b * K[2] + a * a * K[1]) * r;
-        const double C = (-b * d * K[0] + (a * d + b * c) * K[2] - a * c * K[1]) * r;
-        const double top = 0.5 * (A + B) + sqrt(0.25 * (A - B) * (A - B) + C * C);
-        if (!(top * s->viscous_weight[i] <= viscous)) viscous = top * s->viscous_weight[i];
-        double weight = s->elastic_weight[i];
+    for (long b = 0; b < s->n_owned_blocks; b++) {
+        const Block block = ((const Block *)s->block)[b];
+        for (int lane = 0; lane < block.lanes; lane++) {
+            const long i = block.row + lane;
+            const double *F = s->F + 16 * b + lane, *K = s->bound + 3 * i, *z = s->state + 4 * i;
+            const double a = F[0], c = F[4], b_ = F[8], d = F[12], J = a * d - b_ * c;
+            const double r = s->volume[4L * block.home + lane] / J;
+            const double A = (d * d * K[0] - 2 * c * d * K[2] + c * c * K[1]) * r; /* F⁻ᵀ K F⁻¹ J² by entries */
+            const double B = (b_ * b_ * K[0] - 2 * a * b_ * K[2] + a * a * K[1]) * r;
+            const double C = (-b_ * d * K[0] + (a * d + b_ * c) * K[2] - a * c * K[1]) * r;
+            const double top = 0.5 * (A + B) + sqrt(0.25 * (A - B) * (A - B) + C * C);
+            if (!(top * s->viscous_weight[i] <= viscous)) viscous = top * s->viscous_weight[i];
+            double weight = s->elastic_weight[i];
 #ifdef DIRECTOR
-        const double *g = s->director_gradient + 8 * (i / 4) + i % 4, g0 = d * g[0] - c * g[4], g1 = a * g[4] - b * g[0];
-        weight += s->director_weight[i] * (g0 * g0 + g1 * g1) / (J * J * J);
+            const double *g = s->director_gradient + 8 * b + lane, g0 = d * g[0] - c * g[4], g1 = a * g[4] - b_ * g[0];
+            weight += s->director_weight[i] * (g0 * g0 + g1 * g1) / (J * J * J);
 #endif
-        if (!(top * weight <= elastic)) elastic = top * weight;
-        if (!(J >= low)) { low = J; least = i; }
-        if (!(J <= high)) high = J;
-        const double v2 = z[2] * z[2] + z[3] * z[3];
-        if (!(v2 <= speed)) speed = v2;
+            if (!(top * weight <= elastic)) elastic = top * weight;
+            if (!(J >= low)) { low = J; least = (double)i; }
+            if (!(J <= high)) high = J;
+            const double v2 = z[2] * z[2] + z[3] * z[3];
+            if (!(v2 <= speed)) speed = v2;
+        }
     }
     out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed; out[5] = least;
 }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -13,7 +15,7 @@ from .terms import Terms
 
 @dataclass(frozen=True)
 class Numbering:
-    """Local numbers of a rank: owned particles by (material, id), then ghosts of layer 1, then all further ghosts.
+    """Local numbers of a rank: owned particles by id, then ghosts of layer 1, then all further ghosts.
 
     ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed.
     """
@@ -29,6 +31,11 @@ class Numbering:
         found = order[at] if len(order) else np.zeros_like(ids)
         return np.where(self.ids[found] == ids, found, -1) if len(order) else np.full(np.shape(ids), -1)
 
+    def places(self, size: int) -> np.ndarray:
+        """Local numbers of all `size` particles of the scene (size,); -1 where this rank does not hold them."""
+        out = np.full(size, -1)
+        out[self.ids] = np.arange(len(self.ids))
+        return out
 
     def extended(self, ids: np.ndarray) -> Numbering:
         """The same with further ghosts at the end."""
@@ -47,10 +54,7 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
         second[part] = reach(pattern, first[part])
     second[needed] = True
 
-    def by_material(ids: np.ndarray) -> np.ndarray:
-        return ids[np.lexsort((ids, scene.material[ids]))]
-
-    layers = [by_material(np.flatnonzero(m)) for m in (own, first & ~own, second & ~first & ~own)]
+    layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
     return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]))
 
 
@@ -59,55 +63,172 @@ def reach(pattern: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
     return mask | (abs(pattern) @ mask.astype(float) > 0)
 
 
-def blocks(scene: Scene, numbering: Numbering, terms: Terms) -> dict[str, np.ndarray]:
-    """Arrays of the kernel for a rank's rows, by their names there.
+@dataclass(frozen=True)
+class Blocks:
+    """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
+
+    table : (b, 5) int -- first row, number of rows, home, shift, material: of one home are the blocks whose neighbours'
+    local numbers are the same but for the shift;  n_owned : number of blocks of owned particles;  lead : (h,) -- a
+    block of each home;  whole : (h,) bool -- whether the local numbers of the home are those of the template.
+    """
+
+    table: np.ndarray
+    n_owned: int
+    lead: np.ndarray
+    whole: np.ndarray
+
+    @cached_property
+    def lanes_of(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block and lane of every row (n_rows,)."""
+        block = np.repeat(np.arange(len(self.table)), self.table[:, 1])
+        lane = np.arange(len(block)) - np.repeat(np.cumsum(self.table[:, 1]) - self.table[:, 1], self.table[:, 1])
+        order = np.argsort(self.table[block, 0] + lane)
+        return block[order], lane[order]
+
+
+def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
+    """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
+    ids = numbering.ids[: numbering.n_rows]
+    cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
+    start = np.flatnonzero(_changes(cell, material, ghost))
+    length = np.diff(np.append(start, len(ids)))
+    count = -(-length // 4)
+    within = 4 * (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count))
+    row, lanes = np.repeat(start, count) + within, np.minimum(np.repeat(length, count) - within, 4)
+    at = ids[row] - scene.offset[cell[row]]
+    shift = _shifts(scene, numbering, terms)
+    same = np.logical_and.reduceat(shift == np.repeat(shift[row], lanes), row) if len(row) else np.zeros(0, bool)
+    whole = same & (shift[row] != ABSENT) & ~ghost[row]
+    kind = scene.kind[cell[row]]
+    _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
+    order = np.lexsort((number, lanes, whole, at, kind, number // GROUP, ghost[row]))
+    row, lanes, at, kind, whole = row[order], lanes[order], at[order], kind[order], whole[order]
+    key = np.where(whole, at, scene.size + np.arange(len(row)))
+    _, lead, home = np.unique(np.column_stack([kind, key, lanes]), axis=0, return_index=True, return_inverse=True)
+    first = np.argsort(lead)  # homes by their first use
+    home = np.argsort(first)[home]
+    table = np.column_stack([row, lanes, home, np.where(whole, shift[row], 0), material[row]])
+    return Blocks(table, int((~ghost[row]).sum()), lead[first], whole[lead[first]])
+
+
+GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them
+ABSENT = np.iinfo(np.int64).min
+
+
+def _shifts(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
+    """By how much the local numbers of a row's neighbours exceed those in the template (n_rows,); ABSENT if unequal."""
+    place, out = numbering.places(scene.size), np.empty(numbering.n_rows, np.int64)
+    ids = numbering.ids[: numbering.n_rows]
+    own = np.argsort(ids, kind="stable")
+    bounds = np.searchsorted(ids[own], scene.offset)
+    reach_of = lru_cache(lambda k: _reach_of(scene.templates[k], terms))
+    for c in np.flatnonzero(np.diff(bounds)):
+        rows = own[bounds[c] : bounds[c + 1]]
+        local = place[scene.offset[c] : scene.offset[c + 1]]
+        beyond = np.where(local < 0, ABSENT, local - np.arange(len(local)))
+        if (beyond == beyond[0]).all():
+            out[rows] = beyond[0]
+            continue
+        pattern = reach_of(scene.kind[c])
+        of_neighbours = beyond[pattern.indices]
+        low, high = (f.reduceat(of_neighbours, pattern.indptr[:-1]) for f in (np.minimum, np.maximum))
+        out[rows] = np.where(low == high, low, ABSENT)[ids[rows] - scene.offset[c]]
+    return out
+
+
+def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
+    """Pattern of all matrices of a template that the kernel applies."""
+    return sum([abs(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there], abs(t.G)).tocsr()
+
+
+def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
+    """Coefficients of the kernel by home, by their names there.
 
     `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
     is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
     """
-    out = gradient_blocks(scene, numbering, terms.stabilised)
-    if terms.stabilised:
-        rest = [_outside(t.S, t.G) for t in scene.templates]
-        out["first_outer"], out["column_outer"], out["outer"] = scalar_blocks(scene, numbering, rest)
-    if terms.stiffened:
-        stiff = [t.E for t in scene.templates]
-        out["first_stiff"], out["column_stiff"], out["stiff"] = scalar_blocks(scene, numbering, stiff)
-    return out
-
-
-def gradient_blocks(scene: Scene, numbering: Numbering, stabilised: bool) -> dict[str, np.ndarray]:
-    """Blocks of G and H, and of S on their pattern if `stabilised`, for the rows whose stresses are computed."""
-    patterns = [t.G for t in scene.templates]
-    row, col, kind, at = _entries(scene, numbering, patterns, numbering.n_rows)
-    first, group, lane = _slots(row, -(-numbering.n_rows // 4))
+    homes = Homes(scene, numbering, blocks)
+    templates, stabilised = scene.templates, terms.stabilised
+    out = {"volume": homes.by_lane(scene.field("V")), "bulk_damping": homes.by_lane(scene.field("damping")),
+           "per_mass": homes.by_lane(1.0 / scene.field("mass"))}
+    patterns = [t.G for t in templates]
+    first, group, lane, owned, kind, at, out["column"] = homes.entries(patterns)
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
     G = _values([t.data for t in patterns], kind, at)
     gradient[group, pair], gradient[group, pair + 2] = G.real, G.imag
-    assembled = row < numbering.n_owned  # the others' rows serve for their stress only
-    H = np.where(assembled, _values([_adjoint(t) for t in patterns], kind, at), 0)
+    H = np.where(owned, _values([_adjoint(t) for t in patterns], kind, at), 0)  # the others serve for their stress only
     adjoint[group, pair], adjoint[group, pair + 2] = H.real, H.imag
     if stabilised:
-        S = _values([_inside(t.S, t.G) for t in scene.templates], kind, at)
-        gradient[group, 8 + _STAB_LANE[lane]] = np.where(assembled, S, 0)
-    return {"first": first, "column": _columns(first, group, lane, col, numbering.n_rows),
-            "gradient": gradient, "adjoint": adjoint}
+        S = _values([_inside(t.S, t.G) for t in templates], kind, at)
+        gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, S, 0)
+        out |= homes.scalars("outer", [_outside(t.S, t.G) for t in templates])
+    if terms.stiffened:
+        out |= homes.scalars("stiff", [t.E for t in templates])
+    return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
 
 
-def scalar_blocks(scene: Scene, numbering: Numbering, matrices: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blocks (first, column, values) of scalar matrices, one CSR for each template, for the owned rows."""
-    row, col, kind, at = _entries(scene, numbering, matrices, numbering.n_owned)
-    first, group, lane = _slots(row, -(-numbering.n_rows // 4))
-    values = np.zeros((first[-1], 4))
-    values[group, _STAB_LANE[lane]] = _values([m.data for m in matrices], kind, at)
-    return first, _columns(first, group, lane, col, numbering.n_rows), values
+class Homes:
+    """The particles that stand for the lanes of the homes, and the entries of their rows."""
+
+    def __init__(self, scene: Scene, numbering: Numbering, blocks: Blocks):
+        """A particle for each lane that is there."""
+        row, lanes = blocks.table[blocks.lead, :2].T
+        self._home, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
+        self._lane -= (np.cumsum(lanes) - lanes)[self._home]
+        self._ids = numbering.ids[row[self._home] + self._lane]
+        cell = scene.cell[self._ids]
+        self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
+        self._whole, self._owned = blocks.whole[self._home], row[self._home] < numbering.n_owned
+        self._place = numbering.places(scene.size)
+        self._lead = np.flatnonzero(self._lane == 0)
+        self._itself = np.where(self._whole, self._ids - self._offset, self._place[self._ids])[self._lead]
+
+    def by_lane(self, values: np.ndarray) -> np.ndarray:
+        """Values of the particles (size,) as (homes, 4), with zeros where there is no lane."""
+        out = np.zeros((self._count, 4))
+        out[self._home, self._lane] = values[self._ids]
+        return out
+
+    def entries(self, matrices: list, owned: bool = False) -> tuple[np.ndarray, ...]:
+        """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a home.
+
+        Returns the first group of each home; group, lane, whether owned, template and place in its CSR of each entry;
+        four times the neighbours (groups, 4).  Entries of a lane ascend by the global id of their column.
+        """
+        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset, self._owned | (not owned))
+        kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
+        for k, m in enumerate(matrices):
+            columns[kind == k] = m.indices[at[kind == k]]
+        local = self._place[self._offset[lanes] + columns]
+        count = np.bincount(lanes, minlength=len(self._ids))
+        longest = np.maximum.reduceat(count, self._lead) if len(count) else count
+        first, home = np.append(0, np.cumsum(longest)), self._home[lanes]
+        group = first[home] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
+        lane = self._lane[lanes]
+        neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
+        neighbours[group, lane] = np.where(self._whole[lanes], columns, local)
+        return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
+
+    def scalars(self, name: str, matrices: list) -> dict[str, np.ndarray]:
+        """Groups of scalar matrices, for owned particles alone."""
+        first, group, lane, _, kind, at, column = self.entries(matrices, owned=True)
+        values = np.zeros((first[-1], 4))
+        values[group, _STAB_LANE[lane]] = _values([m.data for m in matrices], kind, at)
+        return {f"first_{name}": first, f"column_{name}": column, name: values}
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:
     """First rows of matrices that couple no more than neighbours, one CSR for each template, in local numbers."""
-    row, col, kind, at = _entries(scene, numbering, matrices, n_rows)
+    ids, place = numbering.ids[:n_rows], numbering.places(scene.size)
+    cell = scene.cell[ids]
+    row, at = _rows_of(matrices, scene.kind[cell], ids - scene.offset[cell])
+    kind, columns = scene.kind[cell][row], np.empty(len(at), np.int64)
+    for k, m in enumerate(matrices):
+        columns[kind == k] = m.indices[at[kind == k]]
     ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
-    return sparse.csr_matrix((_values([m.data for m in matrices], kind, at), col, ptr), (n_rows, n_columns))
+    values = _values([m.data for m in matrices], kind, at)
+    return sparse.csr_matrix((values, place[scene.offset[cell][row] + columns], ptr), (n_rows, n_columns))
 
 
 _STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
@@ -137,23 +258,15 @@ def _outside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
     return rest
 
 
-def _entries(scene: Scene, numbering: Numbering, patterns: list, n_rows: int) -> tuple[np.ndarray, ...]:
-    """Entries of the first n_rows rows: row, column (local), template and place in its CSR.
-
-    They ascend by row, and within a row by the global id of the column.
-    """
-    ids = numbering.ids[:n_rows]
-    place = np.full(scene.size, -1)
-    place[numbering.ids] = np.arange(len(numbering.ids))
-    parts = [np.zeros((4, 0), np.int64)]
-    for c in np.unique(scene.cell[ids]):
-        rows = np.flatnonzero(scene.cell[ids] == c)
-        pattern = patterns[scene.kind[c]]
-        which, at = _expand(pattern.indptr, ids[rows] - scene.offset[c])
-        column = place[pattern.indices[at] + scene.offset[c]]
-        parts.append(np.stack([rows[which], column, np.full_like(at, scene.kind[c]), at]))
+def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray, there: Any = True) -> tuple[np.ndarray, np.ndarray]:
+    """For rows of the CSR matrices of some templates, where `there`: which, and places in the CSR, of all entries."""
+    parts = []
+    for k, m in enumerate(matrices):
+        of_kind = np.flatnonzero((kind == k) & there)
+        which, at = _expand(m.indptr, rows[of_kind])
+        parts.append(np.stack([of_kind[which], at]))
     entries = np.concatenate(parts, axis=1)
-    return tuple(entries[:, np.argsort(entries[0], kind="stable")])
+    return tuple(entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries)
 
 
 def _values(data: list[np.ndarray], kind: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -172,17 +285,8 @@ def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return which, begin + np.arange(count.sum())
 
 
-def _slots(row: np.ndarray, n_blocks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First group of each block (n_blocks + 1,), and the group and lane of every entry."""
-    count = np.bincount(row, minlength=4 * n_blocks)
-    start = np.concatenate([[0], np.cumsum(count)])
-    first = np.concatenate([[0], np.cumsum(count.reshape(-1, 4).max(axis=1))]).astype(np.int64)
-    return first, first[row // 4] + np.arange(len(row)) - start[row], row % 4
-
-
-def _columns(first: np.ndarray, group: np.ndarray, lane: np.ndarray, col: np.ndarray, n_rows: int) -> np.ndarray:
-    """Four times the neighbours (groups, 4); where a row has too few for its block, the row itself, with zeros."""
-    block = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    columns = np.minimum(4 * block[:, None] + np.arange(4), max(n_rows - 1, 0))
-    columns[group, lane] = col
-    return (4 * columns).astype(np.uint32)  # where they stand in fields of four numbers
+def _changes(*arrays: np.ndarray) -> np.ndarray:
+    """Where any of the arrays differs from its value before; the first does."""
+    new = np.ones(len(arrays[0]), bool)
+    new[1:] = np.any([a[1:] != a[:-1] for a in arrays], axis=0)
+    return new

@@ -9,7 +9,11 @@ typedef int64_t i4 __attribute__((vector_size(32)));
 
 static inline v4 load(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
 static inline void store(double *a, v4 x) { memcpy(a, &x, sizeof x); }
+static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
+static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
 static inline v4 splat(double a) { return (v4){a, a, a, a}; }
+
+#define INLINED static inline __attribute__((always_inline))
 
 #ifdef __AVX2__
 #include <immintrin.h>
@@ -21,8 +25,14 @@ static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
 static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
 #endif
-static inline v4 even(v4 a) { return __builtin_shuffle(a, (i4){0, 0, 2, 2}); }
-static inline v4 odd(v4 a) { return __builtin_shuffle(a, (i4){1, 1, 3, 3}); }
+#if defined __AVX2__ && !defined __AVX512VL__
+/* From memory, each time: the compiler would keep a, and for that put sums into memory. */
+static inline v4 even_of(const double *a) { v4 x; __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
+static inline v4 odd_of(const double *a) { v4 x; __asm__("vpermilpd $15, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
+#else
+static inline v4 even_of(const double *a) { return __builtin_shuffle(load(a), (i4){0, 0, 2, 2}); }
+static inline v4 odd_of(const double *a) { return __builtin_shuffle(load(a), (i4){1, 1, 3, 3}); }
+#endif
 
 static inline void transpose(const v4 a[4], v4 b[4])
 {

@@ -27,8 +27,9 @@ class Director(GhostedField):
         super().__init__(comm, self.memory, base.n_owned, ghosts)
         self._X, self._surfaces, self._base, self._kernel = scene.X, surfaces, base, kernel
         kernel["director"] = self.memory
-        for name in ("director_gradient", "director_axis", "director_flux"):
-            kernel[name] = np.zeros((-(-base.n_rows // 4), 2, 4))
+        for name in ("director_gradient", "director_axis"):
+            kernel[name] = np.zeros((len(kernel["F"]), 2, 4))
+        kernel["director_flux"] = np.zeros((capacity, 2))
         ids = base.ids[: base.n_owned]
         V, eta = scene.field("V")[ids], max(getattr(m, "eta", 0.0) for m in scene.materials)
         mobility = (law.mobility if law else 0.0) / (eta * V) if eta > 0 else np.zeros(len(V))

@@ -13,7 +13,7 @@ from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces, contact_lists
-from ..meshfree.rows import blocks, number
+from ..meshfree.rows import home_arrays, make_blocks, number
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField, exchange_functions
 from ..parallel.reduce import exact_sum, extreme
@@ -39,13 +39,14 @@ class Mechanics:
         self.scene, self.terms, self.boundary, self.comm, self.law = scene, terms, boundary, comm, director
         self.surfaces = Surfaces.of(scene)
         self.place_in_petsc = np.empty(scene.size, np.int64)
-        self.place_in_petsc[np.lexsort((np.arange(scene.size), scene.material, owner))] = np.arange(scene.size)
+        self.place_in_petsc[np.lexsort((np.arange(scene.size), owner))] = np.arange(scene.size)
         self._number(swarm["id"])
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
         self._fill_surfaces(seed, protruding)
         if terms.histories is not None:
             boundary.fill(self.kernel, self.base, self.surfaces.ids[self._mine], self._capacity)
+        self._mark_loaded()
         self.theta = self._director()
         self._load(swarm)
         self._point_to_memory()
@@ -88,27 +89,18 @@ class Mechanics:
 
     def _fill_rows(self) -> None:
         k, scene, n_rows = self.kernel, self.scene, self.base.n_rows
-        n_blocks = -(-n_rows // 4)
-        ids = self.base.ids[:n_rows]
-
-        def lanes(values: np.ndarray, pad: float) -> np.ndarray:
-            return np.concatenate([values, np.full(4 * n_blocks - n_rows, pad)])
-
-        k["n_owned"], k["n_blocks"] = self.n_owned, n_blocks
-        k["volume"] = lanes(scene.field("V")[ids], 0.0)
-        k["inverse_mass"] = lanes(1.0 / scene.field("mass")[ids], 0.0)
-        k["bulk_damping"] = lanes(scene.field("damping")[ids], 0.0)
-        material = lanes(scene.material[ids], scene.material[ids[-1]] if n_rows else 0)
-        k["material"] = material
-        of_block = material.reshape(-1, 4)
-        k["only"] = np.where((of_block == of_block[:, :1]).all(axis=1), of_block[:, 0], -1)
-        for name in ACCOUNTS:
-            k[name] = np.zeros(max(self._capacity, 4 * n_blocks))
-        k["resistance"] = np.zeros((n_blocks, 44 if self.terms.active else 28))
-        k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((4 * n_blocks, 4))
-        k["force"] = np.zeros((max(self._capacity, 4 * n_blocks), 2))
-        for name, values in blocks(scene, self.base, self.terms).items():
+        self.blocks = make_blocks(scene, self.base, self.terms)
+        n_blocks = len(self.blocks.table)
+        k["n_owned"], k["n_rows"] = self.n_owned, n_rows
+        k["n_owned_blocks"], k["n_blocks"] = self.blocks.n_owned, n_blocks
+        for name, values in home_arrays(scene, self.base, self.blocks, self.terms).items():
             k[name] = values
+        k["inverse_mass"] = 1.0 / scene.field("mass")[self.base.ids[:n_rows]]
+        for name in ACCOUNTS:
+            k[name] = np.zeros(self._capacity)
+        k["kept"] = np.zeros((n_blocks, k.library.kept_size() // 8))
+        k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((self._capacity, 4))
+        k["force"] = np.zeros((self._capacity, 2))
         k["least_gap"] = np.full(2, np.inf)
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
@@ -140,6 +132,17 @@ class Mechanics:
             for c in np.flatnonzero(protruding):
                 on = (s.cell == c) & s.outer
                 self.alpha[on] = roughness(s.length[on], self.terms.protrusion, seed, c)
+
+    def _mark_loaded(self) -> None:
+        """The blocks of rows on which more than stresses may act: of surfaces, and of what is loaded."""
+        at = self.base.local(self.surfaces.ids)
+        if self.terms.histories is not None:
+            at = np.append(at, self.kernel["loaded"])
+        loaded = np.zeros(self.base.n_rows, bool)
+        loaded[at[(at >= 0) & (at < self.base.n_rows)]] = True
+        block, _ = self.blocks.lanes_of
+        any_of = np.bincount(block, loaded, len(self.blocks.table)) > 0
+        self.kernel["block"] = np.column_stack([self.blocks.table, any_of])
 
     def _director(self) -> Director | None:
         """The director field, if its gradient or its axis matters."""
@@ -286,7 +289,7 @@ class Mechanics:
 
     def _changing(self) -> list[np.ndarray]:
         return [self._memory, *([self.theta.memory] if self.theta is not None else []),
-                *(self.kernel[name] for name in ("F", "resistance", "pushed", *ACCOUNTS)),
+                *(self.kernel[name] for name in ("F", "kept", "pushed", *ACCOUNTS)),
                 *(self.kernel[name] for name in ("clock", "load_before") if self.terms.histories is not None)]
 
     def least_gaps(self) -> np.ndarray:
@@ -330,7 +333,8 @@ class Mechanics:
 
     def by_row(self, blocks: np.ndarray) -> np.ndarray:
         """Values that the kernel keeps by blocks, (n_blocks, k, 4), as (n_rows, k)."""
-        return np.moveaxis(blocks, 2, 1).reshape(-1, blocks.shape[1])[: self.base.n_rows]
+        block, lane = self.blocks.lanes_of
+        return blocks[block, :, lane]
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
         """Force (n_owned, 2) [pN/µm] of "substrate", "contact", "cortex", "protrusion"; energy (n_owned,) [pN]."""
@@ -343,10 +347,10 @@ class Mechanics:
 
     def stabilisation_energy(self) -> np.ndarray:
         """Energy of the elastic stabilisation (n_owned,) [pN]."""
-        out = np.zeros(4 * -(-self.base.n_rows // 4))
+        out = np.zeros(self.n_owned)
         if self.terms.stiffened:
             self.kernel("stiffness_energy", out)
-        return out[: self.n_owned]
+        return out
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Surface segments that start at a particle of this rank: local ends (e, 2), current ends (e, 2, 2) [µm]."""
@@ -366,7 +370,7 @@ class Mechanics:
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
         """Global id and J of the one whose J is furthest from 1, or not finite, or one that is known; collective."""
-        F = np.moveaxis(self.kernel["F"], 2, 1).reshape(-1, 4)[: self.n_owned]
+        F = self.by_row(self.kernel["F"])[: self.n_owned]
         J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
         J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
         share = np.minimum(J, 1.0 / np.maximum(J, 1e-300))  # J or 1/J, whichever is below 1
