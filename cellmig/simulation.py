@@ -19,7 +19,7 @@ from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
-from .parallel.partition import bisection
+from .parallel.partition import partition
 from .parallel.swarm import Swarm
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
@@ -121,7 +121,7 @@ class Simulation:
         self.case, self.comm = case, comm
         self.scene = discretise(case)
         self.terms = find_terms(case, prune)
-        owner = bisection(self.scene.X, comm.size)
+        owner = partition(self.scene.X, self.scene.cell, comm.size)
         self.swarm = Swarm(comm, self._start(np.arange(self.scene.size)[comm.rank :: comm.size]))
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()

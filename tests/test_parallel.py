@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from cellmig.case.schema import Case
 from cellmig.parallel.ghosts import GhostedField
-from cellmig.parallel.partition import bisection
+from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, extreme
 from cellmig.parallel.swarm import FIELDS, Swarm
@@ -86,6 +86,18 @@ def test_parts_are_cut_across_the_longer_side() -> None:
     X = np.random.default_rng(0).uniform(0, 1, (1000, 2)) * [3.0, 1.0]
     owner = bisection(X, 3)
     assert X[owner == 0, 0].max() <= X[owner > 0, 0].min()
+
+
+def test_cells_stay_whole_where_the_ranks_are_then_as_full() -> None:
+    rng = np.random.default_rng(1)
+    cell = np.repeat(np.arange(40), rng.integers(90, 110, 40))
+    X = rng.uniform(0, 1, (len(cell), 2)) + np.column_stack([2.0 * (cell % 8), 2.0 * (cell // 8)])
+    owner = partition(X, cell, 4)
+    assert all(np.ptp(owner[cell == c]) == 0 for c in range(40))
+    assert np.bincount(owner).max() <= (1.0 + BALANCE) * len(X) / 4
+    few = cell < 3  # three cells on two ranks: one of them is cut
+    owner = partition(X[few], cell[few], 2)
+    assert np.ptp(np.bincount(owner)) <= 1
 
 
 def test_random_numbers_belong_to_seed_purpose_and_cell(comm: MPI.Comm) -> None:

@@ -26,7 +26,8 @@ _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int3
 
 FIELDS: dict[str, str] = {
     # sizes
-    "n_owned": "long", "n_rows": "long", "n_local": "long", "n_owned_blocks": "long", "n_blocks": "long",
+    "n_owned": "long", "n_rows": "long", "n_local": "long", "n_lent_blocks": "long", "n_owned_blocks": "long",
+    "n_blocks": "long",
     # state (ux uy vx vy) of owned and ghosts, and what the rows keep
     "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
     "volume": "double *", "inverse_mass": "double *", "per_mass": "double *", "bulk_damping": "double *",

@@ -319,13 +319,16 @@ INLINED void kick_and_drift_blocks(const Scene *s, long b, const int n, double k
     }
 }
 
-/* v += kick (f/m + g), then u += dt v, for the owned particles. */
-void kick_and_drift(const Scene *s, double kick, double dt)
+/* v += kick (f/m + g), then u += dt v, for the particles of some blocks. */
+static void kick_and_drift_some(const Scene *s, long from, long end, double kick, double dt)
 {
     const Block *block = (const Block *)s->block;
 #define KICK(n) kick_and_drift_blocks(s, b, n, kick, dt)
-    EACH_BLOCK(0, s->n_owned_blocks, KICK)
+    EACH_BLOCK(from, end, KICK)
 }
+
+/* The same for all owned particles. */
+void kick_and_drift(const Scene *s, double kick, double dt) { kick_and_drift_some(s, 0, s->n_owned_blocks, kick, dt); }
 
 /* ---------------------------------------------------------------- surfaces */
 
@@ -833,11 +836,14 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
         stop_at_plates(s, kick, dt);
         hold(s, kick, dt);
         s->clock[0] += dt;
+        if (exchange(s, s->state_vec)) return 1;
 #else
-        kick_and_drift(s, kick, dt);
+        kick_and_drift_some(s, 0, s->n_lent_blocks, kick, dt);
+        if (s->ghost_begin && s->ghost_begin(s->state_vec, 1, 0)) return 1;
+        kick_and_drift_some(s, s->n_lent_blocks, s->n_owned_blocks, kick, dt); /* while copies are on their way */
+        if (s->ghost_end && s->ghost_end(s->state_vec, 1, 0)) return 1;
 #endif
         kicked = kick;
-        if (exchange(s, s->state_vec)) return 1;
     }
     settle_accounts(s);
     return 0;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -17,12 +17,14 @@ from .terms import Terms
 class Numbering:
     """Local numbers of a rank: owned particles by id, then ghosts of layer 1, then all further ghosts.
 
-    ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed.
+    ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed;
+    lent : (n_owned,) bool -- whether others may have copies.
     """
 
     ids: np.ndarray
     n_owned: int
     n_rows: int
+    lent: np.ndarray
 
     def local(self, ids: np.ndarray) -> np.ndarray:
         """Local numbers of global ids; -1 where this rank does not hold them."""
@@ -39,23 +41,27 @@ class Numbering:
 
     def extended(self, ids: np.ndarray) -> Numbering:
         """The same with further ghosts at the end."""
-        return Numbering(np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]), self.n_owned, self.n_rows)
+        return replace(self, ids=np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]))
 
 
 def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     """Numbering for the owned ids and what their internal forces need: two layers of neighbours, and `needed` ids."""
     own = np.zeros(scene.size, bool)
     own[owned] = True
-    first, second = own.copy(), own.copy()
+    first, second, lent = own.copy(), own.copy(), np.zeros(scene.size, bool)
     for c in np.unique(scene.cell[owned]):
         part = slice(scene.offset[c], scene.offset[c + 1])
+        if own[part].all():
+            continue
         pattern = scene.templates[scene.kind[c]].G
         first[part] = reach(pattern, own[part])
         second[part] = reach(pattern, first[part])
+        lent[part] = reach(pattern, reach(pattern, ~own[part]))
     second[needed] = True
-
+    if len(owned) < scene.size:
+        lent[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
     layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
-    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]))
+    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), lent[layers[0]])
 
 
 def reach(pattern: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
@@ -68,11 +74,13 @@ class Blocks:
     """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
 
     table : (b, 5) int -- first row, number of rows, home, shift, material: of one home are the blocks whose neighbours'
-    local numbers are the same but for the shift;  n_owned : number of blocks of owned particles;  lead : (h,) -- a
-    block of each home;  whole : (h,) bool -- whether the local numbers of the home are those of the template.
+    local numbers are the same but for the shift;  n_lent, n_owned : number of blocks that others may have copies of,
+    which are first, and of all blocks of owned particles;  lead : (h,) -- a block of each home;
+    whole : (h,) bool -- whether the local numbers of the home are those of the template.
     """
 
     table: np.ndarray
+    n_lent: int
     n_owned: int
     lead: np.ndarray
     whole: np.ndarray
@@ -90,6 +98,7 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
     ids = numbering.ids[: numbering.n_rows]
     cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
+    lent = np.append(numbering.lent, np.zeros(ghost.sum(), bool))
     start = np.flatnonzero(_changes(cell, material, ghost))
     length = np.diff(np.append(start, len(ids)))
     count = -(-length // 4)
@@ -98,17 +107,18 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     at = ids[row] - scene.offset[cell[row]]
     shift = _shifts(scene, numbering, terms)
     same = np.logical_and.reduceat(shift == np.repeat(shift[row], lanes), row) if len(row) else np.zeros(0, bool)
+    lent = np.logical_or.reduceat(lent, row) if len(row) else np.zeros(0, bool)
     whole = same & (shift[row] != ABSENT) & ~ghost[row]
     kind = scene.kind[cell[row]]
     _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
-    order = np.lexsort((number, lanes, whole, at, kind, number // GROUP, ghost[row]))
+    order = np.lexsort((number, lanes, whole, at, kind, number // GROUP, ~lent, ghost[row]))
     row, lanes, at, kind, whole = row[order], lanes[order], at[order], kind[order], whole[order]
     key = np.where(whole, at, scene.size + np.arange(len(row)))
     _, lead, home = np.unique(np.column_stack([kind, key, lanes]), axis=0, return_index=True, return_inverse=True)
     first = np.argsort(lead)  # homes by their first use
     home = np.argsort(first)[home]
     table = np.column_stack([row, lanes, home, np.where(whole, shift[row], 0), material[row]])
-    return Blocks(table, int((~ghost[row]).sum()), lead[first], whole[lead[first]])
+    return Blocks(table, int(lent.sum()), int((~ghost[row]).sum()), lead[first], whole[lead[first]])
 
 
 GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them

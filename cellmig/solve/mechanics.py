@@ -92,7 +92,7 @@ class Mechanics:
         self.blocks = make_blocks(scene, self.base, self.terms)
         n_blocks = len(self.blocks.table)
         k["n_owned"], k["n_rows"] = self.n_owned, n_rows
-        k["n_owned_blocks"], k["n_blocks"] = self.blocks.n_owned, n_blocks
+        k["n_lent_blocks"], k["n_owned_blocks"], k["n_blocks"] = self.blocks.n_lent, self.blocks.n_owned, n_blocks
         for name, values in home_arrays(scene, self.base, self.blocks, self.terms).items():
             k[name] = values
         k["inverse_mass"] = 1.0 / scene.field("mass")[self.base.ids[:n_rows]]
