@@ -30,6 +30,9 @@ discover(model)
 discover(meshfree)
 
 
+SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
+
+
 def particle_count(case: Case, shape: Any) -> int:
     """Particles of a cell of this shape."""
     p = case.particles
@@ -103,11 +106,13 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                       case.friction if case.substrate is not None else None)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
+    shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
+    single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", histories_of(case))
     return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
                  director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, histories=outside, skipped=skipped)
+                 acceleration=force, histories=outside, single=single, skipped=skipped)
 
 
 class Simulation:

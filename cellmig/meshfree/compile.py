@@ -19,8 +19,7 @@ from .translate import Translator
 
 VECTORS, STEP = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c"))
 FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
-_POINTERS = {"double *": ctypes.c_void_p, "uint32_t *": ctypes.c_void_p, "int32_t *": ctypes.c_void_p,
-             "long *": ctypes.c_void_p, "void *": ctypes.c_void_p}
+_POINTERS = {f"{kind} *": ctypes.c_void_p for kind in ("double", "coefficient", "uint32_t", "int32_t", "long", "void")}
 _TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
 _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int32, "long *": np.int64}
 
@@ -34,9 +33,9 @@ FIELDS: dict[str, str] = {
     "kept": "double *", "viscous_loss": "double *", "numerical_loss": "double *",
     # blocks of rows, and by their homes the neighbours
     "block": "int32_t *",
-    "first": "long *", "column": "uint32_t *", "gradient": "double *", "adjoint": "double *",
-    "first_outer": "long *", "column_outer": "uint32_t *", "outer": "double *",
-    "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "double *",
+    "first": "long *", "column": "uint32_t *", "gradient": "coefficient *", "adjoint": "coefficient *",
+    "first_outer": "long *", "column_outer": "uint32_t *", "outer": "coefficient *",
+    "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "coefficient *",
     # step control
     "least_gap": "double *", "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
@@ -99,6 +98,7 @@ class Kernel:
         fields += [("acceleration", ctypes.c_double * 2)]
         fields += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
         self._kinds = {**FIELDS, **dict(members)}
+        self._dtypes = {**_DTYPES, "coefficient *": np.float32 if terms.single else np.float64}
         self._structure = type("Scene", (ctypes.Structure,), {"_fields_": fields})()
         self._address = ctypes.byref(self._structure)
         self._arrays: dict[str, np.ndarray] = {}
@@ -109,8 +109,8 @@ class Kernel:
 
     def __setitem__(self, name: str, value: Any) -> None:
         kind = self._kinds.get(name)
-        if kind in _DTYPES and value is not None:
-            value = np.ascontiguousarray(value, _DTYPES[kind])
+        if kind in self._dtypes and value is not None:
+            value = np.ascontiguousarray(value, self._dtypes[kind])
             if value.ctypes.data % LINE:
                 value, unaligned = aligned_zeros(value.shape, value.dtype), value
                 value[...] = unaligned
@@ -142,7 +142,8 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     members += [f"    double *material_{i};" for i in range(len(materials))]
     members += ["    double acceleration[2];"]
     members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
-    parts = [VECTORS.read_text(), "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
+    parts = ["#define SINGLE 1" if terms.single else "", VECTORS.read_text(),
+             "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
     vectors: dict[str, list[float]] = {}
 
     parts.append(_materials(materials, terms.director, terms.active, vectors))

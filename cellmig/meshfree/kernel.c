@@ -70,11 +70,11 @@ static inline int together(const Block *block, long b, long end)
     }
 
 /* Adds to st the sum of field x coefficient over the neighbours of n blocks of one home, rows (0 1), (2 3). */
-INLINED void gather_scalar(const long *first, const uint32_t *column, const double *coefficient, const Block *block,
+INLINED void gather_scalar(const long *first, const uint32_t *column, const coefficient *values, const Block *block,
                            const int n, const double *field, v4 st[][2])
 {
     for (long k = first[block->home]; k < first[block->home + 1]; k++) {
-        const double *a = coefficient + 4 * k;
+        const coefficient *a = values + 4 * k;
         size_t c[4];
         neighbours(column + 4 * k, c);
         for (int m = 0; m < n; m++) {
@@ -91,7 +91,7 @@ INLINED void gather(const Scene *s, const Block *block, const int n, const doubl
 {
     v4 acc[MOST][4] = {{{0}}}, st[MOST][2] = {{{0}}};
     for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
-        const double *a = s->gradient + GRADIENT_WIDTH * k;
+        const coefficient *a = s->gradient + GRADIENT_WIDTH * k;
         size_t c[4];
         neighbours(s->column + 4 * k, c);
         for (int m = 0; m < n; m++) {
@@ -269,7 +269,7 @@ INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
     const Block *block = (const Block *)s->block + b;
     v4 acc[MOST][4] = {{{0}}};
     for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
-        const double *h = s->adjoint + 8 * k;
+        const coefficient *h = s->adjoint + 8 * k;
         size_t c[4];
         neighbours(s->column + 4 * k, c);
         for (int m = 0; m < n; m++) {
@@ -551,7 +551,7 @@ static void director_gradient(const Scene *s)
             const double own = s->director[2L * (block.row + i)];
             double g[2] = {0, 0};
             for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
-                const double *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
+                const coefficient *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
                 const double d = wrapped(theta[s->column[4 * k + i] / 2] - own);
                 g[0] += a[0] * d;
                 g[1] += a[2] * d;
@@ -597,7 +597,7 @@ static void director_torque(const Scene *s)
         for (int i = 0; i < block.lanes; i++) {
             double torque = 0;
             for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
-                const double *h = s->adjoint + 8 * k + 4 * (i / 2) + i % 2;
+                const coefficient *h = s->adjoint + 8 * k + 4 * (i / 2) + i % 2;
                 const uint32_t j = s->column[4 * k + i] / 2;
                 torque += h[0] * flux[j] + h[2] * flux[j + 1];
             }

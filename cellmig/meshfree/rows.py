@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -157,24 +157,29 @@ def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms
     `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
     is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
     """
-    homes = Homes(scene, numbering, blocks)
-    templates, stabilised = scene.templates, terms.stabilised
+    homes, stabilised = Homes(scene, numbering, blocks), terms.stabilised
+    G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
+    extended = list
+    if terms.single:
+        G, S, E = ([rounded(m) for m in matrices] for matrices in (G, S, E))
+        extended = partial(map, with_rest)
     out = {"volume": homes.by_lane(scene.field("V")), "bulk_damping": homes.by_lane(scene.field("damping")),
            "per_mass": homes.by_lane(1.0 / scene.field("mass"))}
-    patterns = [t.G for t in templates]
-    first, group, lane, owned, kind, at, out["column"] = homes.entries(patterns)
+    H, inside = [_adjoint(m) for m in G], [_inside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
+    outside = [_outside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
+    G, H, inside, E = (list(extended(matrices)) for matrices in (G, H, inside, E))
+    first, group, lane, owned, kind, at, out["column"] = homes.entries(G)
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
-    G = _values([t.data for t in patterns], kind, at)
-    gradient[group, pair], gradient[group, pair + 2] = G.real, G.imag
-    H = np.where(owned, _values([_adjoint(t) for t in patterns], kind, at), 0)  # the others serve for their stress only
-    adjoint[group, pair], adjoint[group, pair + 2] = H.real, H.imag
+    g = _values(G, kind, at)
+    gradient[group, pair], gradient[group, pair + 2] = g.real, g.imag
+    h = np.where(owned, _values(H, kind, at), 0)  # the others serve for their stress only
+    adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
     if stabilised:
-        S = _values([_inside(t.S, t.G) for t in templates], kind, at)
-        gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, S, 0)
-        out |= homes.scalars("outer", [_outside(t.S, t.G) for t in templates])
+        gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, _values(inside, kind, at), 0)
+        out |= homes.scalars("outer", outside)
     if terms.stiffened:
-        out |= homes.scalars("stiff", [t.E for t in templates])
+        out |= homes.scalars("stiff", E)
     return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
 
 
@@ -224,7 +229,7 @@ class Homes:
         """Groups of scalar matrices, for owned particles alone."""
         first, group, lane, _, kind, at, column = self.entries(matrices, owned=True)
         values = np.zeros((first[-1], 4))
-        values[group, _STAB_LANE[lane]] = _values([m.data for m in matrices], kind, at)
+        values[group, _STAB_LANE[lane]] = _values(matrices, kind, at)
         return {f"first_{name}": first, f"column_{name}": column, name: values}
 
 
@@ -237,25 +242,51 @@ def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_
     for k, m in enumerate(matrices):
         columns[kind == k] = m.indices[at[kind == k]]
     ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
-    values = _values([m.data for m in matrices], kind, at)
+    values = _values(matrices, kind, at)
     return sparse.csr_matrix((values, place[scene.offset[cell][row] + columns], ptr), (n_rows, n_columns))
 
 
 _STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
 
 
-def _adjoint(G: sparse.csr_matrix) -> np.ndarray:
+def rounded(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """A matrix in single precision, but for the diagonal: that makes rows sum to zero, for motions as a whole."""
+    single = np.complex64 if np.iscomplexobj(m.data) else np.float32
+    out = sparse.csr_matrix((m.data.astype(single).astype(m.data.dtype), m.indices, m.indptr), m.shape)
+    on = _diagonal(out)
+    out.data[on] = 0.0
+    out.data[on] = -(out @ np.ones(m.shape[0]))[out.indices[on]]
+    return out
+
+
+def with_rest(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """A matrix with a further entry at the end of each row: what single precision lacks of the diagonal."""
+    on = _diagonal(m)
+    rest, row = m.data[on], m.indices[on]
+    rest = rest - rest.astype(np.complex64 if np.iscomplexobj(rest) else np.float32)
+    data, columns = (np.insert(a, m.indptr[row + 1], b) for a, b in ((m.data, rest), (m.indices, row)))
+    further = np.append(0, np.cumsum(np.bincount(row, minlength=m.shape[0])))
+    return sparse.csr_matrix((data, columns, m.indptr + further), m.shape)
+
+
+def _diagonal(m: sparse.csr_matrix) -> np.ndarray:
+    """Places of the diagonal in the data of a CSR matrix."""
+    return np.flatnonzero(m.indices == np.repeat(np.arange(m.shape[0]), np.diff(m.indptr)))
+
+
+def _adjoint(G: sparse.csr_matrix) -> sparse.csr_matrix:
     """-Gᵀ on the pattern of G."""
     H = -G.T.tocsr()
     H.sort_indices()
     if not np.array_equal(H.indices, G.indices):
         raise AssertionError("the neighbours are not symmetric")
-    return H.data
+    return H
 
 
-def _inside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> np.ndarray:
-    """Entries of S on the pattern of G."""
-    return np.asarray(S[np.repeat(np.arange(G.shape[0]), np.diff(G.indptr)), G.indices]).ravel()
+def _inside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """S on the pattern of G."""
+    values = S[np.repeat(np.arange(G.shape[0]), np.diff(G.indptr)), G.indices]
+    return sparse.csr_matrix((np.asarray(values).ravel(), G.indices, G.indptr), G.shape)
 
 
 def _outside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -279,11 +310,11 @@ def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray, there: Any = Tr
     return tuple(entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries)
 
 
-def _values(data: list[np.ndarray], kind: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values of entries, from the data of each template."""
-    out = np.zeros(len(at), data[0].dtype)
-    for k, values in enumerate(data):
-        out[kind == k] = values[at[kind == k]]
+def _values(matrices: list, kind: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values of entries, from the CSR matrix of each template."""
+    out = np.zeros(len(at), matrices[0].dtype)
+    for k, m in enumerate(matrices):
+        out[kind == k] = m.data[at[kind == k]]
     return out
 
 

@@ -13,7 +13,8 @@ class Terms:
     substrate, contact, protrusion, cortex, friction : laws or None;  director : "none", "frozen" or "relaxing";
     active : whether ζ acts;  stabilised, bulk_damped, stiffened : the numerical viscosities and stiffness;
     acceleration : of the body force (2,) [µm/µs²] or None;  histories : time laws of supports, loads and plates,
-    None if there are no such;  skipped : why a term is absent, by its name, for the log.
+    None if there are no such;  single : whether coefficients of neighbours are in single precision;
+    skipped : why a term is absent, by its name, for the log.
     """
 
     substrate: Any = None
@@ -28,4 +29,5 @@ class Terms:
     stiffened: bool = False
     acceleration: tuple | None = None
     histories: tuple | None = None
+    single: bool = False
     skipped: dict = field(default_factory=dict)

@@ -9,8 +9,6 @@ typedef int64_t i4 __attribute__((vector_size(32)));
 
 static inline v4 load(const double *a) { v4 x; memcpy(&x, a, sizeof x); return x; }
 static inline void store(double *a, v4 x) { memcpy(a, &x, sizeof x); }
-static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
-static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
 static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 
 #define INLINED static inline __attribute__((always_inline))
@@ -20,11 +18,27 @@ static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
 static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
+static inline v4 load_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_loadu_ps(a)); }
+static inline void store_single(float *a, v4 x) { _mm_storeu_ps(a, _mm256_cvtpd_ps((__m256d)x)); }
 #else
 static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
 static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
+static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
+static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
 #endif
+/* Of four coefficients, the first and the third twice; the second and the fourth. */
+#if defined SINGLE
+typedef float coefficient;
+#ifdef __AVX2__
+static inline v4 even_of(const float *a) { return (v4)_mm256_cvtps_pd(_mm_moveldup_ps(_mm_loadu_ps(a))); }
+static inline v4 odd_of(const float *a) { return (v4)_mm256_cvtps_pd(_mm_movehdup_ps(_mm_loadu_ps(a))); }
+#else
+static inline v4 even_of(const float *a) { return (v4){a[0], a[0], a[2], a[2]}; }
+static inline v4 odd_of(const float *a) { return (v4){a[1], a[1], a[3], a[3]}; }
+#endif
+#else
+typedef double coefficient;
 #if defined __AVX2__ && !defined __AVX512VL__
 /* From memory, each time: the compiler would keep a, and for that put sums into memory. */
 static inline v4 even_of(const double *a) { v4 x; __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
@@ -32,6 +46,7 @@ static inline v4 odd_of(const double *a) { v4 x; __asm__("vpermilpd $15, %1, %0"
 #else
 static inline v4 even_of(const double *a) { return __builtin_shuffle(load(a), (i4){0, 0, 2, 2}); }
 static inline v4 odd_of(const double *a) { return __builtin_shuffle(load(a), (i4){1, 1, 3, 3}); }
+#endif
 #endif
 
 static inline void transpose(const v4 a[4], v4 b[4])
@@ -43,8 +58,6 @@ static inline void transpose(const v4 a[4], v4 b[4])
     b[2] = __builtin_shuffle(x, z, (i4){2, 3, 6, 7});
     b[3] = __builtin_shuffle(y, w, (i4){2, 3, 6, 7});
 }
-
-static inline v4 choose(i4 m, v4 a, v4 b) { return (v4)((m & (i4)a) | (~m & (i4)b)); }
 
 /* Σ c_k x^k of 16 terms by Estrin's scheme: short chains, for the processor to overlap. */
 static inline v4 polynomial(const double c[16], v4 x)
