@@ -16,9 +16,11 @@ from .case.registry import discover, laws
 from .case.schema import Case
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
+from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
+from .parallel.direct import solve_positive
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
 from .solve.integrate import Integrator
@@ -30,6 +32,7 @@ discover(model)
 discover(meshfree)
 
 
+LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
@@ -49,8 +52,10 @@ def discretise(case: Case) -> Scene:
     for shape, body, nucleus in kinds:
         pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
         try:
-            templates.append(template(shape, particle_count(case, shape), case.particles.dilation, pair,
-                                      case.numerics.bulk_viscosity, case.particles.surface_refinement))
+            count = particle_count(case, shape)
+            solve = solve_positive if count > LARGE else factorised
+            templates.append(template(shape, count, case.particles.dilation, pair, case.numerics.bulk_viscosity,
+                                      case.particles.surface_refinement, solve))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)
             raise CaseError([Mistake(case.path, None, "particles", f"'{name}': {error}")]) from error

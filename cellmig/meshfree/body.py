@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -148,10 +149,10 @@ def _largest(operator: Any, n: int) -> float:
 
 
 def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosity: float,
-             refinement: float = 1.0) -> Template:
+             refinement: float = 1.0, solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
     """Discretise a shape with `count` particles, a support of `dilation` spacings and materials (body, nucleus).
 
-    Along the surface the particles are `refinement` times as dense as within.
+    Along the surface the particles are `refinement` times as dense as within.  `solve` : see `rkpm.consistent`.
     """
     layout = shape.particles(count, refinement)
     spacing = float(np.sqrt(shape.area / count))
@@ -165,7 +166,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     segments = np.column_stack([surface, surface[after]])
     V, edges = rkpm.dual_cells(X, segments)
     support = rkpm.supports(X, edges, dilation * spacing)
-    G = rkpm.consistent(rkpm.gradients(X, support, segments), X, V, support, segments)
+    G = rkpm.consistent(rkpm.gradients(X, support, segments), X, V, support, segments, solve)
     body, inner = laws
     inner = inner if inner is not None else body
     S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -68,19 +70,35 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
     I, J = I[order], J[order]
     start = np.searchsorted(I, own)
 
-    a, scale = support[J], support.max()  # one scale for the basis: it has to be linear in X over all supports
-    z = (X[I] - X[J]) / a[:, None]
+    bounds, parts = np.append(start, len(I)), []
+    for first in range(0, n, CHUNK):  # whose arrays stay in the cache
+        some = bounds[first : first + CHUNK + 1]
+        on = slice(some[0], some[-1])
+        parts.append(_gradients_of(X[I[on]] - X[J[on]], support[J[on]], support.max(), some[:-1] - some[0]))
+    return _closed(sparse.csr_matrix((np.concatenate(parts), J, bounds), (n, n)))
+
+
+CHUNK = 2000  # particles
+
+
+def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray) -> np.ndarray:
+    """Gradients by entry, from particles less neighbours d (e, 2) and supports a (e,) [µm] of the neighbours.
+
+    `start` : (k,) -- first entry of each particle;  `scale` : one for the basis, which has to be linear over all.
+    """
+    I = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(d))))
+    z = d / a[:, None]
     q = np.linalg.norm(z, axis=1)
     w, dw = window(q)
-    p = np.column_stack([np.ones_like(q), (X[I] - X[J]) / scale])
+    p = np.column_stack([np.ones_like(q), d / scale])
     slope = np.divide(dw, q, out=np.zeros_like(q), where=q > 0) / a
     dw = slope[:, None] * z  # ∂w/∂x_k
     pp = p[:, :, None] * p[:, None, :]
     M = np.add.reduceat(pp * w[:, None, None], start)
     if np.linalg.cond(M).max() > 1e8:
         raise ValueError("a particle has too few neighbours for a linear basis: raise the dilation")
-    b = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (n, 3, 1)))[:, :, 0]
-    G = np.zeros((len(I), 2))
+    b = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (len(start), 3, 1)))[:, :, 0]
+    G = np.zeros((len(d), 2))
     for k in range(2):
         dp = np.zeros_like(p)
         dp[:, 1 + k] = 1.0 / scale
@@ -89,8 +107,7 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
         db = -np.linalg.solve(M, np.einsum("nij,nj->ni", dM, b)[:, :, None])[:, :, 0]
         G[:, k] = np.einsum("ei,ei->e", db[I], p) * w + np.einsum("ei,ei->e", b[I], dp) * w
         G[:, k] += np.einsum("ei,ei->e", b[I], p) * dw[:, k]
-    G = sparse.csr_matrix((G[:, 0] + 1j * G[:, 1], J, np.append(start, len(I))), (n, n))
-    return _closed(G)
+    return G[:, 0] + 1j * G[:, 1]
 
 
 def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -119,14 +136,19 @@ def surface_normals(X: np.ndarray, segments: np.ndarray) -> np.ndarray:
     return b
 
 
-def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray
-               ) -> sparse.csr_matrix:
+def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
+    """Solution x (n, k) of A x = b for a symmetric positive definite A (n, n)."""
+    return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
+
+
+def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray,
+               solve: Callable[..., np.ndarray] = factorised) -> sparse.csr_matrix:
     r"""Gradients next to G for which the divergence theorem holds: Σ_I V_I G_IJ = ∮ n N_J, with the pattern of G.
 
     Nodal integration violates it, and a uniform stress then does work inside the body.  The change D is the smallest,
     Σ D_IJ² / w_IJ with the window w, that keeps linear fields exact: D_IJ = V_I w_IJ (γ_J less its weighted linear fit
     about I), where γ solves a symmetric system.  In the spirit of Chen, Hillman & Rüter (2013), but for trial and test
-    functions alike, so that forces have an energy.
+    functions alike, so that forces have an energy.  `solve` is for symmetric positive systems.
     """
     n = len(X)
     rows = np.repeat(np.arange(n), np.diff(G.indptr))
@@ -142,7 +164,7 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
     free = np.ones(n, bool)
     free[_three(X, segments[:, 0])] = False  # γ is known up to a linear function, which changes nothing
     gamma = np.zeros((n, 2))
-    gamma[free] = splu(A.tocsc()[free][:, free], options={"SymmetricMode": True}).solve(missing[free])
+    gamma[free] = solve(A.tocsc()[free][:, free], missing[free])
     part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
     D = V[rows] * (part[:, 0] + 1j * part[:, 1])
     return _closed(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))
