@@ -22,7 +22,8 @@ from .run import load_said, skipped_said, step_said
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
-SETUP_BYTES = 4000  # per particle beside the kernel's arrays, as the scene is built (measured)
+SCENE_BYTES = 1100  # per particle beside the kernel's arrays, as the scene is built (measured: 1,070 to 1,110)
+KIND_BYTES = 10_000  # and per particle of each kind of cell (measured: 5,500 at 5,000, 8,800 at 1e5, 10,400 at 1e6)
 
 
 class Cost(NamedTuple):
@@ -30,8 +31,8 @@ class Cost(NamedTuple):
 
     particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
     step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
-    row_bytes : float -- of the kernel's arrays per particle;  gap : float -- the least between cells at the start [um];
-    skipped : dict -- terms that are, and why.
+    memory : float -- bytes in all, beside RANK_BYTES on each rank;  gap : float -- the least between cells at the
+    start [um];  skipped : dict -- terms that are, and why.
     """
 
     particles: int
@@ -40,7 +41,7 @@ class Cost(NamedTuple):
     step: float
     steps: int
     per_step: float
-    row_bytes: float
+    memory: float
     gap: float
     skipped: dict[str, str]
 
@@ -58,8 +59,10 @@ def cost(case: Case) -> Cost:
     stable = step_control(case, scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
     per_step, row_bytes, gap = _timed(part)
+    kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
+    memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
     return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                row_bytes, gap, terms.skipped)
+                memory, gap, terms.skipped)
 
 
 def report(case: Case) -> str:
@@ -76,7 +79,7 @@ def report(case: Case) -> str:
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
         ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
-        ("memory", f"{_bytes(c.particles * (c.row_bytes + SETUP_BYTES))} in all and {_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"{_bytes(c.memory)} in all and {_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
     ])
