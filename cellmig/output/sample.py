@@ -38,6 +38,7 @@ class Sampler:
         self.cell_mass = self._sum(self.mass)
         self.cell_volume = self._sum(self.V)
         self.watched = np.array([_below_centre(scene, c) for c in range(self.n_cells)])
+        self._is_watched = np.isin(ids, self.watched)
         self.surface = np.full(scene.size, -1, np.int32)
         for c in range(self.n_cells):
             self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
@@ -47,10 +48,9 @@ class Sampler:
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self._start: dict[str, float] | None = None
 
-    def _sum(self, values: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """Sums by cell of values at the owned particles, or at some of them; collective."""
-        cell = self.cell if rows is None else self.cell[rows]
-        return exact_sum(self.mechanics.comm, values, cell, self.n_cells)
+    def _sum(self, values: np.ndarray) -> np.ndarray:
+        """Sums by cell of values at the owned particles; collective."""
+        return exact_sum(self.mechanics.comm, values, self.cell, self.n_cells)
 
     # ------------------------------------------------------------ per particle
 
@@ -115,12 +115,11 @@ class Sampler:
         m = self.mechanics
         stresses = self.stresses()
         u, X = m.state.owned[:, :2], m.scene.X[m.ids]
-        moved = self._sum(self.mass[:, None] * u) / self.cell_mass[:, None]
-        place = self._sum(self.mass[:, None] * (X + u)) / self.cell_mass[:, None]
-        effective = self._sum(self.V * stresses["effective_stress"]) / self.cell_volume
-        area, perimeter, substrate, contact = self._outline().T
-        at = np.isin(m.ids, self.watched)
-        watched = self._sum(stresses["stress"][at, 0, 0], np.flatnonzero(at))
+        mass, watched = self.mass[:, None], np.where(self._is_watched, stresses["stress"][:, 0, 0], 0.0)
+        sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
+                                          self._outline(), watched]))
+        moved, place = sums[:, :2] / self.cell_mass[:, None], sums[:, 2:4] / self.cell_mass[:, None]
+        effective, (area, perimeter, substrate, contact, watched) = sums[:, 4] / self.cell_volume, sums[:, 5:].T
         columns = {"x_um": place[:, 0], "y_um": place[:, 1], "ux_um": moved[:, 0], "uy_um": moved[:, 1],
                    "substrate_contact_um": substrate, "cell_contact_um": contact, "area_um2": area,
                    "perimeter_um": perimeter, "effective_stress_pa": effective, "sigma11_lower_centre_pa": watched}
@@ -176,7 +175,7 @@ class Sampler:
         return sums.reshape(len(b.names), cells, 2)
 
     def _outline(self) -> np.ndarray:
-        """Area [µm²], perimeter, contact with the substrate and with cells [µm] of every cell (cells, 4)."""
+        """Shares (n_owned, 4) in area [µm²], perimeter, contact with the substrate and with cells [µm] of the cells."""
         m = self.mechanics
         ends, x = m.segments()
         length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
@@ -195,7 +194,7 @@ class Sampler:
         values = np.zeros((m.n_owned, 4))
         values[ends[:, 0], :3] = np.column_stack([area, length, substrate])
         values[:, 3] = contact
-        return self._sum(values)
+        return values
 
     # ------------------------------------------------------------ in sums
 
