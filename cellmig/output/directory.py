@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,15 +41,32 @@ def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> l
     return [value for value, _ in outcome]
 
 
-def replace(path: Path, content: str | bytes) -> None:
-    """Write a file that is either the old one or the new one, whole, whenever the run is killed or the disk full."""
+def replace(path: Path, content: str | bytes, lasting: bool = False) -> None:
+    """Write a file that is either the old one or the new one, whole, whenever the run is killed or the disk full.
+
+    `lasting` : it is on the disk when this returns, and outlives a power cut.
+    """
     part = path.with_name(path.name + ".part")
     try:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
+        if lasting:
+            sync(part)
         os.replace(part, path)
+        if lasting:
+            sync(path.parent)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
+
+
+def sync(path: Path) -> None:
+    """Have the disk hold what was written to a file, or the names in a directory."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def fresh_directory(path: Path, comm: Any) -> Path:

@@ -1,0 +1,136 @@
+"""Checkpoints: files that are whole or absent, of which the last two are kept, and whose damage is seen.
+
+A checkpoint is HDF5: arrays in global order, so that any number of ranks can read it, and a text in JSON.  Behind the
+end of the HDF5 stands the sha256 of all before, which HDF5 does not mind.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from .directory import OutputError, replace, together
+
+FOLDER, KEPT = "checkpoint", 2
+_ABOUT = "about"
+_NAME = re.compile(r"c(\d{8})\.h5")
+_SEAL = b"\nsha256 "  # followed by 64 digits
+_SEALED = len(_SEAL) + 64
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A state of a run.
+
+    about : dict -- all that is no array, as JSON has it; the same on all ranks.
+    arrays : dict -- on rank 0 arrays by name, in global order; on the others nothing.
+    """
+
+    about: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+
+def write(directory: Path, comm: Any, checkpoint: Checkpoint) -> Path | None:
+    """Add a checkpoint to those of a run, whole and on the disk when this returns, and drop all but the last two.
+
+    Collective; rank 0 writes.  Returns its path on rank 0.
+    """
+    return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint), root_only=True)[0]
+
+
+def _write(folder: Path, checkpoint: Checkpoint) -> Path:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write '{folder}' ({error.strerror})") from error
+    numbers = [number for number, _ in listed(folder)]
+    path = folder / f"c{max(numbers, default=0) + 1:08d}.h5"
+    image = _image(checkpoint)
+    replace(path, image + _SEAL + hashlib.sha256(image).hexdigest().encode(), lasting=True)
+    for _, old in listed(folder)[:-KEPT]:
+        old.unlink(missing_ok=True)
+    return path
+
+
+def _image(checkpoint: Checkpoint) -> bytes:
+    # In memory: a full disk is then an error like any other, where HDF5 would crash at the end.
+    with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
+        file.create_dataset(_ABOUT, data=np.frombuffer(json.dumps(checkpoint.about).encode(), np.uint8))
+        for name, values in checkpoint.arrays.items():
+            file.create_dataset(name, data=values)
+        file.flush()
+        return file.id.get_file_image()
+
+
+def listed(folder: Path) -> list[tuple[int, Path]]:
+    """Numbers and paths of all checkpoints in a folder, the oldest first, whole or not."""
+    found = [(int(match[1]), path) for path in folder.glob("c*.h5") if (match := _NAME.fullmatch(path.name))]
+    return sorted(found)
+
+
+def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint | None:
+    """The newest whole checkpoint of a run; None if there is none at all; collective.
+
+    `say` is told of each that is damaged and passed over, which is renamed.  Raises OutputError if none is whole.
+    """
+    found, remarks = None, []
+
+    def search() -> None:
+        nonlocal found
+        known = listed(Path(directory) / FOLDER)
+        for _, path in reversed(known):
+            try:
+                found = _read(path)
+                break
+            except _DamagedError as damage:
+                with suppress(OSError):  # so that it does not count as one of the last two
+                    path.rename(f"{path}.damaged")
+                remarks.append(f"checkpoint '{path}' is damaged ({damage}) and passed over")
+        if known and found is None:
+            raise OutputError(f"no checkpoint in '{known[0][1].parent}' is whole: {'; '.join(remarks)}")
+
+    together(comm, search, root_only=True)
+    for remark in remarks:
+        say(remark)
+    about = comm.bcast(found.about if found else None)
+    return None if about is None else Checkpoint(about, found.arrays if found else {})
+
+
+class _DamagedError(Exception):
+    """What is wrong with a file."""
+
+
+def _read(path: Path) -> Checkpoint:
+    content = path.read_bytes()
+    image, seal = content[:-_SEALED], content[-_SEALED:]
+    if not seal.startswith(_SEAL):
+        raise _DamagedError("it ends too early")
+    if hashlib.sha256(image).hexdigest().encode() != seal[len(_SEAL):]:
+        raise _DamagedError("its checksum is another")
+    with h5py.File(io.BytesIO(image), "r") as file:
+        arrays = {name: data[()] for name, data in file.items()}
+    return Checkpoint(json.loads(bytes(arrays.pop(_ABOUT))), arrays)
+
+
+def remove(directory: Path, comm: Any) -> None:
+    """Drop all checkpoints of a run that is done; collective."""
+
+    def act() -> None:
+        folder = Path(directory) / FOLDER
+        for path in folder.glob("c*.h5*"):
+            path.unlink(missing_ok=True)
+        if folder.exists() and not any(folder.iterdir()):
+            os.rmdir(folder)
+
+    together(comm, act, root_only=True)
