@@ -25,6 +25,7 @@ from .parallel.partition import partition
 from .parallel.swarm import Swarm
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
+from .solve.restart import restore, saved
 from .solve.static import Static
 from .solve.step import StepControl
 
@@ -175,6 +176,21 @@ class Simulation:
         acceleration = self.integrator.rate()
         m.store(self.swarm)
         return self.sampler.history(), self.sampler.ledger(acceleration, half)
+
+    def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """All that decides the next bits: numbers, and on rank 0 arrays in global order; collective.
+
+        After a batch of steps if the integrator allows it, else after a sample.
+        """
+        about, arrays = saved(self.mechanics)
+        return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start}, arrays
+
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Go on from what was saved, on any number of ranks; collective."""
+        restore(self.mechanics, about["mechanics"], arrays)
+        self.integrator.restore(about["integrator"])
+        self.sampler.start = about["ledger"]
+        self.time = self.integrator.time
 
     def state_hash(self) -> str:
         """sha256 of X, u, v in global-id order, the same on any number of ranks; collective."""

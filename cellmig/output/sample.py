@@ -25,7 +25,10 @@ def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
 
 
 class Sampler:
-    """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`."""
+    """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`.
+
+    start : entries of the first row of the ledger [pN], from which changes are counted.
+    """
 
     def __init__(self, mechanics: Any, probes: Probes):
         """Remember masses, volumes and the points that are watched."""
@@ -46,7 +49,7 @@ class Sampler:
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
         self._recovery = csr_rows(scene, m.base, [t.R for t in scene.templates], m.n_owned, m.base.n_rows)
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
-        self._start: dict[str, float] | None = None
+        self.start: dict[str, float] | None = None
 
     def _sum(self, values: np.ndarray) -> np.ndarray:
         """Sums by cell of values at the owned particles; collective."""
@@ -225,8 +228,8 @@ class Sampler:
         parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
-        self._start = self._start or entries
-        change = {name: value - self._start[name] for name, value in entries.items()}
+        self.start = self.start or entries
+        change = {name: value - self.start[name] for name, value in entries.items()}
         missing = sum(change.values()) - 2.0 * change["protrusion_work"]
         largest = max(map(abs, [self._negligible, *entries.values(), *change.values()]))
         entries["closure"] = abs(missing) / largest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ BATCH = 200  # steps between two looks at the stable step
 PRESSED, SHORT = 0.25, 20  # share of the contacts' step, and steps to the next look, while bonds are pressed
 RECOVERY = 0.02  # of the bonds' range, by which the gaps that are expected widen from batch to batch
 LEAST_STEP = 1e-7  # µs: below, the scene has broken
+_COUNTED = ("dt", "mechanism", "stable", "count", "redone", "extremes")
 VOLUME = 0.5  # how far J may be from 1: beyond, no fluid of the model keeps its volume
 
 
@@ -34,12 +36,14 @@ class Integrator:
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
+        self.halted = False
         options = PETSc.Options()
         self.fixed_step = options.getReal("ts_dt") if options.hasName("ts_dt") else fixed_step
         self.ts = self._ts(kind, options)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         if self.leapfrog:
             self.ts.setPythonContext(Leapfrog(self))
+            self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
         else:
             self.ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
             self.ts.setPostStep(self._after_step)
@@ -67,6 +71,11 @@ class Integrator:
         return self.ts.getStepNumber()
 
     @property
+    def between_samples(self) -> bool:
+        """Whether its state can be saved after any batch; what PETSc's types keep to themselves is gone at a sample."""
+        return self.leapfrog
+
+    @property
     def said(self) -> str:
         """What it is, for the log."""
         return "leapfrog" if self.leapfrog else f"{self.ts.getType()} of PETSc"
@@ -78,7 +87,21 @@ class Integrator:
 
     def halt(self) -> None:
         """Take no further step."""
-        self.ts.setMaxSteps(0)
+        self.halted = True
+        self.ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
+
+    def saved(self) -> dict[str, Any]:
+        """What decides its next steps and what it counts, for a checkpoint."""
+        numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
+        return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
+
+    def restore(self, about: dict[str, Any]) -> None:
+        """Go on from what was saved; the mechanics have been restored."""
+        for name in _COUNTED:
+            setattr(self, name, deepcopy(about[name]))
+        self.gaps = np.array(about["gaps"])
+        self.ts.setTime(about["time"])
+        self.ts.setStepNumber(about["steps"])
 
     def rate(self) -> np.ndarray:
         """(v, a) of the owned particles (n_owned, 4); F and reactions are brought up to date; collective."""
@@ -86,8 +109,8 @@ class Integrator:
 
     @property
     def finished(self) -> bool:
-        """Whether TS has no steps left (-ts_max_steps)."""
-        return self.steps >= self.ts.getMaxSteps()
+        """Whether it was told to stop, or TS has no steps left (-ts_max_steps)."""
+        return self.halted or self.steps >= self.ts.getMaxSteps()
 
     def to(self, stop: float) -> float:
         """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective."""
@@ -96,6 +119,7 @@ class Integrator:
         if not self.leapfrog:
             self.look()
             ts.setTimeStep(min(self.dt, stop - ts.getTime()))
+            ts.restartStep()  # a rate kept from the last step is not that of a state which was saved
             self._account_start()
         ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
@@ -275,4 +299,3 @@ class Leapfrog:
         ts.setTimeStep(dt)
         ts.setTime(stop if n == left else t + n * dt)
         ts.setStepNumber(taken + n - 1)  # TS adds the last one itself
-        run.after_batch(ts.getTime())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ SAID = 20  # load steps that are told one by one; all are in the manifest
 CUTS = 8  # times that a load step is halved before the run gives up
 TIGHT = 1e-10  # what forces may be out of balance, over modulus x spacing, in the mean over particles
 WEAK = 1e-10  # of the stiffness: what keeps bodies in place, within Newton's matrix alone, that nothing holds
+_COUNTED = ("time", "steps", "redone", "dt", "count", "extremes", "newton")
 # Full steps: with a bulk modulus of 150 shear moduli what is out of balance grows at first, and line searches creep.
 DEFAULTS = {"snes_type": "newtonls", "snes_linesearch_type": "basic", "snes_max_it": "20",
             "snes_divergence_tolerance": "1e8", "ksp_type": "preonly",
@@ -33,7 +35,7 @@ class Static:
     newton : for each load step its time, and what was out of balance at each of Newton's steps [pN/µm].
     """
 
-    leapfrog, fixed_step, mechanism = False, None, "load"
+    leapfrog, between_samples, fixed_step, mechanism = False, False, None, "load"
 
     def __init__(self, mechanics: Mechanics):
         """Everything is at rest and free of stress at first; collective."""
@@ -92,6 +94,17 @@ class Static:
     def rate(self) -> np.ndarray:
         """(v, a) of the owned particles, none: nothing moves; F and reactions are brought up to date; collective."""
         return np.zeros((len(self._forces()), 4))
+
+    def saved(self) -> dict[str, Any]:
+        """What decides its next load steps and what it counts, for a checkpoint at a sample."""
+        return deepcopy({name: getattr(self, name) for name in _COUNTED})
+
+    def restore(self, about: dict[str, Any]) -> None:
+        """Go on from what was saved; the mechanics have been restored; collective."""
+        for name in _COUNTED:
+            setattr(self, name, deepcopy(about[name]))
+        self.contact.store(self._forces())
+        self._outside = self._from_outside()
 
     # ------------------------------------------------------------ equations
 

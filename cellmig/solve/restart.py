@@ -1,0 +1,103 @@
+"""All that decides the next bits of a Mechanics, gathered for a checkpoint and given back on any number of ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..parallel.collect import collected, shared
+from .mechanics import ACCOUNTS, Mechanics
+
+_TIMES = ("moved", "kicked", "last", "rebuilds")
+
+
+def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Numbers, the same on all ranks, and arrays, on rank 0, of the state between two steps; collective.
+
+    Arrays are by particle in the order of the global ids, or by surface particle (of its segment, the first end).
+    """
+    about = {name: getattr(m, name) for name in _TIMES}
+    if m.terms.histories is not None:
+        about["clock"] = float(m.kernel["clock"][0])
+    arrays = {f"particle {name}": collected(m.comm, m.ids, values, m.scene.size)
+              for name, values in _of_particles(m).items()}
+    n = len(m.surfaces.ids)
+    arrays |= {f"surface {name}": collected(m.comm, m._mine, values, n)
+               for name, values in _of_surface(m).items()}
+    return about, {name: values for name, values in arrays.items() if values is not None}
+
+
+def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Go back to what was saved; rank 0 has the arrays; collective."""
+    everything = shared(m.comm, arrays)
+    particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
+                          if name.startswith(kind)} for kind in ("particle ", "surface "))
+    own = m._mine
+    # Lists are made of the positions of that time; ghosts of what touches come with them.
+    m._memory[m.base.local(m.surfaces.ids[own]), :2] = surface["renewed"][own]
+    m.renew_lists()
+    for name, values in _of_surface(m).items():
+        if name not in ("renewed", "pushed"):
+            values[:] = surface[name][own]
+    if "pushed" in surface:
+        m.kernel["pushed"][:] = surface["pushed"][m._segments]
+    for name, values in _of_particles(m).items():
+        if name not in _BY_BLOCK:
+            values[:] = particle[name][m.ids]
+    ids, (block, lane) = m.base.ids[: m.base.n_rows], m.blocks.lanes_of
+    for name, blocks in _by_blocks(m).items():  # of copies too, which have the same bits
+        blocks[block, :, lane] = particle[name][ids]
+    for name in _TIMES:
+        setattr(m, name, about[name])
+    if m.terms.histories is not None:
+        m.set_clock(about["clock"])
+    m.solution.stateIncrease()
+    m.state.exchange()
+    if m.theta is not None:
+        m.theta.exchange()
+
+
+_BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis")
+
+
+def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
+    """Values (n_owned, k) of the owned particles; those by block are copies, the others are where the kernel looks."""
+    found = {"state": m.state.owned, **{name: m.kernel[name][: m.n_owned] for name in ACCOUNTS}}
+    if m.theta is not None:
+        found["theta"] = m.theta.owned
+    if m.terms.histories is not None:
+        found["load_before"] = m.kernel["load_before"][: m.n_owned]
+    return found | {name: m.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
+
+
+def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
+    """What the kernel keeps by blocks (n_blocks, k, 4), to write to: F, and forces and stresses of the last kick."""
+    found = {"F": m.kernel["F"], **_kept(m)}
+    if m.theta is not None:
+        found |= {name: m.kernel[name] for name in ("director_gradient", "director_axis")}
+    return found
+
+
+def _kept(m: Mechanics) -> dict[str, np.ndarray]:
+    """Forces and stresses of the last kick, where `Kept` of kernel.c has them; what it has for accounts is settled."""
+    terms = m.terms
+    layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("numerical_loss", "f8", 4),
+              ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
+    layout += [("elastic", "f8", (4, 2))] * terms.stiffened
+    layout += [("protrusion_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
+    kept = m.kernel["kept"].reshape(-1).view(np.dtype(layout))
+    there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
+    found = {name: kept[name] for name, is_there in there.items() if is_there}
+    return found | ({"stabilising": kept["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
+
+
+def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
+    """Values of the owned surface particles: u when the lists were made, forces of plates and of the protrusion."""
+    found = {"renewed": m._renewed_at}
+    if m.terms.histories is not None and len(m.boundary.plate):
+        found["plate_force"] = m.kernel["plate_force"]
+    if m.terms.protrusion is not None:
+        number = np.searchsorted(m._segments, m._mine)
+        found["pushed"] = m.kernel["pushed"][number]
+    return found

@@ -1,0 +1,99 @@
+"""A run that goes on from a checkpoint has the bits of one that was never interrupted."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from pieces import bent, plate, squeezed
+from scenes import CASES, LEFT, RIGHT, built, case, piece
+
+from mpi4py import MPI
+
+from cellmig.case.load import load
+from cellmig.parallel.collect import shared
+
+COMM = MPI.COMM_WORLD
+FAST = "cells.0.velocity=['3 um/us', '-0.5*y um/us']"  # lists are renewed within the run
+TURNING = ('materials.cytoplasm.zeta="2 kPa"', 'materials.cytoplasm.eta="30 pN"')
+WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
+        "history": {"law": "sine", "period": "1 us"}}
+PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "history": {"law": "ramp", "duration": "1 us"}}
+SCENES = {
+    "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
+    "protrusion": lambda: case("all_protrude", FAST),
+    "uniform, active": lambda: case("two_three", TURNING[0]),
+    "frozen director": lambda: case("one_cell", *TURNING, 'director.law="frozen"',
+                                       'director.start="radial"', FAST),
+    "relaxing director": lambda: case("director_radial", *TURNING),
+    "cortex and friction": lambda: case("one_cell", 'cortex.line_tension="500 pN/um"',
+                                        'friction.coefficient="30 Pa us/um"'),
+    "elastic": lambda: load(CASES["nucleus"], ["particles.per_cell=150", *s]),
+    "supports and loads": lambda: piece(supports=[WALL], loads=[PRESS]),
+    "plates": lambda: piece(plates=[plate("top", 2.0, -1.0, -0.2)]),
+}
+
+
+def end(sim, times):
+    """What a simulation comes to: its bits, rows of both tables, and what it has counted."""
+    rows = []
+    for time in times:
+        sim.go(time)
+        rows.append(sim.sample())
+    return [sim.state_hash(), rows, *as_a_file_has_it(sim.integrator.saved(), sim.mechanics.rebuilds)]
+
+
+def as_a_file_has_it(*about):
+    """Through JSON."""
+    return json.loads(json.dumps(about))
+
+
+@pytest.mark.parametrize("prune", [True, False], ids=["pruned", "whole"])
+@pytest.mark.parametrize("name", SCENES)
+def test_a_state_saved_between_steps_and_restored_goes_on_with_the_same_bits(name, prune, monkeypatch):
+    monkeypatch.setattr("cellmig.solve.integrate.BATCH", 30)
+    kept = []
+
+    def save(time):
+        if time > 1.0 and not kept:
+            kept.append((time, *sim.saved()))
+
+    with built(SCENES[name](), prune=prune) as sim:
+        sim.integrator.after_batch = save
+        first, later = 1.0, (2.0, 2.5)
+        end(sim, [first])
+        expected = end(sim, later)
+    (time, about, arrays), = kept
+    (about,), arrays = as_a_file_has_it(about), shared(COMM, arrays)
+    for comm in (COMM, MPI.COMM_SELF):
+        with built(SCENES[name](), comm, prune) as again:
+            again.restore(about, arrays)
+            assert again.time == time and 1.0 < time < 2.0
+            found = end(again, [t for t in (first, *later) if t > time])
+            assert found[0] == expected[0] and found[1][-2:] == expected[1] and found[2:] == expected[2:]
+
+
+AT_SAMPLES = {
+    "rk": lambda: case("two_three", FAST, 'time.integrator="rk"', 'time.step="2 ns"'),
+    "rk with a relaxing director": lambda: case("director_radial", *TURNING, 'time.integrator="rk"'),
+    "supports under euler": lambda: piece(supports=[WALL], loads=[PRESS], integrator="euler", step="1 ns"),
+    "static, bent": lambda: bent(200),
+    "static, between plates": lambda: squeezed(200, supports=[{"name": "axis", "box": MIDDLE}]),
+}
+MIDDLE = [["-0.2 um", "-0.2 um"], ["0.2 um", "1.5 um"]]
+
+
+@pytest.mark.parametrize("name", AT_SAMPLES)
+def test_where_a_state_can_be_saved_at_samples_alone_it_goes_on_with_the_same_bits_from_there(name):
+    first, later = 0.2, (0.3, 0.45, 0.6)
+    with built(AT_SAMPLES[name]()) as sim:
+        assert not sim.integrator.between_samples
+        end(sim, [first])
+        about, arrays = sim.saved()
+        expected = end(sim, later)
+    (about,), arrays = as_a_file_has_it(about), shared(COMM, arrays)
+    with built(AT_SAMPLES[name]()) as again:
+        again.restore(about, arrays)
+        assert again.time == first
+        found = end(again, later)
+    assert found == expected
