@@ -6,11 +6,10 @@ import json
 
 import pytest
 from pieces import bent, plate, squeezed
-from scenes import CASES, LEFT, RIGHT, built, case, piece
+from scenes import LEFT, RIGHT, built, case, piece
 
 from mpi4py import MPI
 
-from cellmig.case.load import load
 from cellmig.parallel.collect import shared
 
 COMM = MPI.COMM_WORLD
@@ -28,7 +27,7 @@ SCENES = {
     "relaxing director": lambda: case("director_radial", *TURNING),
     "cortex and friction": lambda: case("one_cell", 'cortex.line_tension="500 pN/um"',
                                         'friction.coefficient="30 Pa us/um"'),
-    "elastic": lambda: load(CASES["nucleus"], ["particles.per_cell=150", *s]),
+    "elastic": lambda: case("nucleus"),
     "supports and loads": lambda: piece(supports=[WALL], loads=[PRESS]),
     "plates": lambda: piece(plates=[plate("top", 2.0, -1.0, -0.2)]),
 }
