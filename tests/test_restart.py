@@ -29,7 +29,7 @@ SCENES = {
                                         'friction.coefficient="30 Pa us/um"'),
     "elastic": lambda: case("nucleus"),
     "supports and loads": lambda: piece(supports=[WALL], loads=[PRESS]),
-    "plates": lambda: piece(plates=[plate("top", 2.0, -1.0, -0.2)]),
+    "plates": lambda: piece(plates=[plate("top", 2.0, -1.0, -0.2), plate("bottom", 0.0, 1.0, 0.2)]),
 }
 
 
