@@ -25,11 +25,49 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     """Run a case on all ranks."""
     until = _time(options.until, "--until") if options.until else None
     case = load_together(options.case, options.sets, comm)
+    from .study.keep import check_identity, is_done, look
+
+    directory, prune, state = options.out or Path("output") / case.name, not options.no_prune, None
+    end = case.time.end if until is None else until
+    if options.resume:
+        manifest, state = look(directory, comm, options.quiet)
+        if state:
+            check_identity(state.about["run"], case, end, prune)
+        elif is_done(manifest):
+            check_identity(manifest, case, end, prune)
+            return _done_already(directory, options)
+    return _go(options, comm, case, directory, end, prune, state)
+
+
+def resume(options: argparse.Namespace, comm: Any) -> int:
+    """Go on with the run in a directory on all ranks."""
+    _discover()
+    from .study.keep import is_done, look, origin
+
+    manifest, state = look(options.directory, comm, options.quiet)
+    if is_done(manifest):
+        return _done_already(options.directory, options)
+    case, end, prune = origin(options.directory, manifest, state)
+    return _go(options, comm, case, options.directory, end, prune, state)
+
+
+def _done_already(directory: Path, options: argparse.Namespace) -> int:
+    if RANK == 0 and not options.quiet:
+        print(f"'{directory}' is done already")
+    return DONE
+
+
+def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end: float, prune: bool,
+        state: Any) -> int:
+    from .study.keep import Intervals
     from .study.run import Run, stop_requests
 
-    directory = options.out or Path("output") / case.name
+    wall = {name: _time(text, option) / 1e6 if text else None for name, option, text in (
+        ("wall", "--checkpoint-wall", options.checkpoint_wall), ("limit", "--wall-time", options.wall_time))}
+    simulated = _time(options.checkpoint_time, "--checkpoint-time") if options.checkpoint_time else None
     with stop_requests() as asked:
-        return Run(case, directory, comm, until=until, prune=not options.no_prune, quiet=options.quiet).go(asked)
+        return Run(case, directory, comm, until=end, prune=prune, quiet=options.quiet, state=state,
+                   intervals=Intervals(**wall, simulated=simulated)).go(asked)
 
 
 def validate(options: argparse.Namespace) -> int:
@@ -159,7 +197,7 @@ def _time(text: str, option: str) -> float:
         value = number(text, "us")
     except UnitError as error:
         raise UsageError(f"{option}: {error}") from error
-    if value < 0 or (value == 0 and option == "--until"):
+    if value < 0 or (value == 0 and option != "--times"):
         raise UsageError(f"{option}: '{text}' is not after the start")
     return value
 
@@ -202,12 +240,12 @@ def main() -> None:
     words, comm = sys.argv[1:], None
     try:
         ours, petsc_options = split_arguments(words)
-        serial = bool(ours) and ours[0] in COMMANDS and ours[0] != "run"
+        serial = bool(ours) and ours[0] in COMMANDS and ours[0] not in ("run", "resume")
         options = parse(words if serial else ours)
         if not serial or options.command in ("validate", "paper", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         if not serial:
-            code = run(options, comm)
+            code = (run if options.command == "run" else resume)(options, comm)
         else:  # nothing to share: other ranks than the first are idle
             command = {"validate": validate, "paper": paper, "verify": verify, "bench": bench}
             code = command.get(options.command, show)(options) if RANK == 0 else DONE

@@ -41,7 +41,7 @@ A case alone is run: 'cellmig run --help' lists its options.  On several ranks: 
 Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -ts_monitor, -log_view …
 
 exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong, 3 the environment is, 4 the numbers broke,
-            5 input or output, 75 stopped on request"""
+            5 input or output, 75 stopped on request: 'resume' goes on"""
 
 
 def parser() -> Parser:
@@ -54,14 +54,24 @@ def parser() -> Parser:
 
     run = commands.add_parser("run", help="run a case", epilog="Options with one dash are PETSc's: -ts_type rk …",
                               description="Run a case.  A run that is already in the directory is moved aside.  ^C, "
-                                          "SIGTERM and SIGUSR1 end a run with all its files whole.")
+                                          "SIGTERM and SIGUSR1 end a run with all its files whole and a checkpoint.")
     run.add_argument("case", type=Path, help="case file")
     run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
     run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
     run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
     run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
+    run.add_argument("--resume", choices=("auto",), help="auto: go on from the newest checkpoint in the directory, "
+                     "if there is one, else begin; for batch scripts")
+    _checkpoints(run)
     _accuracy(run)
     _sets(run)
+    resume = commands.add_parser(
+        "resume", help="go on with a run that was stopped or killed", epilog="Options with one dash are PETSc's: give "
+        "those again that the run was given.", description="Go on from the newest whole checkpoint of a run, on any "
+        "number of ranks: the same bits as if it had never ended.  What it wrote since is written again.")
+    resume.add_argument("directory", type=Path, help="of the run")
+    resume.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
+    _checkpoints(resume)
 
     validate = commands.add_parser("validate", help="check cases and say what a run will cost")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
@@ -120,6 +130,14 @@ def _looks(commands: Any) -> None:
     commands.add_parser("doctor", help="what this machine has and lacks")
 
 
+def _checkpoints(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--wall-time", metavar='"2 h"', help="stop before this time is over, with a checkpoint and "
+                         "exit code 75")
+    command.add_argument("--checkpoint-wall", metavar='"10 min"', help="wall time between checkpoints (default: 5 min, "
+                         "or longer if they would take more than 2 %% of the time)")
+    command.add_argument("--checkpoint-time", metavar='"5 us"', help="simulated time between checkpoints, besides")
+
+
 def _accuracy(command: argparse.ArgumentParser) -> None:
     command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets",
                          type="numerics.accuracy={}".format,
@@ -132,7 +150,7 @@ def _sets(command: argparse.ArgumentParser) -> None:
                          help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
 
 
-COMMANDS = ("run", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify", "bench")
+COMMANDS = ("run", "resume", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify", "bench")
 
 
 def parse(words: list[str]) -> argparse.Namespace:

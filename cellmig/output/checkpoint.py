@@ -101,7 +101,7 @@ def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint
             raise OutputError(f"no checkpoint in '{known[0][1].parent}' is whole: {'; '.join(remarks)}")
 
     together(comm, search, root_only=True)
-    for remark in remarks:
+    for remark in comm.bcast(remarks):
         say(remark)
     about = comm.bcast(found.about if found else None)
     return None if about is None else Checkpoint(about, found.arrays if found else {})

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .directory import OutputError, together
+from .directory import OutputError, sync, together
 
 HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
            "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
@@ -24,14 +24,28 @@ class _Table:
     name: str
     columns: tuple[str, ...]
 
-    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = ()) -> None:
-        """`more` : columns that this scene has besides."""
+    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (), size: int = 0) -> None:
+        """`more` : columns that this scene has besides;  `size` : of the file up to where it is to go on [bytes]."""
         self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
-        together(comm, self._begin, root_only=True)
+        together(comm, lambda: self._cut(size) if size else self._begin(), root_only=True)
 
     def _begin(self) -> None:
         if not self._path.exists():
             self._append(",".join(self.columns) + "\n")
+
+    def _cut(self, size: int) -> None:
+        there = self._path.stat().st_size if self._path.exists() else 0
+        if there < size:
+            raise OutputError(f"'{self._path}' has {there} bytes where a checkpoint has {size}: it cannot go on there")
+        os.truncate(self._path, size)
+
+    def size(self) -> int:
+        """Of the file [bytes], from where to go on; rank 0 alone."""
+        return self._path.stat().st_size
+
+    def settle(self) -> None:
+        """Have the disk hold all rows; collective."""
+        together(self._comm, lambda: sync(self._path), root_only=True)
 
     def _append(self, text: str) -> None:
         data = text.encode()

@@ -6,8 +6,10 @@ meshio's ``TimeSeriesReader`` the latter.  The frames lie in ``rankNNNN/sNNNNNNN
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -34,7 +36,11 @@ def _padded(values: np.ndarray) -> np.ndarray:
 
 
 def _file(rank: int, frame: int) -> str:
-    return f"rank{rank:04d}/s{frame:08d}.h5"
+    return f"{_name(rank)}/s{frame:08d}.h5"
+
+
+def _name(rank: int) -> str:
+    return f"rank{rank:04d}"
 
 
 def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
@@ -47,7 +53,7 @@ def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
 def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray]) -> str:
     """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do."""
     file = _file(rank, frame)
-    lines = [f'<Grid Name="rank{rank:04d}" GridType="Uniform">', f'<Time Value="{time!r}"/>',
+    lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time!r}"/>',
              f'<Topology TopologyType="Polyvertex" NumberOfElements="{n}" NodesPerElement="1">'
              f'{_item(file, "topology", data["topology"], n)}</Topology>',
              f'<Geometry GeometryType="XYZ">{_item(file, "geometry", data["geometry"], n)}</Geometry>']
@@ -64,16 +70,20 @@ class Frames:
 
     Parameters
     ----------
-    directory : Path -- of the run, empty of frames.
+    directory : Path -- of the run.
     comm : mpi4py communicator.
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
+    count : int -- frames that are there, as `cut_frames` left them, on any number of ranks.
     """
 
-    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str]) -> None:
+    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str], count: int = 0) -> None:
         self.directory, self.comm, self.fields = Path(directory), comm, dict(fields)
-        self.count = 0
+        self.count = count
         self._mine, self._all = "", ""
-        together(comm, lambda: (self.directory / f"rank{comm.rank:04d}").mkdir(parents=True))
+        together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
+        if count:
+            self._all = "".join(_grids(self.directory / INDEX))
+            self._mine = "".join(_grids(self.directory / f"{_name(comm.rank)}.xdmf"))
 
     def write(self, time: float, step: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write one frame: whole in all files when this returns, absent before.
@@ -108,7 +118,7 @@ class Frames:
         rank = self.comm.rank
         replace(self.directory / _file(rank, self.count), image)
         self._mine += _grid(rank, self.count, time, n, data)
-        name = f"rank{rank:04d}"
+        name = _name(rank)
         replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
         return n
 
@@ -117,6 +127,46 @@ class Frames:
         self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
                       f'<Time Value="{time!r}"/>\n{"".join(grids)}</Grid>\n')
         replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)
+
+
+def cut_frames(directory: Path, comm: Any, count: int) -> None:
+    """Drop all frames of a run but the first `count`, so that others can follow; collective, rank 0 does it.
+
+    A list is cut before its files go: what it names is there whenever the run is killed.
+    """
+    directory = Path(directory)
+
+    def act() -> None:
+        index = directory / INDEX
+        kept = _grids(index)[:count]
+        if len(kept) < count:
+            raise OutputError(f"'{index}' has {len(kept)} frames where a checkpoint has {count}: it cannot go on there")
+        if index.exists():
+            replace(index, _HEAD.format("cells") + "".join(kept) + _TAIL)
+        for path in directory.glob("rank*.xdmf"):
+            kept = [grid for grid in _grids(path) if int(_FILE.search(grid)[1]) < count]
+            replace(path, _HEAD.format(path.stem) + "".join(kept) + _TAIL)
+        for path in directory.glob("rank*/s*.h5*"):
+            if path.suffix == ".part" or int(path.stem[1:]) >= count:
+                path.unlink()
+
+    together(comm, act, root_only=True)
+
+
+_FILE = re.compile(r"/s(\d{8})\.h5:")
+
+
+def _grids(path: Path) -> list[str]:
+    """The grids in the collection of a file that `Frames` wrote; none if it is not there."""
+    if not path.exists():
+        return []
+    _, mark, body = path.read_text(encoding="utf-8").partition('GridType="Collection" CollectionType="Temporal">\n')
+    if not mark or not body.endswith(_TAIL):
+        raise OutputError(f"'{path}' is not a list of frames as it was written")
+    body = body.removesuffix(_TAIL)
+    marks = [m.start() for m in re.finditer(r'^<Grid Name="s\d', body, re.MULTILINE)]
+    marks = marks or [m.start() for m in re.finditer(r'^<Grid Name="rank', body, re.MULTILINE)]
+    return [body[a:b] for a, b in pairwise([*marks, len(body)])] if marks else []
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,14 @@ class StrainWatch:
                 f"the limit of {STRETCH_LIMIT:g}: from here on the numerical stabilisation may "
                 "resist flow there by more than 5 %; see whether finer particles give the same answer")
 
+    def saved(self) -> dict[str, Any]:
+        """What was seen so far, for a checkpoint."""
+        return {"largest": self.largest, "crossed_at": self.crossed_at}
+
+    def restore(self, about: dict[str, Any]) -> None:
+        """Go on from what was saved."""
+        self.largest, self.crossed_at = about["largest"], about["crossed_at"]
+
     def record(self) -> dict[str, Any] | None:
         """For the manifest; None without a fluid."""
         if self.largest is None:

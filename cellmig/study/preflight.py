@@ -17,7 +17,7 @@ from cellmig.output.sample import UNITS
 from cellmig.simulation import Simulation, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
-from .run import load_said, skipped_said, step_said
+from .said import load_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)

@@ -16,16 +16,21 @@ from mpi4py import MPI
 from cellmig import __version__
 from cellmig.case.schema import Case
 from cellmig.meshfree.tangles import tangle
+from cellmig.output import checkpoint
+from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import OutputError, fresh_directory, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
 from cellmig.output.tables import History, Ledger
-from cellmig.output.xdmf import Frames
+from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
 from cellmig.simulation import Simulation, stops
-from cellmig.solve.step import NumericsError, binding
+from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
+
+from .keep import STOP, USUALLY, Intervals, Keeper, check_method, identity, method
+from .said import laws_said, load_said, skipped_said, span, step_said
 
 DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
@@ -35,39 +40,54 @@ class Run:
     """A simulation with its directory: samples and frames as it goes, a manifest before and after."""
 
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
-                 quiet: bool = False):
-        """Make the directory and build the simulation; collective."""
+                 quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None):
+        """Make the directory and build the simulation; with a `state`, go on from there; collective."""
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         self.case, self.comm, self.timers = case, comm, Timers()
-        self.directory = fresh_directory(directory, comm)
+        self.directory = Path(directory) if state else fresh_directory(directory, comm)
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until
-        self.manifest = {"case": case.resolved(), "case_file": case.path, "end_us": self.end, "exit_status": None,
+        self.identity = identity(case, self.end, prune)
+        self.manifest = {**self.identity, "case_file": case.path, "exit_status": None,
                          **environment(comm), "petsc": petsc_version(), "seed": case.seed,
                          **({"accuracy": case.chosen} if case.chosen else {})}
+        self._save_manifest()
         self._say_header()
         with self.timers("build"), options_obeyed():
             self.simulation = Simulation(case, comm, prune)
+        if state:
+            check_method(state.about, self.simulation)
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
-        self._save_manifest()
-        self.history = History(self.directory, comm, self.simulation.sampler.columns)
-        self.ledger = Ledger(self.directory, comm)
-        self.frames: Frames | None = None
         self.strain = StrainWatch(self.simulation.mechanics)
-        self.worst_closure = 0.0
-        self.step_seconds = 0.0
-        self.stopping = False
+        self.worst_closure = self.step_seconds = self.wall_before = 0.0
+        self.looked, self.stopping, self.resumed = 0, "", []
+        self.frames: Frames | None = None
+        self._open(state.about["files"] if state else {"history": 0, "ledger": 0, "frames": 0})
+        if state:
+            self._restore(state)
+        self._save_manifest()
+        self.keeper = Keeper(self.directory, comm, intervals, self.begin, self.simulation.time)
+        if not self._integrator.between_samples:
+            self.keeper.held = self._state()
+
+    def _open(self, sizes: dict[str, int]) -> None:
+        """The files, up to where they are to go on."""
+        self.history = History(self.directory, self.comm, self.simulation.sampler.columns, sizes["history"])
+        self.ledger = Ledger(self.directory, self.comm, size=sizes["ledger"])
+        self.frames_before = sizes["frames"]
+        if sizes["history"]:
+            cut_frames(self.directory, self.comm, self.frames_before)
 
     def go(self, asked: Sequence[int] = ()) -> int:
         """Run until something ends it, such as an entry in `asked`; returns the exit code; collective."""
-        progress = Progress(self.log, self.end)
+        progress = Progress(self.log, self.end, self.simulation.time)
         self._integrator.report = self.log
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
         status, cause = DONE, ""
         try:
-            for stop, sample, frame in stops(self.case, self.end):
+            for stop, sample, frame in stops(self.case, self.end)[self.looked :]:
                 if stop > 0.0:
                     self._advance(stop)
                 status, cause = self._ended_early(stop, asked)
@@ -75,6 +95,9 @@ class Run:
                     self._look(sample or bool(cause), frame or bool(cause))
                 if cause:
                     break
+                self.looked += 1
+                if not self._integrator.between_samples:
+                    self.keeper.held = self._state()
         except NumericsError as error:
             status, cause = BROKEN, str(error)
             self._try_last_frame()
@@ -83,6 +106,9 @@ class Run:
         finally:
             progress.close()
         self._finish(status, cause)
+        if status == DONE and not cause:
+            with suppress(OutputError):  # they are of no use, and do no harm
+                checkpoint.remove(self.directory, self.comm)
         return status
 
     @property
@@ -90,19 +116,66 @@ class Run:
         return self.simulation.integrator
 
     def _after_batch(self, time: float, progress: Progress, asked: Sequence[int]) -> None:
-        """Between stops: the progress, and an end of this solve if any rank was asked to stop."""
+        """Between stops: the progress, a checkpoint if it is time for one, and an end of this solve if that is due."""
         progress(time, self._integrator.steps, self._integrator.dt)
-        if self.comm.allreduce(len(asked)):
-            self.stopping = True
+        wish = self.keeper.wish(time, asked)
+        if wish:
+            self._save()
+        if wish == STOP:
+            self._stop(asked)
             self._integrator.halt()
+
+    def _stop(self, asked: Sequence[int]) -> None:
+        asked = self.comm.allreduce(len(asked))
+        self.stopping = "asked to stop" if asked else "the wall time is used up"
 
     def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
         """Status, and why the run ends here, if it does."""
-        if self.stopping or self.comm.allreduce(len(asked)):
-            return STOPPED, "asked to stop"
+        if not self.stopping and self.comm.allreduce(len(asked)):
+            self._save()
+            self._stop(asked)
+        if self.stopping:
+            return STOPPED, self.stopping
         if self._integrator.finished and self.simulation.time < stop:
+            self._save()
             return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
         return DONE, ""
+
+    # ------------------------------------------------------------ checkpoints
+
+    def _save(self) -> None:
+        """A checkpoint of now, or of the last sample where only that will do."""
+        with self.timers("checkpoints"):
+            self.history.settle()
+            self.ledger.settle()
+            self.keeper.save(self.keeper.held or self._state())
+
+    def _state(self) -> Checkpoint:
+        """All that has to be known to go on from here; collective."""
+        about, arrays = self.simulation.saved()
+        sizes = together(self.comm, lambda: {"history": self.history.size(), "ledger": self.ledger.size()},
+                         root_only=True)[0]
+        files = {**self.comm.bcast(sizes), "frames": self.frames.count if self.frames else self.frames_before}
+        run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
+               "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
+        return Checkpoint({"run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
+                           "method": method(self.simulation), "files": files, "past": run, "state": about}, arrays)
+
+    def _restore(self, state: Checkpoint) -> None:
+        self.simulation.restore(state.about["state"], state.arrays)
+        run = state.about["past"]
+        self.looked, self.worst_closure, self.resumed = run["looked"], run["worst_closure"], run["resumed"]
+        self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]
+        self.strain.restore(run["strain"])
+        self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
+        self.manifest["resumed"] = self.resumed
+        self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
+
+    def _wall(self) -> float:
+        """Seconds that the run took so far, with all before it was resumed."""
+        return self.wall_before + perf_counter() - self.begin
+
+    # ------------------------------------------------------------ steps and samples
 
     def _advance(self, stop: float) -> None:
         with self.timers("steps"):
@@ -135,7 +208,8 @@ class Run:
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
-            self.frames = Frames(self.directory, self.comm, {name: UNITS[name] for name in fields})
+            units = {name: UNITS[name] for name in fields}
+            self.frames = Frames(self.directory, self.comm, units, self.frames_before)
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:
@@ -159,11 +233,11 @@ class Run:
         s, m, run = self.simulation, self.simulation.mechanics, self._integrator
         owned = self.comm.allgather(m.n_owned)
         copies = self.comm.allgather(len(m.numbering.ids) - m.n_owned)
-        shared = f"; on each rank {_range(owned)} and copies of {_range(copies)} others" if self.comm.size > 1 else ""
+        shared = f"; on each rank {span(owned)} and copies of {span(copies)} others" if self.comm.size > 1 else ""
         cells = len(s.scene.kind)
         self.log.table([
             ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
-                          f"{_range([t.spacing for t in s.scene.templates])} µm{shared}"),
+                          f"{span([t.spacing for t in s.scene.templates])} µm{shared}"),
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
@@ -178,7 +252,7 @@ class Run:
         together(self.comm, lambda: write_manifest(self.directory, self.manifest), root_only=True)
 
     def _finish(self, status: int, cause: str) -> None:
-        s, run, wall = self.simulation, self._integrator, perf_counter() - self.begin
+        s, run, wall = self.simulation, self._integrator, self._wall()
         per_step = 1e9 * self.step_seconds / max(1, run.steps) / s.scene.size
         mechanism = max(run.count, key=run.count.get) if run.count else ""
         self.manifest |= {
@@ -189,7 +263,8 @@ class Run:
             "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
             **({"newton": run.newton} if self.case.static else {}),
-            "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
+            "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
+            "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
         self._save_manifest()
@@ -204,52 +279,10 @@ class Run:
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
         self.log(self.timers.summary(self.comm))
+        if status == STOPPED:
+            self.log(f"'resume {self.directory}' goes on")
         if status in (BROKEN, INPUT_OUTPUT):
             self.log.error(f"cellmig: {cause}")
-
-
-def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
-    """What the time step [µs] will be and why; `stable` : by mechanism;  `fixed` : as the user says."""
-    mechanism, limit = binding(stable)
-    if not fixed:
-        return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
-                "the deformation")
-    said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
-    return said if fixed <= limit else f"{said}: TOO LARGE"
-
-
-def load_said(case: Case) -> str:
-    """What the load steps of a static case are."""
-    return (f"{case.time.samples}, one for each sample; one that finds no equilibrium is cut; time is what loads "
-            "depend on, nothing moves")
-
-
-def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
-    """What the scene does not need, a row each."""
-    rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
-    return [("" if number else "skipped", row) for number, row in enumerate(rows)]
-
-
-def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
-    """The laws of a scene as rows for the log, with what is numerical in them."""
-    rows = []
-    for name, law in case.materials.items():
-        if law not in simulation.scene.materials:
-            continue
-        viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
-        said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
-        said += f" and {law.numerical_modulus:.4g} Pa" if law.numerical_modulus else ""
-        if hasattr(law, "reduced_bulk_modulus"):
-            said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
-        rows.append((name, said))
-    t = simulation.terms
-    for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
-        if law is not None and law.work:
-            rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, range {1e3 * law.range:g} nm"))
-    if t.protrusion is not None and case.protrusion:
-        rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; strength {t.protrusion.strength:g}, "
-                                   f"height {t.protrusion.height:g} µm"))
-    return rows
 
 
 @contextmanager
@@ -268,9 +301,3 @@ def stop_requests() -> Iterator[list[int]]:
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)
-
-
-def _range(values: list) -> str:
-    low, high = min(values), max(values)
-    text = "{:.4g}" if isinstance(low, float) else "{}"
-    return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"

@@ -1,0 +1,155 @@
+"""When a run writes checkpoints and what they say; from which of them a run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+from cellmig import __version__
+from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError, Mistake
+from cellmig.case.schema import Case
+from cellmig.output import checkpoint
+from cellmig.output.checkpoint import Checkpoint
+from cellmig.output.directory import OutputError, together
+from cellmig.output.log import Log
+from cellmig.output.manifest import read_manifest
+from cellmig.simulation import Simulation
+
+GO_ON, SAVE, STOP = 0, 1, 2
+USUAL = 300.0  # wall seconds between checkpoints, if nobody says
+SHARE = 0.02  # of the wall time that they may take, if nobody says how often
+SPARE = 3.0  # wall seconds kept back for the start and the end, besides what the slowest steps and checkpoints take
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """When to save: every so many wall seconds and µs of simulated time; when to stop: wall seconds; None: as usual."""
+
+    wall: float | None = None
+    simulated: float | None = None
+    limit: float | None = None
+
+
+USUALLY = Intervals()
+
+
+class Keeper:
+    """Writer of the checkpoints of a run; every method is collective."""
+
+    def __init__(self, directory: Path, comm: MPI.Comm, intervals: Intervals, begin: float, start: float):
+        """`begin` : of the wall time that is limited, by perf_counter;  `start` : where the run goes on [µs]."""
+        self.directory, self.comm, self.intervals = directory, comm, intervals
+        self.count, self.seconds = 0, 0.0  # checkpoints written, and what they took
+        self.held: Checkpoint | None = None
+        self._begin, self._seen = begin, perf_counter()
+        self._written = self._seen
+        self._saved_until, self._slowest, self._last = start, 0.0, 0.0
+
+    def wish(self, time: float, asked: Sequence[int]) -> int:
+        """GO_ON, SAVE or STOP at a time [µs]; `asked` : signals that this rank got."""
+        now, i = perf_counter(), self.intervals
+        self._slowest, self._seen = max(self._slowest, now - self._seen), now
+        own = STOP if asked else GO_ON
+        if self.comm.rank == 0 and not own:
+            if i.limit and now - self._begin + 2.0 * self._slowest + SPARE > i.limit:
+                own = STOP
+            elif now - self._written > (i.wall or max(USUAL, self._last / SHARE)) or (
+                    i.simulated and time // i.simulated > self._saved_until // i.simulated):
+                own = SAVE
+        return self.comm.allreduce(own, MPI.MAX)
+
+    def save(self, state: Checkpoint) -> None:
+        """Write a checkpoint."""
+        begin = perf_counter()
+        checkpoint.write(self.directory, self.comm, state)
+        self._written = perf_counter()
+        self._last, self._saved_until = self._written - begin, state.about["time_us"]
+        self.count, self.seconds = self.count + 1, self.seconds + self._last
+
+
+def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
+    """What a checkpoint has to be of, as JSON has it; `end` [µs]."""
+    return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune}
+
+
+def method(simulation: Simulation) -> dict[str, Any]:
+    """What is known once a simulation is built, and has to be the same: code and options."""
+    run = simulation.integrator
+    kernel = hashlib.sha256(simulation.mechanics.kernel.source.encode()).hexdigest()
+    particles = hashlib.sha256(simulation.scene.X.tobytes()).hexdigest()
+    return {"kernel": kernel, "particles": particles, "integrator": run.said, "step": run.fixed_step}
+
+
+def check_method(about: dict[str, Any], simulation: Simulation) -> None:
+    """Refuse to go on by another method than that of a checkpoint."""
+    then, now = about["method"], method(simulation)
+    if then["kernel"] != now["kernel"] or then["particles"] != now["particles"]:
+        raise OutputError("the checkpoint is of another version of cellmig, whose particles or steps are not these: "
+                          "go on with that, or start anew")
+    for name in ("integrator", "step"):
+        if then[name] != now[name]:
+            raise OutputError(f"the checkpoint is of a run with {name} {then[name] or 'auto'}, not "
+                              f"{now[name] or 'auto'}: give the PETSc options that were given then")
+
+
+def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:
+    """Refuse to go on with another case than that of a run."""
+    _check_version(about)
+    now = json.loads(json.dumps(identity(case, end, prune)))
+    for name, what in (("case", ""), ("end_us", "--until"), ("prune", "--no-prune")):
+        if about.get(name) != now[name]:
+            found = what or next(_differences(about["case"], now["case"]))
+            raise CaseError([Mistake(case.path, None, found, "is not what it was in the run that is there: give what "
+                                     "was given then, another place with --out DIR, or no --resume")])
+
+
+def _check_version(about: dict[str, Any]) -> None:
+    if about["version"] != __version__:
+        raise OutputError(f"the run that is there is of cellmig {about['version']}, this is {__version__}: go on with "
+                          "that version, or begin anew")
+
+
+def _differences(a: Any, b: Any, path: str = "") -> Any:
+    """Where two trees of tables differ, as dotted keys."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in {**a, **b}:
+            yield from _differences(a.get(key), b.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for i, pair in enumerate(zip(a, b, strict=True)):
+            yield from _differences(*pair, f"{path}.{i}")
+    elif a != b:
+        yield path
+
+
+def look(directory: Path, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, Any], Checkpoint | None]:
+    """The manifest of the run in a directory and its newest whole checkpoint, as far as there are; collective.
+
+    A run that is done needs none.
+    """
+    manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
+    if is_done(manifest):
+        return manifest, None
+    return manifest, checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
+
+
+def is_done(manifest: dict[str, Any]) -> bool:
+    """Whether a run came to its end."""
+    return manifest.get("exit_status") == 0 and not manifest.get("cause")
+
+
+def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) -> tuple[Case, float, bool]:
+    """Case, end [µs] and pruning of a run that is to go on, or to begin anew if it has no checkpoint yet."""
+    about = state.about | state.about["run"] if state else manifest
+    if not {"case", "end_us", "prune", "version"} <= about.keys():
+        raise OutputError(f"there is nothing to resume in '{directory}'")
+    if state:
+        _check_version(about)
+    return from_dict(about["case"], about["case_file"]), about["end_us"], about["prune"]
