@@ -137,7 +137,6 @@ class Run:
         if self.stopping:
             return STOPPED, self.stopping
         if self._integrator.finished and self.simulation.time < stop:
-            self._save()
             return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
         return DONE, ""
 
