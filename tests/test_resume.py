@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 from scenes import CASES
 
+from mpi4py import MPI
+
+from cellmig.output.directory import Claim
 from cellmig.output.manifest import read_manifest
 from cellmig.output.xdmf import frames
 from cellmig.study.compare import diff
@@ -237,6 +240,19 @@ def test_checkpoints_come_by_simulated_time_and_by_wall_time(cellmig, tmp_path):
 def test_times_that_are_none_are_refused(cellmig, tmp_path, option, text, said):
     ended(cellmig(1, *PAPER, "--out", tmp_path / "run", f"{option}={text}"), 2, option, said)
     assert not (tmp_path / "run").exists()
+
+
+def test_two_runs_do_not_write_in_one_directory(cellmig, copy, tmp_path):
+    other = tmp_path / "sitecustomize.py"  # less patience
+    other.write_text("import cellmig.output.directory\ncellmig.output.directory.PATIENCE = 0.2\n")
+    env = {"PYTHONPATH": f"{tmp_path}:{Path(__file__).resolve().parent.parent}"}
+    before = sorted(copy.rglob("*"))
+    claim = Claim(copy, MPI.COMM_SELF)
+    for words in (("resume", copy), (*PAPER, "--out", copy), (*PAPER, "--out", copy, "--resume", "auto")):
+        ended(cellmig(1, *words, "--quiet", env=env), 5, "another run is at work")
+    claim.release()
+    assert sorted(copy.rglob("*")) == before
+    ended(cellmig(1, "resume", copy, "--quiet", *A_BATCH, env=env), 75)
 
 
 def test_what_a_checkpoint_has_of_the_run_is_json_and_nothing_to_execute(stopped):

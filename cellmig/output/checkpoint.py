@@ -41,10 +41,10 @@ class Checkpoint:
     arrays: dict[str, np.ndarray]
 
 
-def write(directory: Path, comm: Any, checkpoint: Checkpoint) -> Path | None:
+def write(directory: Path, comm: Any, checkpoint: Checkpoint) -> Path:
     """Add a checkpoint to those of a run, whole and on the disk when this returns, and drop all but the last two.
 
-    Collective; rank 0 writes.  Returns its path on rank 0.
+    Collective; rank 0 writes.  Returns its path.
     """
     return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint), root_only=True)[0]
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
+PATIENCE = 15.0  # seconds that ranks of a run whose launcher was killed may take to follow it
 
 
 class OutputError(OSError):
@@ -88,10 +92,45 @@ def fresh_directory(path: Path, comm: Any) -> Path:
     return path
 
 
+class Claim:
+    """A directory that this run alone writes in, until it is released or the process ends, however that is.
+
+    It leaves no trace in the directory; file systems that know no locks grant every claim.
+    """
+
+    def __init__(self, path: Path, comm: Any) -> None:
+        """Wait for a run that is dying; collective, rank 0 does it.  Raises OutputError if another run stays there."""
+        handle = together(comm, lambda: _locked(Path(path)), root_only=True)[comm.rank]
+        self.release = weakref.finalize(self, os.close, handle) if handle is not None else lambda: None
+
+
+def _locked(path: Path) -> int | None:
+    """Handle of a directory that is locked; None if it is not there."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    give_up = monotonic() + PATIENCE
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return handle
+        except BlockingIOError:
+            if monotonic() > give_up:
+                os.close(handle)
+                raise OutputError(f"another run is at work in '{path}'; wait for its end, or choose another place with "
+                                  "--out DIR") from None
+            sleep(0.05)
+        except OSError:
+            return handle
+
+
 def _make(path: Path) -> None:
     try:
         if path.is_dir() and any(path.iterdir()):
+            handle = _locked(path)
             _move_aside(path)
+            os.close(handle)
         path.mkdir(parents=True, exist_ok=True)
         (path / MANIFEST).write_text("{}\n")  # marks a run that was killed before it wrote anything
     except OutputError:

@@ -18,7 +18,7 @@ from cellmig.case.messages import CaseError, Mistake
 from cellmig.case.schema import Case
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
-from cellmig.output.directory import OutputError, together
+from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log
 from cellmig.output.manifest import read_manifest
 from cellmig.simulation import Simulation
@@ -134,10 +134,13 @@ def look(directory: Path, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str
 
     A run that is done needs none.
     """
+    claim = Claim(directory, comm)  # what a run that is dying still writes comes before
     manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
-    if is_done(manifest):
-        return manifest, None
-    return manifest, checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
+    state = None
+    if not is_done(manifest):
+        state = checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
+    claim.release()
+    return manifest, state
 
 
 def is_done(manifest: dict[str, Any]) -> bool:

@@ -18,7 +18,7 @@ from cellmig.case.schema import Case
 from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
-from cellmig.output.directory import OutputError, fresh_directory, together
+from cellmig.output.directory import Claim, OutputError, fresh_directory, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
@@ -45,6 +45,7 @@ class Run:
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = Path(directory) if state else fresh_directory(directory, comm)
+        self.claim = Claim(self.directory, comm)
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until
@@ -109,6 +110,7 @@ class Run:
         if status == DONE and not cause:
             with suppress(OutputError):  # they are of no use, and do no harm
                 checkpoint.remove(self.directory, self.comm)
+        self.claim.release()
         return status
 
     @property
