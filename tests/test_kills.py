@@ -1,0 +1,93 @@
+"""A campaign: runs are killed at any moment, leave files that open, and go on to the same bits."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import meshio
+import pytest
+from scenes import CASES
+
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import frames
+
+pytestmark = [pytest.mark.serial, pytest.mark.slow]
+
+KILLS = int(os.environ.get("CELLMIG_KILLS", 200))
+CASE = (CASES["all_protrude"], "--set", "particles.per_cell=150", "--set", "time.end='100 us'",
+        "--set", "time.samples=100", "--set", "time.frames=50")
+START = 1.0  # seconds in which a run has no more than begun
+
+
+def program(ranks: int, *words: object) -> list[str]:
+    """The command of a run."""
+    return ["mpiexec.openmpi", "-q", "-n", str(ranks), sys.executable, "-m", "cellmig", *map(str, words), "--quiet"]
+
+
+def ranks_of(launcher: int) -> list[int]:
+    """Processes that a launcher has started."""
+    found = subprocess.run(["ps", "--ppid", str(launcher), "-o", "pid="], capture_output=True, text=True)
+    return [int(word) for word in found.stdout.split()]
+
+
+def kill(child: subprocess.Popen, what: str, chance: random.Random) -> None:
+    """SIGKILL one rank, all ranks, or the launcher."""
+    ranks = ranks_of(child.pid)
+    for victim in {"a rank": ranks and [chance.choice(ranks)], "all ranks": ranks, "the launcher": [child.pid]}[what]:
+        try:
+            os.kill(victim, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+    child.wait()
+
+
+def all_opens(run: Path) -> None:
+    """Whether every frame that is listed opens, and tables have whole lines only."""
+    for frame in frames(run):
+        assert len(frame.read()["id"]) == 450
+    for path in run.glob("rank*.xdmf"):
+        with meshio.xdmf.TimeSeriesReader(path) as reader:
+            reader.read_points_cells()
+            for number in range(reader.num_steps):
+                assert len(reader.read_data(number)[1]["u"]) == len(reader.read_data(number)[1]["id"])
+    for name in ("history.csv", "ledger.csv"):
+        if (run / name).exists():
+            assert (run / name).read_bytes().endswith(b"\n")
+            read_table(run / name)
+
+
+@pytest.mark.timeout(0)
+def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_mpi):
+    options = {"env": outside_mpi, "stdin": subprocess.DEVNULL, "text": True}
+    whole = tmp_path / "whole"
+    begin = time.monotonic()
+    subprocess.run(program(2, *CASE, "--out", whole), check=True, **options)
+    length, expected = time.monotonic() - begin, read_manifest(whole)["state_hash"]
+    chance, ended, wrong = random.Random(8), Counter(), []
+    for number in range(KILLS):
+        run, what = tmp_path / f"run{number}", chance.choice(["a rank", "all ranks", "the launcher"])
+        line = program(2, *CASE, "--out", run, "--checkpoint-time", "5 us")
+        child = subprocess.Popen(line, stderr=subprocess.DEVNULL, **options)
+        time.sleep(chance.uniform(START, length))
+        early = child.poll() is not None
+        kill(child, what, chance)
+        if run.exists():
+            all_opens(run)
+        there = "done" if early else "a checkpoint" if list(run.glob("checkpoint/*.h5")) else "no checkpoint"
+        ranks = chance.choice([1, 2, 2, 2, 3, 4])
+        line = ("resume", run) if read_manifest(run) else (*CASE, "--out", run, "--resume", "auto")
+        again = subprocess.run(program(ranks, *line), capture_output=True, timeout=120, **options)
+        ended[what, there] += 1
+        if again.returncode or read_manifest(run).get("state_hash") != expected or (
+                (run / "history.csv").read_bytes() != (whole / "history.csv").read_bytes()):
+            wrong.append((number, what, there, ranks, again.returncode, again.stderr))
+    print(f"\n{KILLS} kills in {time.monotonic() - begin:.0f} s: {dict(ended)}; wrong: {wrong}")
+    assert not wrong, wrong
