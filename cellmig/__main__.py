@@ -284,11 +284,15 @@ def failure(error: Exception, comm: Any) -> int:
         if RANK == 0:
             print(f"cellmig: {message}", file=sys.stderr, flush=True)
         return code
-    traceback.print_exception(error)
-    print("cellmig: this is a mistake of the program; please report it", file=sys.stderr, flush=True)
+    if isinstance(error, MemoryError):
+        code, message = ENVIRONMENT, f"rank {RANK} has no memory left: take fewer particles, or more memory"
+    else:
+        traceback.print_exception(error)
+        code, message = 1, "this is a mistake of the program; please report it"
+    print(f"cellmig: {message}", file=sys.stderr, flush=True)
     if comm is not None and comm.size > 1:
-        comm.Abort(1)
-    return 1
+        comm.Abort(code)
+    return code
 
 
 if __name__ == "__main__":

@@ -49,14 +49,17 @@ class _Table:
 
     def _append(self, text: str) -> None:
         data = text.encode()
-        with open(self._path, "ab", buffering=0) as file:
-            whole = file.tell()
-            try:
-                if file.write(data) != len(data):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            except OSError as error:
-                file.truncate(whole)
-                raise OutputError(f"cannot write '{self._path}' ({error.strerror})") from error
+        try:
+            with open(self._path, "ab", buffering=0) as file:
+                whole = file.tell()
+                try:
+                    if file.write(data) != len(data):
+                        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                except OSError:
+                    file.truncate(whole)
+                    raise
+        except OSError as error:
+            raise OutputError(f"cannot write '{self._path}' ({error.strerror})") from error
 
     def _write(self, rows: Callable[[], Iterable[Mapping[str, float]]]) -> None:
         together(self._comm, lambda: self._append("".join(map(self._line, rows()))), root_only=True)
