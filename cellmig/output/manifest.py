@@ -25,9 +25,12 @@ def read_manifest(directory: Path) -> dict[str, Any]:
     """The manifest of a run; empty if the run was killed before it wrote one."""
     path = Path(directory) / MANIFEST
     try:
-        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except ValueError as error:
+        manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except (ValueError, RecursionError) as error:
         raise OutputError(f"'{path}' is not a manifest: {error}") from error
+    if not isinstance(manifest, dict):
+        raise OutputError(f"'{path}' is not a manifest")
+    return manifest
 
 
 def _plain(value: Any) -> Any:

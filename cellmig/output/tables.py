@@ -98,13 +98,18 @@ class Ledger(_Table):
         self._write(lambda: [{"time_us": float(time), **entries}])
 
 
+_COLUMNS = {table.name: table.columns for table in (History, Ledger)}
+
+
 def read_table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table by name, (rows,) each, float64 (`cell`: int64); a run may still be writing it."""
-    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # what follows the last newline is no whole line
-    if not lines:
-        return {}
-    names, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
     try:
+        lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # after the last newline is no whole line
+        if not lines:
+            return {}
+        names, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
+        if lacking := [name for name in _COLUMNS.get(Path(path).name, ()) if name not in names]:
+            raise ValueError(f"it has no column {', '.join(lacking)}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
         return {name: np.array(column, dtype=str).astype(np.int64 if name == "cell" else np.float64)
                 for name, column in zip(names, columns, strict=True)}

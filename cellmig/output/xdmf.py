@@ -205,11 +205,10 @@ def frames(directory: Path) -> list[Frame]:
     if not index.exists():
         return []
     try:
-        grids = ElementTree.parse(index).getroot().findall("./Domain/Grid/Grid")
-    except ElementTree.ParseError as error:
+        found = []
+        for grid in ElementTree.parse(index).getroot().findall("./Domain/Grid/Grid"):
+            items = [item.text.split(":")[0] for item in grid.findall("./Grid/Geometry/DataItem")]
+            found.append(Frame(float(grid.find("Time").get("Value")), tuple(index.parent / item for item in items)))
+        return found
+    except (ElementTree.ParseError, AttributeError, ValueError, TypeError) as error:
         raise OutputError(f"'{index}' is not an index of frames: {error}") from error
-    found = []
-    for grid in grids:
-        items = [item.text.split(":")[0] for item in grid.findall("./Grid/Geometry/DataItem")]
-        found.append(Frame(float(grid.find("Time").get("Value")), tuple(index.parent / item for item in items)))
-    return found

@@ -151,7 +151,7 @@ def is_done(manifest: dict[str, Any]) -> bool:
 def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) -> tuple[Case, float, bool]:
     """Case, end [µs] and pruning of a run that is to go on, or to begin anew if it has no checkpoint yet."""
     about = state.about | state.about["run"] if state else manifest
-    if not {"case", "end_us", "prune", "version"} <= about.keys():
+    if not ({"case_file", "end_us", "prune", "version"} <= about.keys() and isinstance(about.get("case"), dict)):
         raise OutputError(f"there is nothing to resume in '{directory}'")
     if state:
         _check_version(about)
