@@ -406,6 +406,17 @@ def test_no_content_of_a_file_gives_more_than_a_message(written: Callable[..., P
     assert any(part in message for message in messages(written(text)))
 
 
+@pytest.mark.parametrize(("file", "part"), [("/dev/zero", "is no file"), (".", "is no file"),
+                                            ("large.csv", "too large"),
+                                            ("absent.csv", "cannot be read"), ("nul\\u0000", "cannot be read")])
+def test_an_outline_that_is_no_file_or_never_ends_is_refused(written: Callable[..., Path], file: str,
+                                                             part: str) -> None:
+    path = written(SOUND + f'[[cells]]\nname = "P"\nshape = "polygon"\ncorners = "{file}"\n')
+    with open(path.with_name("large.csv"), "w") as large:
+        large.truncate(11_000_000)
+    assert any("cells.2.corners" in message and part in message for message in messages(path))
+
+
 def test_windows_line_ends_and_byte_order_mark_are_read_as_well(written: Callable[..., Path]) -> None:
     windows = b"\xef\xbb\xbf" + SOUND.replace("\n", "\r\n").encode()
     assert load(written(windows)) == load(written(SOUND, "unix.toml"))

@@ -90,12 +90,16 @@ def broken_bytes(content: bytes, chance: random.Random) -> bytes:
     return bytes(data)
 
 
+class LateError(BaseException):
+    """Nobody catches it by mistake."""
+
+
 @contextlib.contextmanager
 def in_time() -> Iterator[None]:
     """A case that takes too long is an error."""
 
     def late(*_: object) -> None:
-        raise TimeoutError(f"more than {SECONDS} s")
+        raise LateError(f"more than {SECONDS} s")
 
     old = signal.signal(signal.SIGALRM, late)
     signal.alarm(SECONDS)
@@ -127,7 +131,7 @@ def outcome(path: Path, sets: list[str]) -> str:
 @pytest.mark.timeout(0)
 def test_a_mutated_case_is_valid_or_says_what_is_wrong(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    chance, found, bad, slowest, most = random.Random(SEED), Counter(), [], (0.0, ""), 0
+    chance, found, bad, slowest, most = random.Random(SEED), Counter(), [], (0.0, ""), (0, "")
     for path in CASES["paper"].parent.iterdir():
         shutil.copy(path, tmp_path)
     originals = {name: (tmp_path / name).read_bytes() for name in ("cell.msh", "outline.csv")}
@@ -155,7 +159,7 @@ def test_a_mutated_case_is_valid_or_says_what_is_wrong(tmp_path, monkeypatch):
                 what = outcome(case, sets)
             assert not said.getvalue()
             found[what] += 1
-        except Exception as error:
+        except (Exception, LateError) as error:
             found["anything else"] += 1
             last = traceback.extract_tb(error.__traceback__)[-1]
             bad.append((f"{type(error).__name__}: {error}"[:150], f"{Path(last.filename).name}:{last.lineno}", number))
@@ -166,10 +170,11 @@ def test_a_mutated_case_is_valid_or_says_what_is_wrong(tmp_path, monkeypatch):
             for other in originals:
                 shutil.copy(tmp_path / other, tmp_path.parent / f"bad-{number}-{other}")
         slowest = max(slowest, (time.monotonic() - begin, f"{number} {name}"))
-        most = max(most, tracemalloc.get_traced_memory()[1])
+        most = max(most, (tracemalloc.get_traced_memory()[1], f"{number} {name}"))
         case.write_bytes(CASES[name].read_bytes())
     tracemalloc.stop()
-    print(f"\n{ROUNDS} cases: {dict(found)}; slowest {slowest[0]:.1f} s ({slowest[1]}), memory {most / 1e6:.0f} MB")
+    print(f"\n{ROUNDS} cases: {dict(found)}; slowest {slowest[0]:.1f} s ({slowest[1]}), memory "
+          f"{most[0] / 1e6:.0f} MB ({most[1]})")
     print("\n".join(map(str, bad[:60])))
     assert sorted(path.name for path in tmp_path.iterdir()) == listed, "a case wrote a file"
     assert not bad

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 
 from .messages import show
 
 LARGEST = 100_000  # corners: a longer file is something else
+MOST_BYTES = 100 * LARGEST  # so is one of long lines, or a device that never ends
 
 
 def corners(path: str) -> list[list[str]]:
@@ -15,7 +17,11 @@ def corners(path: str) -> list[list[str]]:
 
     Raises ValueError; its text is for the user.
     """
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ValueError(f"'{path}' is no file")
     try:
+        if os.path.getsize(path) > MOST_BYTES:
+            raise ValueError("it is too large for an outline")
         with open(path, encoding="utf-8-sig", newline="") as stream:
             rows = [row for _, row in zip(range(LARGEST + 2), csv.reader(stream), strict=False)]
     except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:

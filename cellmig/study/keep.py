@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -42,12 +42,16 @@ USUALLY = Intervals()
 
 
 class Keeper:
-    """Writer of the checkpoints of a run; every method is collective."""
+    """Writer of the checkpoints of a run; every method is collective.
+
+    count : checkpoints written;  seconds : wall time that they took;  held : the last state that can be saved, where
+    that of now cannot.
+    """
 
     def __init__(self, directory: Path, comm: MPI.Comm, intervals: Intervals, begin: float, start: float):
         """`begin` : of the wall time that is limited, by perf_counter;  `start` : where the run goes on [µs]."""
         self.directory, self.comm, self.intervals = directory, comm, intervals
-        self.count, self.seconds = 0, 0.0  # checkpoints written, and what they took
+        self.count, self.seconds = 0, 0.0
         self.held: Checkpoint | None = None
         self._begin, self._seen = begin, perf_counter()
         self._written = self._seen
@@ -66,12 +70,13 @@ class Keeper:
                 own = SAVE
         return self.comm.allreduce(own, MPI.MAX)
 
-    def save(self, state: Checkpoint) -> None:
-        """Write a checkpoint."""
+    def save(self, state: Callable[[], Checkpoint]) -> None:
+        """Write a checkpoint of what is held, else of a state."""
         begin = perf_counter()
-        checkpoint.write(self.directory, self.comm, state)
+        made = self.held or state()
+        checkpoint.write(self.directory, self.comm, made)
         self._written = perf_counter()
-        self._last, self._saved_until = self._written - begin, state.about["time_us"]
+        self._last, self._saved_until = self._written - begin, made.about["time_us"]
         self.count, self.seconds = self.count + 1, self.seconds + self._last
 
 

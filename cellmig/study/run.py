@@ -149,7 +149,7 @@ class Run:
         with self.timers("checkpoints"):
             self.history.settle()
             self.ledger.settle()
-            self.keeper.save(self.keeper.held or self._state())
+            self.keeper.save(self._state)
 
     def _state(self) -> Checkpoint:
         """All that has to be known to go on from here; collective."""
