@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from cellmig.output.xdmf import frames
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]
 
-KILLS = int(os.environ.get("CELLMIG_KILLS", 200))
+KILLS, SEED = (int(os.environ.get(f"CELLMIG_KILLS{name}", usual)) for name, usual in (("", 200), ("_SEED", 8)))
 CASE = (CASES["all_protrude"], "--set", "particles.per_cell=150", "--set", "time.end='100 us'",
         "--set", "time.samples=100", "--set", "time.frames=50")
 START = 1.0  # seconds in which a run has no more than begun
@@ -71,17 +72,19 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
     begin = time.monotonic()
     subprocess.run(program(2, *CASE, "--out", whole), check=True, **options)
     length, expected = time.monotonic() - begin, read_manifest(whole)["state_hash"]
-    chance, ended, wrong = random.Random(8), Counter(), []
-    for number in range(KILLS):
+    chance, ended, wrong, number = random.Random(SEED), Counter(), [], 0
+    while ended.total() < KILLS:
+        number += 1
         run, what = tmp_path / f"run{number}", chance.choice(["a rank", "all ranks", "the launcher"])
         line = program(2, *CASE, "--out", run, "--checkpoint-time", "5 us")
         child = subprocess.Popen(line, stderr=subprocess.DEVNULL, **options)
         time.sleep(chance.uniform(START, length))
-        early = child.poll() is not None
+        if child.poll() is not None:  # it came to its end before: no kill
+            continue
         kill(child, what, chance)
         if run.exists():
             all_opens(run)
-        there = "done" if early else "a checkpoint" if list(run.glob("checkpoint/*.h5")) else "no checkpoint"
+        there = "a checkpoint" if list(run.glob("checkpoint/*.h5")) else "no checkpoint"
         ranks = chance.choice([1, 2, 2, 2, 3, 4])
         line = ("resume", run) if read_manifest(run) else (*CASE, "--out", run, "--resume", "auto")
         again = subprocess.run(program(ranks, *line), capture_output=True, timeout=120, **options)
@@ -89,5 +92,6 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
         if again.returncode or read_manifest(run).get("state_hash") != expected or (
                 (run / "history.csv").read_bytes() != (whole / "history.csv").read_bytes()):
             wrong.append((number, what, there, ranks, again.returncode, again.stderr))
+        shutil.rmtree(run)
     print(f"\n{KILLS} kills in {time.monotonic() - begin:.0f} s: {dict(ended)}; wrong: {wrong}")
     assert not wrong, wrong

@@ -85,13 +85,14 @@ MIDDLE = [["-0.2 um", "-0.2 um"], ["0.2 um", "1.5 um"]]
 @pytest.mark.parametrize("name", AT_SAMPLES)
 def test_where_a_state_can_be_saved_at_samples_alone_it_goes_on_with_the_same_bits_from_there(name):
     first, later = 0.2, (0.3, 0.45, 0.6)
-    with built(AT_SAMPLES[name]()) as sim:
+    comm = MPI.COMM_SELF if "static" in name else COMM  # on several ranks MUMPS adds in the order of arrival
+    with built(AT_SAMPLES[name](), comm) as sim:
         assert not sim.integrator.between_samples
         end(sim, [first])
         about, arrays = sim.saved()
         expected = end(sim, later)
-    (about,), arrays = as_a_file_has_it(about), shared(COMM, arrays)
-    with built(AT_SAMPLES[name]()) as again:
+    (about,), arrays = as_a_file_has_it(about), shared(comm, arrays)
+    with built(AT_SAMPLES[name](), comm) as again:
         again.restore(about, arrays)
         assert again.time == first
         found = end(again, later)
