@@ -21,8 +21,10 @@ from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
 from .parallel.direct import solve_positive
+from .parallel.options import is_implicit
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
+from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.static import Static
@@ -141,7 +143,8 @@ class Simulation:
                                    protruding)
         self.control = None if case.static else step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
-        self.integrator = Static(self.mechanics) if case.static else Integrator(
+        kind = Implicit if is_implicit(case.time.integrator) else Integrator
+        self.integrator = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
         self.time = 0.0

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..meshfree.rows import csr_rows
@@ -121,18 +122,44 @@ class Stiffness:
     def matrix(self) -> PETSc.Mat:
         """A Mat with room for all entries of bodies, which are those of neighbours of neighbours; collective."""
         n, size = self.mechanics.n_owned, self.mechanics.scene.size
-        ones = sparse.csr_matrix((np.ones(self._G.nnz), self._G.indices, self._G.indptr), self._G.shape)
-        left = sparse.csr_matrix((np.ones(len(self._left.indices)), self._left.indices, self._left.indptr),
-                                 (n, ones.shape[0]))
-        pattern = left @ ones
-        for E in (self._elastic, self._viscous):
-            pattern = pattern + sparse.csr_matrix((np.ones(len(E.indices)), E.indices, E.indptr), (n, size))
-        pattern = pattern.tocsr()
-        pattern.sort_indices()
+        ones = _pattern(self._G, self._G.shape)
+        pattern = _pattern(self._left, (n, ones.shape[0])) @ ones
+        pattern = (pattern + _pattern(self._elastic, (n, size)) + _pattern(self._viscous, (n, size))).tocsr()
         mat = PETSc.Mat().createBAIJ(((2 * n, None), (2 * n, None)), 2, comm=self.mechanics.comm)
+        self._allocate(mat, pattern)
+        return mat
+
+    def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
+        """Room in a Mat for the entries of a pattern; collective."""
+        pattern.sort_indices()
+        self._room = _places(pattern)
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, 2, 2))))
-        return mat
+
+    def store(self, K: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
+        """Values into a Mat, with more room where contacts came that it has none for; collective.
+
+        PETSc does not see that there is more room: `pc`, which may have factors of the Mat, is told to begin anew.
+        """
+        shape = self.mechanics.n_owned, self.mechanics.scene.size
+        new = _pattern(K, shape)
+        if self.mechanics.comm.allreduce(not np.isin(_places(new), self._room, assume_unique=True).all(), MPI.LOR):
+            row, column = np.divmod(self._room, shape[1])
+            old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
+            self._allocate(mat, (new + old).tocsr())
+            pc.reset()
+        fill(mat, K)
+
+
+def _pattern(K: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
+    """Ones where a matrix has entries, or blocks."""
+    return sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape)
+
+
+def _places(pattern: sparse.csr_matrix) -> np.ndarray:
+    """A number for the place of each entry (nnz,)."""
+    row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+    return row * pattern.shape[1] + pattern.indices
 
 
 def damping_stress(viscosity: np.ndarray, F: Any, Fdot: Any) -> tuple:

@@ -169,7 +169,7 @@ class Run:
             *skipped_said(s.terms.skipped),
             ("integrator", run.said),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
-             step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+             run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             ("output", str(self.directory)),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
@@ -188,7 +188,7 @@ class Run:
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
-            **({"newton": run.newton} if self.case.static else {}),
+            **run.record(),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else 0,
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
