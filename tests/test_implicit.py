@@ -11,6 +11,7 @@ from pieces import BAR, RAMP
 from scenes import DAMPED, LEFT, RIGHT, built, case, everywhere
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from cellmig.case.schema import Case
 from cellmig.parallel.options import IMPLICIT
@@ -127,6 +128,22 @@ def test_a_step_without_solution_is_cut_and_the_run_goes_on() -> None:
         assert sim.go(8.0) == 8.0
         assert sim.integrator.failures >= sum("the step is cut" in line for line in said) > 0
         assert sim.sample()[1]["closure"] < 0.01
+
+
+@pytest.mark.parametrize("integrator", ["bdf", "alpha2"])
+def test_tangents_applied_by_differences_lead_to_the_same(integrator: str) -> None:
+    scene = stepped("all_protrude", integrator, 5, per_cell=93)
+    expected = after(scene, 0.05)
+    options = PETSc.Options()
+    options["matrix_free"] = "true"
+    try:
+        with built(scene) as sim:
+            sim.go(0.05)
+            assert sim.integrator.equations.assembled < 0.5 * sim.integrator.newton
+            found = everywhere(sim, sim.mechanics.state.owned)
+    finally:
+        options.delValue("matrix_free")
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 def test_adaptive_steps_grow_beyond_the_stable_one() -> None:

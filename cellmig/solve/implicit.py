@@ -22,6 +22,7 @@ from .static import DEFAULTS
 SKIN = 1.0  # µm: search lists last longer, whose cost is nothing against that of a step
 FINE, MOST_PARTS = 0.01, 20  # µm: pieces of a step's path in which its work is integrated, and most of them
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
+FORCING = "1e-3"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
@@ -59,7 +60,10 @@ class Implicit(Integrator):
         if self.second_order:
             self._x, self._v = (PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm) for _ in range(2))
             ts.setI2Function(self._residual2, self._x.duplicate())
-            ts.setI2Jacobian(self._tangent2, self.equations.matrix)
+            applied = self.equations.matrix
+            if self.equations.matrix_free:
+                applied = PETSc.Mat().createPython(applied.getSizes(), self.equations, comm=m.comm)
+            ts.setI2Jacobian(self._tangent2, applied, self.equations.matrix)
             ts.setSolution2(self._x, self._v)
             with defaulted(self._defaults()):
                 ts.setFromOptions()
@@ -91,7 +95,12 @@ class Implicit(Integrator):
         """Options but those that are given."""
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         steps = ACCURACY if self.adaptive else {"ts_adapt_type": "none"}
-        return steps | {k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}
+        krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
+        if not self.second_order:
+            krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
+        steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # a direction that is not exact is one all the same
+        return steps | krylov | {k: v for k, v in DEFAULTS.items()
+                                 if k not in krylov and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
     def steps_said(self) -> str:
@@ -113,7 +122,9 @@ class Implicit(Integrator):
     def _tangent2(self, ts: Any, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, by_v: float, by_a: float,
                   J: PETSc.Mat, P: PETSc.Mat) -> None:
         u, v = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v))
-        self.equations.linearise(t, u, v, by_v, by_a, ts.getSNES().getKSP().getPC())
+        ksp = ts.getSNES().getKSP()
+        self.equations.linearise(t, u, v, by_v, by_a, ksp, ksp.getPC())
+        J.assemble()
 
     def _residual(self, ts: Any, t: float, x: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         x, rate = (y.getArray(readonly=True).reshape(-1, 4) for y in (x, rate))
@@ -242,4 +253,4 @@ class Implicit(Integrator):
             self.ts.destroy()
             if not self.second_order:
                 self.reduction.close()
-            self.equations.destroy()
+            self.equations.close()

@@ -29,39 +29,36 @@ class Reduction:
         self.solver.setOperators(equations.matrix)
         self.solver.setFromOptions()
         self._a, self._r = equations.matrix.createVecs()
-        self._at = 0.0, np.zeros((n, 2)), np.zeros((n, 2)), 1.0
+        self._shift, self._ksp = 0.0, ksp
         ksp.setOptionsPrefix("reduction_")
-        ksp.setType(PETSc.KSP.Type.PREONLY)
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(_Elimination(self))
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float) -> None:
         """J for this state and ∂u'/∂u; collective."""
-        self.equations.linearise(t, u, v, shift, shift * shift, self.solver.getPC())
-        self._at = t, u.copy(), v.copy(), shift
+        self.equations.linearise(t, u, v, shift, shift * shift, self._ksp, self.solver.getPC())
+        self._shift = shift
         self.matrix.assemble()
-
-    def _damped(self, r: np.ndarray) -> np.ndarray:
-        """(σ M + C) r (n, 2), exact for forces that are linear in v; collective."""
-        t, u, v, shift = self._at
-        e = self.equations
-        return e.mass * (shift * r + e.free * (e.accelerate(t, u, v) - e.accelerate(t, u, v + r)))
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """J x, for line searches and Krylov methods."""
         a, b = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
-        first = self._at[3] * a - b
-        self._a.setArray(a.ravel())
-        self.equations.matrix.mult(self._a, self._r)
-        y.setArray(np.hstack([first, self._r.getArray().reshape(-1, 2) - self._damped(first)]).ravel())
+        first, e = self._shift * a - b, self.equations
+        if e.matrix_free:
+            second = e.apply(a, b, self._shift * b)
+        else:
+            self._a.setArray(a.ravel())
+            e.matrix.mult(self._a, self._r)
+            second = self._r.getArray().reshape(-1, 2) - e.damp(first)
+        y.setArray(np.hstack([first, second]).ravel())
 
     def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """J⁻¹ x to y, as exact as the system of S is solved; collective."""
         r1, r2 = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
-        self._r.setArray((r2 + self._damped(r1)).ravel())
+        self._r.setArray((r2 + self.equations.damp(r1)).ravel())
         self.solver.solve(self._r, self._a)
         a = self._a.getArray().reshape(-1, 2)
-        y.setArray(np.hstack([a, self._at[3] * a - r1]).ravel())
+        y.setArray(np.hstack([a, self._shift * a - r1]).ravel())
 
     def close(self) -> None:
         """Free the PETSc objects."""
