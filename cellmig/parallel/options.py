@@ -26,7 +26,9 @@ def check_integrator(of_case: str, place: str) -> None:
     The option -ts_type goes before the case; "leapfrog" is a TS type of ours, written in Python as PETSc sees it.
     """
     options = PETSc.Options()
-    kind = options.getString("ts_type", of_case)
+    kind = integrator_asked(of_case)
+    if kind == "auto" and not options.hasName("ts_type"):
+        return
     if of_case == "static":
         if options.hasName("ts_type"):
             raise OptionError("-ts_type: a static case takes no steps in time; say time.integrator instead")
@@ -43,9 +45,9 @@ def check_integrator(of_case: str, place: str) -> None:
                           f"{', '.join((*EXPLICIT, *IMPLICIT))}")
 
 
-def is_implicit(of_case: str) -> bool:
-    """Whether the integrator, of the case or of the options, solves for its steps."""
-    return PETSc.Options().getString("ts_type", of_case) in IMPLICIT
+def integrator_asked(of_case: str) -> str:
+    """The integrator of the options, else that of the case."""
+    return PETSc.Options().getString("ts_type", of_case)
 
 
 @contextmanager
