@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import math
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -21,19 +24,22 @@ from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.sample import Sampler
 from .parallel.direct import solve_positive
+from .parallel.options import IMPLICIT, integrator_asked
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
+from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.restart import restore, saved
 from .solve.static import Static
-from .solve.step import StepControl
+from .solve.step import NumericsError, StepControl, binding
 
 discover(model)
 discover(meshfree)
 
 
 LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
+TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each half of a trial, implicit and explicit
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
@@ -129,6 +135,9 @@ class Simulation:
 
     def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True):
         """Build everything; collective."""
+        self.reason = ""  # of an integrator that was chosen
+        if integrator_asked(case.time.integrator) == "auto":
+            case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
         self.scene = discretise(case)
         self.terms = find_terms(case, prune)
@@ -142,7 +151,8 @@ class Simulation:
                                    protruding)
         self.control = None if case.static else step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
-        self.integrator = Static(self.mechanics) if case.static else Integrator(
+        kind = Implicit if integrator_asked(case.time.integrator) in IMPLICIT else Integrator
+        self.integrator = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
         self.time = 0.0
@@ -212,6 +222,40 @@ class Simulation:
         self.integrator.destroy()
         self.mechanics.destroy()
         self.swarm.destroy()
+
+
+def cheaper(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
+    """The case with the integrator that goes on faster in a short trial of both, and the reason; collective."""
+    def with_(kind: str) -> Case:
+        return dataclasses.replace(case, time=dataclasses.replace(case.time, integrator=kind))
+
+    if case.plates:
+        return with_("leapfrog"), "implicit steps have no plates"
+    speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}
+    best = max(speeds, key=speeds.get)
+    explicit, implicit = (case.time.end / v if v else math.inf for v in speeds.values())
+    return with_(best), (f"{best}: as a trial went, {case.time.end:g} µs take {explicit:.3g} s with explicit steps and "
+                         f"{implicit:.3g} s with implicit ones")
+
+
+def _speed(case: Case, comm: MPI.Comm) -> float:
+    """Simulated over wall time [µs/s] of the second half of a trial; 0 where no step succeeds; collective."""
+    simulation = Simulation(case, comm)
+    run, at = simulation.integrator, [(0.0, perf_counter())]
+    try:
+        for half in (1, 2):
+            stop = case.time.end
+            if isinstance(run, Implicit):
+                run.ts.setMaxSteps(TRIAL * half)
+            else:
+                stop = min(half * TRIAL_EXPLICIT * binding(simulation.control.stable())[1], stop)
+            at.append((simulation.go(stop), comm.allreduce(perf_counter(), MPI.MAX)))
+    except NumericsError:
+        return 0.0
+    finally:
+        simulation.destroy()
+    (before, begin), (time, end) = at[-2:]
+    return comm.bcast((time - before) / (end - begin) if time > before else at[1][0] / (at[1][1] - at[0][1]))
 
 
 def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:

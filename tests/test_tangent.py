@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 from pieces import DISC
-from scenes import built, example, smooth
+from scenes import built, case, everywhere, example, forces, smooth
+from test_forces import NO_ETA, SCENES, SOFT, approach, deform
 from test_laws import deformations, rates, slope, vectors
 
 from cellmig.case.registry import laws
-from cellmig.meshfree.boundary import GAUSS
 from cellmig.output.sample import pointwise
+from cellmig.solve.stencils import cortex, segment_mean
+from cellmig.solve.stiffness import Stiffness
 from cellmig.solve.tangent import Dual, derivative, tangent
 from cellmig.study.pieces import RAMP, piece
 
@@ -26,28 +29,6 @@ def assert_close(a: Any, b: Any, tolerance: float) -> None:
     scale = np.abs(b).max()
     assert scale > 0.0
     assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
-
-
-def segment_slopes(law: Any, g1: Any, g2: Any) -> tuple:
-    """Derivatives by the gaps g1, g2 at its ends of the mean of a potential over a segment, as kernel.c has them."""
-    dg, low = g2 - g1, np.where(g1 < g2, g1, g2)
-    sloped = np.absolute(dg) > 0.05 * np.where(low > law.cap, low, law.cap)
-    over = 1.0 / np.where(sloped, dg, 1.0)
-    mean = (law.primitive(g2) - law.primitive(g1)) * over
-    d1, d2 = 0.0, 0.0
-    for at, weight in GAUSS:
-        slope = weight * law.slope(g1 + at * dg)
-        d1, d2 = d1 + (1.0 - at) * slope, d2 + at * slope
-    return (np.where(sloped, (mean - law.potential(g1)) * over, d1),
-            np.where(sloped, (law.potential(g2) - mean) * over, d2))
-
-
-def segment_pull(law: Any, along: tuple, length: Any) -> tuple:
-    """Force on the first end of a cortex segment [pN/µm] by the vector to its other end and its reference length."""
-    x, y = along
-    now = np.sqrt(x * x + y * y)
-    t = law.tension(now / length) / now
-    return t * x, t * y
 
 
 # ------------------------------------------------------------------------------------------------------ pointwise
@@ -83,18 +64,20 @@ def test_tangent_of_adhesion_is_the_derivative_of_its_forces(name: str) -> None:
     for kink in (law.cap, law.cutoff):
         kinks |= (np.abs(g1 - kink) < 1e-3 * law.range) | (np.abs(g2 - kink) < 1e-3 * law.range)
     g1, g2 = g1[~kinks], g2[~kinks]
-    found = derivative(lambda a, b: segment_slopes(law, a, b), g1, g2)[1]
+    found = derivative(lambda a, b: segment_mean(law, a, b)[1:], g1, g2)[1]
     h = 1e-4 * law.range
-    expected = np.array([slope(lambda s: np.array(segment_slopes(law, g1 + s, g2)), 0.0, h),
-                         slope(lambda s: np.array(segment_slopes(law, g1, g2 + s)), 0.0, h)]).transpose(1, 0, 2)
+    expected = np.array([slope(lambda s: np.array(segment_mean(law, g1 + s, g2)[1:]), 0.0, h),
+                         slope(lambda s: np.array(segment_mean(law, g1, g2 + s)[1:]), 0.0, h)]).transpose(1, 0, 2)
     assert_close(found, expected, 1e-7)  # measured 2e-11, of the differences
 
 
 @pytest.mark.parametrize("name", laws("cortex"))
 def test_tangent_of_a_cortex_is_the_derivative_of_its_pull(name: str) -> None:
     law, along, length = example("cortex", name), vectors(), np.linspace(0.5, 2.0, 200)
-    found = derivative(lambda d: segment_pull(law, d, length), along)[1]
-    expected = np.array([slope(lambda s, e=e: np.array(segment_pull(law, along + s * e[:, None], length)), 0.0, 1e-4)
+    origin = np.zeros_like(along)
+    found = derivative(lambda d: cortex(law, length, (origin, d))[0], along)[1]
+    expected = np.array([slope(lambda s, e=e: np.array(cortex(law, length, (origin, along + s * e[:, None]))[0]),
+                               0.0, 1e-4)
                          for e in np.eye(2)]).transpose(1, 0, 2)
     assert_close(found, expected, 1e-7)  # measured 2e-8, of the differences
 
@@ -135,3 +118,64 @@ def test_tangent_of_a_scene_is_the_derivative_of_its_forces() -> None:
         run._x.setArray(d.ravel())
         run._matrix.mult(run._x, run._r)
         assert_close(run._r.getArray(), expected, 1e-7)  # measured 4e-11
+
+
+def changed(sim: Any, u: np.ndarray, v: np.ndarray) -> None:
+    """Displacements and velocities of the owned particles, lists as they are."""
+    m = sim.mechanics
+    m.state.owned[:] = np.hstack([u, v])[m.ids]
+
+
+def applied(sim: Any, d: np.ndarray, by_u: float, by_v: float, *parts: str) -> np.ndarray:
+    """The tangent, or that of some terms on surfaces alone, times d (size, 2), of all ranks."""
+    m = sim.mechanics
+    m.rate()
+    at = np.empty_like(d)
+    at[m.place_in_petsc] = d
+    stiffness = Stiffness(m)
+    K = stiffness.surfaces(by_u, by_v, parts) if parts else stiffness(by_u, by_v)
+    return everywhere(sim, (K @ at.ravel()).reshape(-1, 2))
+
+
+@pytest.mark.parametrize(("by_u", "by_v"), [(1.0, 0.0), (0.0, 1.0), (3.0, 0.5)])
+@pytest.mark.parametrize("name", SCENES)
+def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: float, by_v: float) -> None:
+    """Stresses of all kinds, both stabilisations, damping; by displacements, by velocities, by both; on any ranks."""
+    with built(SCENES[name]()) as sim:
+        if by_u == 0.0 and not (sim.terms.stabilised or sim.terms.bulk_damped):
+            return
+        u, v = deform(sim)
+        d = smooth(sim.scene.X, 7, 1.0, shortest=1.0)
+
+        def moved(s: float) -> np.ndarray:
+            changed(sim, u + s * by_u * d, v + s * by_v * d)
+            return -forces(sim)
+
+        expected = slope(moved, 0.0, 1e-5)
+        changed(sim, u, v)
+        assert_close(applied(sim, d, by_u, by_v), expected, 1e-7)  # measured 1e-9
+
+
+KIND_OF = {"substrate": "adhesion", "contact": "adhesion"} | {k: k for k in ("cortex", "friction", "protrusion")}
+SURFACE_LAWS = [(part, name) for part, kind in KIND_OF.items() for name in laws(kind)]
+
+
+@pytest.mark.parametrize(("part", "name"), SURFACE_LAWS)
+def test_tangent_of_a_law_of_surfaces_is_the_derivative_of_the_kernels_force(part: str, name: str) -> None:
+    """Three cells pressed against each other and the substrate, whose membranes slide, on any ranks."""
+    scene, law = case("all_protrude", *SOFT, NO_ETA), example(KIND_OF[part], name)
+    law = dataclasses.replace(law, cells=scene.protrusion.cells) if part == "protrusion" else law
+    with built(dataclasses.replace(scene, **{part: law})) as sim:
+        m = sim.mechanics
+        u, v = approach(sim, 1) - sim.scene.X, smooth(sim.scene.X, 6, 1.0)
+        d = np.random.default_rng(5).standard_normal(sim.scene.X.shape)
+
+        def moved(s: float) -> np.ndarray:
+            changed(sim, u + 3.0 * s * d, v + s * d)
+            m.rate()  # the kernel does not give friction alone
+            return -forces(sim) if part == "friction" else -everywhere(sim, m.surface_force(part)[0])
+
+        expected = slope(moved, 0.0, 1e-7)
+        changed(sim, u, v)
+        found, own = applied(sim, d, 3.0, 1.0, *[part] * (part != "friction")), applied(sim, d, 3.0, 1.0, part)
+        assert np.abs(found - expected).max() < 1e-7 * np.abs(own).max()  # measured 3e-9, with friction 4e-8

@@ -155,7 +155,7 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
             if kind != "loads":
                 seen.add(item.name)
     step = found["time"].integrator if found["time"] is not None else ""
-    if found["plates"] and step not in ("leapfrog", "static", ""):
+    if found["plates"] and step not in ("leapfrog", "auto", "static", ""):
         source.wrong(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
 
 

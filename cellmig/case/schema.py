@@ -11,8 +11,8 @@ from typing import Any
 from .registry import parameter, quantity
 from .values import declared, write
 
-TS_TYPES = ("leapfrog", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha", "alpha2",
-            "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk",
+TS_TYPES = ("leapfrog", "auto", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha",
+            "alpha2", "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk",
             "radau5", "sundials", "pseudo")
 
 
@@ -28,8 +28,9 @@ class Time:
     step: float | str = quantity("us", "time step; \"auto\" takes a fraction of the stable one", "auto", above=0,
                                  words=("auto",))
     step_factor: float = quantity("", "the fraction of the stable step that \"auto\" takes", 0.8, above=0, maximum=1)
-    integrator: str = parameter("\"leapfrog\" or any type of PETSc's TS; \"static\": equilibria, each sample a "
-                                "load step", "leapfrog", known=TS_TYPES)
+    integrator: str = parameter("\"leapfrog\" or a type of PETSc's TS; \"auto\": the cheaper one of leapfrog and "
+                                "bdf, after a trial; \"static\": equilibria, each sample a load step", "leapfrog",
+                                known=TS_TYPES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,12 @@ def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
     return getattr(law, method)(*[quantities[n] for n in names])
 
 
+def director_fields(mechanics: Any) -> dict[str, np.ndarray]:
+    """Reference gradient of θ [1/µm] and axis h of the rows, (2, n_rows) each; nothing if they do not matter."""
+    names = {"gradient": "director_gradient", "director": "director_axis"} if mechanics.theta is not None else {}
+    return {name: mechanics.by_row(mechanics.kernel[array]).T for name, array in names.items()}
+
+
 class Sampler:
     """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`.
 
@@ -74,7 +80,7 @@ class Sampler:
         """Cauchy stress of all rows (n_rows, 3, 3) [Pa] as the laws have it, not recovered, and J (n_rows,)."""
         F, rate = self.mechanics.tensors()
         J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-        everything = {"F": F, "Fdot": rate, **self._director()}
+        everything = {"F": F, "Fdot": rate, **director_fields(self.mechanics)}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
         for i, law in enumerate(self.mechanics.scene.materials):
             on = self._rows_material == i
@@ -90,14 +96,6 @@ class Sampler:
             stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
         return stress, J
 
-    def _director(self) -> dict[str, np.ndarray]:
-        """Reference gradient of θ and axis h of the rows, (2, n_rows) each."""
-        m = self.mechanics
-        if m.theta is None:
-            return {}
-        return {name: m.by_row(m.kernel[a]).T
-                for name, a in (("gradient", "director_gradient"), ("director", "director_axis"))}
-
     def fields(self) -> dict[str, np.ndarray]:
         """The fields of a frame, for the owned particles, those that the scene has."""
         m, terms = self.mechanics, self.mechanics.terms
@@ -108,7 +106,7 @@ class Sampler:
             if getattr(terms, term) is not None:
                 out[name] = m.surface_force(term)[0]
         if m.theta is not None:
-            out["director"] = self._director()["director"].T[: m.n_owned]
+            out["director"] = director_fields(m)["director"].T[: m.n_owned]
         return out
 
     # ------------------------------------------------------------ per cell
@@ -206,7 +204,7 @@ class Sampler:
         m, terms = self.mechanics, self.mechanics.terms
         v = m.state.owned[:, 2:] + half_step * acceleration[:, 2:]
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
-        rows = {"F": m.tensors()[0], **self._director()}
+        rows = {"F": m.tensors()[0], **director_fields(m)}
         everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
         for i, law in enumerate(m.scene.materials):
             on = self.material == i

@@ -12,6 +12,7 @@ from cellmig.case.messages import suggest
 
 from .ghosts import petsc_library
 
+IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that our tangent serves
 EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need no more than a rate of change
 
 
@@ -25,7 +26,9 @@ def check_integrator(of_case: str, place: str) -> None:
     The option -ts_type goes before the case; "leapfrog" is a TS type of ours, written in Python as PETSc sees it.
     """
     options = PETSc.Options()
-    kind = options.getString("ts_type", of_case)
+    kind = integrator_asked(of_case)
+    if kind == "auto" and not options.hasName("ts_type"):
+        return
     if of_case == "static":
         if options.hasName("ts_type"):
             raise OptionError("-ts_type: a static case takes no steps in time; say time.integrator instead")
@@ -36,10 +39,29 @@ def check_integrator(of_case: str, place: str) -> None:
             options["ts_type"] = PETSc.TS.Type.PYTHON
     known = {name for key, name in vars(PETSc.TS.Type).items() if key.isupper()}
     if kind not in known | set(EXPLICIT):
-        raise OptionError(f"{place}: there is no integrator '{kind}'{suggest(kind, EXPLICIT)}")
-    if kind not in (*EXPLICIT, PETSc.TS.Type.PYTHON):
-        raise OptionError(f"{place}: '{kind}' is implicit or splits the equations, which is not supported yet; "
-                          f"take one of {', '.join(EXPLICIT)}")
+        raise OptionError(f"{place}: there is no integrator '{kind}'{suggest(kind, (*EXPLICIT, *IMPLICIT))}")
+    if kind not in (*EXPLICIT, *IMPLICIT, PETSc.TS.Type.PYTHON):
+        raise OptionError(f"{place}: '{kind}' splits the equations or needs them in another form; take one of "
+                          f"{', '.join((*EXPLICIT, *IMPLICIT))}")
+
+
+def integrator_asked(of_case: str) -> str:
+    """The integrator of the options, else that of the case."""
+    return PETSc.Options().getString("ts_type", of_case)
+
+
+@contextmanager
+def defaulted(values: dict[str, str]) -> Iterator[None]:
+    """While objects take their options: those that were not given have these values, and none afterwards."""
+    options = PETSc.Options()
+    missing = {name: value for name, value in values.items() if not options.hasName(name)}
+    for name, value in missing.items():
+        options[name] = value
+    try:
+        yield
+    finally:
+        for name in missing:
+            options.delValue(name)
 
 
 @contextmanager

@@ -11,7 +11,8 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from .mechanics import ACCOUNTS, SKIN, Mechanics
+from ..parallel.options import defaulted
+from .mechanics import ACCOUNTS, Mechanics
 from .step import NumericsError, StepControl, binding
 
 BATCH = 200  # steps between two looks at the stable step
@@ -37,21 +38,26 @@ class Integrator:
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
+        self.report: Callable[[str], None] = lambda text: None
         options = PETSc.Options()
         self.fixed_step = options.getReal("ts_dt") if options.hasName("ts_dt") else fixed_step
-        self.ts = self._ts(kind, options)
+        self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
-        if self.leapfrog:
-            self.ts.setPythonContext(Leapfrog(self))
-            self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
-        else:
-            self.ts.setRHSFunction(self._rate, mechanics.solution.duplicate())
-            self.ts.setPostStep(self._after_step)
+        self._connect()
         # PETSc's types take no batch again: for them any contact may close as far as it can
         self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
         self._loss: np.ndarray | None = None
 
-    def _ts(self, kind: str, options: PETSc.Options) -> PETSc.TS:
+    def _connect(self) -> None:
+        """Tell TS the equations."""
+        if self.leapfrog:
+            self.ts.setPythonContext(Leapfrog(self))
+            self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
+        else:
+            self.ts.setRHSFunction(self._rate, self.mechanics.solution.duplicate())
+            self.ts.setPostStep(self._after_step)
+
+    def _ts(self, kind: str) -> PETSc.TS:
         """A TS of this type, or of that of the options; steps are ours to choose unless -ts_adapt_type is given."""
         ts = PETSc.TS().create(comm=self.mechanics.comm)
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -60,10 +66,13 @@ class Integrator:
         ts.setErrorIfStepFails(False)  # it is told with what to do about it
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
         ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else kind)
-        if not options.hasName("ts_adapt_type"):
-            options["ts_adapt_type"] = "none"
-        ts.setFromOptions()
+        self._obey(ts)
         return ts
+
+    def _obey(self, ts: PETSc.TS) -> None:
+        """The options; steps are ours to choose unless they say otherwise."""
+        with defaulted({"ts_adapt_type": "none"}):
+            ts.setFromOptions()
 
     @property
     def steps(self) -> int:
@@ -84,6 +93,12 @@ class Integrator:
     def time(self) -> float:
         """Time reached [µs]."""
         return self.ts.getTime()
+
+    steps_said = ""  # of implicit types, for the log
+
+    def record(self) -> dict[str, Any]:
+        """Counts for the manifest."""
+        return {}
 
     def halt(self) -> None:
         """Take no further step."""
@@ -135,7 +150,7 @@ class Integrator:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
         m = self.mechanics
         self.limits = limits = self._seen()
-        if self.touches and limits["displaced"] > 0.2 * SKIN:
+        if self.touches and limits["displaced"] > 0.2 * m.skin:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.choose()
@@ -144,7 +159,7 @@ class Integrator:
         if not self.touches:
             return BATCH
         m.least_gaps()  # those of the steps to come count
-        room = 0.5 * SKIN - limits["displaced"]
+        room = 0.5 * m.skin - limits["displaced"]
         most = SHORT if self._pressed(self.gaps) > 0.5 else BATCH
         return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
@@ -238,7 +253,7 @@ class Integrator:
         self._note_step(dt)
         if not np.isfinite(ts.getSolution().norm()):
             self.broken("a value is not finite any more")
-        if self._seen()["displaced"] > 0.5 * SKIN:
+        if self._seen()["displaced"] > 0.5 * m.skin:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())

@@ -52,7 +52,7 @@ class Mechanics:
         self._point_to_memory()
         self.prescribe(0.0)
         self.moved = self.kicked = self.last = 0.0
-        self.rebuilds = 0
+        self.rebuilds, self.skin = 0, SKIN
         self._kept: list = []
         self.renew_lists()
         self.kernel("deformation")
@@ -196,7 +196,7 @@ class Mechanics:
         if t.substrate is not None:
             reach = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
             ends = np.column_stack([self._segments, s.after[self._segments]])
-            near = np.flatnonzero((x[ends, 1].min(axis=1) < reach + SKIN) & s.outer[self._segments])
+            near = np.flatnonzero((x[ends, 1].min(axis=1) < reach + self.skin) & s.outer[self._segments])
             k["near"], k["n_near"] = near, len(near)
         if t.protrusion is not None:
             mean = np.bincount(s.cell[s.outer], x[s.outer, 0]) / np.bincount(s.cell[s.outer])
@@ -210,7 +210,7 @@ class Mechanics:
     def _renew_contact(self, x: np.ndarray) -> None:
         s, k = self.surfaces, self.kernel
         longest = 1.2 * np.linalg.norm(x[s.after] - x, axis=1).max()  # a segment may stretch until the next renewal
-        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + SKIN, SKIN)
+        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + self.skin, self.skin)
         own = np.zeros(len(s.ids), bool)
         own[self._mine] = True
         pair, particle = lists.involved(s)
@@ -250,7 +250,7 @@ class Mechanics:
 
     def lists_are_late(self) -> bool:
         """Whether surfaces moved further than the search lists allow; collective."""
-        return bool(extreme(self.comm, np.array([self.displaced()]))[0] > 0.5 * SKIN)
+        return bool(extreme(self.comm, np.array([self.displaced()]))[0] > 0.5 * self.skin)
 
     # ------------------------------------------------------------ the step
 

@@ -82,6 +82,10 @@ class Static:
         ksp = self.snes.getKSP()
         return f"static: {self.snes.getType()} of PETSc with {ksp.getType()} and {ksp.getPC().getType()}"
 
+    def record(self) -> dict[str, Any]:
+        """Newton's residuals, for the manifest."""
+        return {"newton": self.newton}
+
     @property
     def finished(self) -> bool:
         """Whether it was told to stop."""

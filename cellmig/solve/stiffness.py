@@ -7,20 +7,22 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..meshfree.rows import csr_rows
+from ..output.sample import director_fields, pointwise
 from .mechanics import Mechanics
-from .tangent import tangent
-
-TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+from .stencils import stencils
+from .tangent import mixed
 
 
 class Stiffness:
-    """Derivative -∂f/∂u of the forces of a Mechanics, in blocks of two rows and columns a particle.
+    """Derivatives -∂f/∂u and -∂f/∂v of the forces of a Mechanics, in blocks of two rows and columns a particle.
 
-    Columns are numbered as PETSc numbers the particles of all ranks.  Terms: internal force with its geometric part
-    (the gradient of the displacement carries both), elastic stabilisation, pressure on segments.
+    Columns are numbered as PETSc numbers the particles of all ranks.  Terms: all stresses with their geometric part
+    (the gradient of the displacement carries both) and the numerical damping, both stabilisations, all that acts on
+    surfaces.  The director is held still.
     """
 
     def __init__(self, mechanics: Mechanics):
@@ -40,8 +42,10 @@ class Stiffness:
         blocks = np.zeros((len(g), 2, 2, 2))
         blocks[:, 0, 0], blocks[:, 1, 1] = np.column_stack([g.real, g.imag]), np.column_stack([g.real, g.imag])
         self._left = sparse.bsr_matrix((blocks.reshape(-1, 2, 4), left.indices, left.indptr), (2 * n, 4 * base.n_rows))
-        self._stiff = self._stabilisation()
+        self._elastic = self._scalar("E", m.terms.stiffened)
+        self._viscous = self._scalar("S", m.terms.stabilised)
         self._volume = scene.field("V")[base.ids[: base.n_rows]]
+        self._damping = scene.field("damping")[base.ids[: base.n_rows]] if m.terms.bulk_damped else None
         self._material = scene.material[base.ids[: base.n_rows]]
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
@@ -52,66 +56,124 @@ class Stiffness:
         wide.sort_indices()
         return wide
 
-    def _stabilisation(self) -> sparse.bsr_matrix:
+    def _scalar(self, name: str, there: bool) -> sparse.bsr_matrix:
+        """A stabilisation, which acts on both components alike."""
         m = self.mechanics
-        if not m.terms.stiffened:
+        if not there:
             return sparse.bsr_matrix(self.shape, blocksize=(2, 2))
-        E = self._wide([t.E for t in m.scene.templates], m.n_owned)
-        return sparse.bsr_matrix((E.data[:, None, None] * np.eye(2), E.indices, E.indptr), self.shape)
+        wide = self._wide([getattr(t, name) for t in m.scene.templates], m.n_owned)
+        return sparse.bsr_matrix((wide.data[:, None, None] * np.eye(2), wide.indices, wide.indptr), self.shape)
 
-    def internal(self) -> sparse.bsr_matrix:
-        """Of the stresses at the deformation gradients as they are, and of the stabilisation."""
-        m, G = self.mechanics, self._G
-        F, n = m.tensors()[0], m.base.n_rows
-        A = np.zeros((2, 2, 2, 2, n))
+    def moduli(self, by_u: float, by_v: float) -> np.ndarray:
+        """V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) of the rows (2, 2, 2, 2, n_rows), for the state as it is."""
+        m, terms = self.mechanics, self.mechanics.terms
+        F, rate = m.tensors()
+        given = {"F": F, "Fdot": rate, **director_fields(m)}
+        A = np.zeros((2, 2, 2, 2, F.shape[-1]))
+        present = {"stress": True, "viscous_stress": True, "director_stress": terms.director != "none",
+                   "active_stress": terms.active}
         for i, law in enumerate(m.scene.materials):
             on = self._material == i
-            A[..., on] = self._volume[on] * tangent(law, "stress", {"F": F[..., on]})
+            local = {name: values[..., on] for name, values in given.items()}
+            for method in present:
+                if present[method] and hasattr(law, method) and on.any():
+                    A[..., on] += _of_both(lambda l=law, k=method, q=local, **moved: pointwise(l, k, q | moved),
+                                           local, by_u, by_v)
+        if self._damping is not None:
+            A += _of_both(lambda F, Fdot: damping_stress(self._damping, F, Fdot), given, by_u, by_v)
+        return self._volume * A
+
+    def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
+        """Of the stresses at the deformation gradients as they are, and of the stabilisations."""
+        n, G = self.mechanics.base.n_rows, self._G
+        A = self.moduli(by_u, by_v)
         g = np.stack([G.data.real, G.data.imag])
         by_column = np.einsum("ijkle,le->eijk", A[..., self._row], g).reshape(-1, 4, 2)
         right = sparse.bsr_matrix((by_column, G.indices, G.indptr), (4 * n, self.shape[1]))
-        return self._left @ right + self._stiff
+        K = self._left @ right
+        for factor, matrix in ((by_u, self._elastic), (by_v, self._viscous)):
+            K = K + factor * matrix if factor and matrix.nnz else K
+        return K
 
-    def pressure(self) -> sparse.bsr_matrix:
-        """Of the pressures, which follow the surface."""
-        k = self.mechanics.kernel
-        if self.mechanics.terms.histories is None or not len(k["pressed"]):
+    def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:
+        """Of all that acts on surfaces, or of some terms, with the feet of the contacts where they were found last."""
+        parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics)
+                 if s.nodes.size and (not names or s.name in names)]
+        if not parts:
             return sparse.bsr_matrix(self.shape, blocksize=(2, 2))
-        histories = self.mechanics.terms.histories
-        factor = np.array([h.value(k["clock"][0]) for h in histories])[k["pressed_history"]]
-        half = 0.5 * k["pressure"] * factor
-        i, j = k["pressed"].T
-        rows, columns = np.concatenate([i, i, j, j]), np.concatenate([j, i, j, i])
-        values = np.concatenate([-half, half, -half, half])  # both ends bear half of what their distance makes
-        own = rows < self.mechanics.n_owned
-        return self._of_blocks(rows[own], columns[own], values[own, None, None] * TURN)
+        rows, columns, blocks = (np.concatenate(a) for a in zip(*parts, strict=True))
+        own = (rows < self.mechanics.n_owned) & blocks.any(axis=(1, 2))
+        return self._of_blocks(rows[own], columns[own], blocks[own])
 
     def _of_blocks(self, rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> sparse.bsr_matrix:
         """Matrix of blocks at local rows and columns; those at one place add up."""
         order = np.argsort(rows, kind="stable")
         ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.shape[0] // 2))])
-        out = sparse.bsr_matrix((blocks[order], self._column[columns[order]], ptr), self.shape)
+        m = self.mechanics  # contacts have copies of further particles, which come and go
+        wide = m.place_in_petsc[m.numbering.ids[columns[order]]]
+        out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
         out.sum_duplicates()
         return out
 
-    def __call__(self) -> sparse.bsr_matrix:
-        """All of it, for the state and the time as they are; F is to be current."""
-        return self.internal() + self.pressure()
+    def __call__(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
+        """All of it, -(by_u ∂f/∂u + by_v ∂f/∂v), for the state and the time as they are; F is to be current."""
+        return self.internal(by_u, by_v) + self.surfaces(by_u, by_v)
 
     def matrix(self) -> PETSc.Mat:
-        """A Mat with room for all entries that ever occur, which are those of neighbours of neighbours; collective."""
+        """A Mat with room for all entries of bodies, which are those of neighbours of neighbours; collective."""
         n, size = self.mechanics.n_owned, self.mechanics.scene.size
-        ones = sparse.csr_matrix((np.ones(self._G.nnz), self._G.indices, self._G.indptr), self._G.shape)
-        left = sparse.csr_matrix((np.ones(len(self._left.indices)), self._left.indices, self._left.indptr),
-                                 (n, ones.shape[0]))
-        stiff = sparse.csr_matrix((np.ones(len(self._stiff.indices)), self._stiff.indices, self._stiff.indptr),
-                                  (n, size))
-        pattern = (left @ ones + stiff).tocsr()
-        pattern.sort_indices()
+        ones = _pattern(self._G, self._G.shape)
+        pattern = _pattern(self._left, (n, ones.shape[0])) @ ones
+        pattern = (pattern + _pattern(self._elastic, (n, size)) + _pattern(self._viscous, (n, size))).tocsr()
         mat = PETSc.Mat().createBAIJ(((2 * n, None), (2 * n, None)), 2, comm=self.mechanics.comm)
+        self._allocate(mat, pattern)
+        return mat
+
+    def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
+        """Room in a Mat for the entries of a pattern; collective."""
+        pattern.sort_indices()
+        self._room = _places(pattern)
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, 2, 2))))
-        return mat
+
+    def store(self, K: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
+        """Values into a Mat, with more room where contacts came that it has none for; collective.
+
+        PETSc does not see that there is more room: `pc`, which may have factors of the Mat, is told to begin anew.
+        """
+        shape = self.mechanics.n_owned, self.mechanics.scene.size
+        new = _pattern(K, shape)
+        if self.mechanics.comm.allreduce(not np.isin(_places(new), self._room, assume_unique=True).all(), MPI.LOR):
+            row, column = np.divmod(self._room, shape[1])
+            old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
+            self._allocate(mat, (new + old).tocsr())
+            pc.reset()
+        fill(mat, K)
+
+
+def _pattern(K: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
+    """Ones where a matrix has entries, or blocks."""
+    return sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape)
+
+
+def _places(pattern: sparse.csr_matrix) -> np.ndarray:
+    """A number for the place of each entry (nnz,)."""
+    row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+    return row * pattern.shape[1] + pattern.indices
+
+
+def damping_stress(viscosity: np.ndarray, F: Any, Fdot: Any) -> tuple:
+    """First Piola-Kirchhoff stress of the numerical damping of sound, viscosity tr d J F⁻ᵀ [Pa]."""
+    (F00, F01), (F10, F11) = F
+    (R00, R01), (R10, R11) = Fdot
+    rate = R00 * F11 - R01 * F10 - R10 * F01 + R11 * F00
+    q = viscosity * rate / (F00 * F11 - F01 * F10)
+    return (q * F11, -q * F10), (-q * F01, q * F00)
+
+
+def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float) -> np.ndarray:
+    """by_u ∂/∂F + by_v ∂/∂Ḟ of a stress (2, 2, 2, 2, n)."""
+    return mixed(stress, {"F": (given["F"], by_u), "Fdot": (given["Fdot"], by_v)})
 
 
 def fill(mat: PETSc.Mat, values: sparse.bsr_matrix) -> None:

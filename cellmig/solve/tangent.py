@@ -91,9 +91,29 @@ def tangent(law: Any, method: str, quantities: dict[str, np.ndarray], by: str = 
 
     `quantities` : by name, as `pointwise` takes them.  Returns (2, 2, 2, 2, n) for a tensor by a tensor: dP_ij/dF_kl.
     """
-    given = np.asarray(quantities[by], float)
-    slope = derivative(lambda x: pointwise(law, method, {**quantities, by: x}), given)[1]
-    return slope.reshape(*slope.shape[:-2], *given.shape)
+    return mixed(lambda **moved: pointwise(law, method, {**quantities, **moved}), {by: (quantities[by], 1.0)})
+
+
+def mixed(formula: Callable[..., Any], arguments: dict[str, tuple[np.ndarray, float]]) -> np.ndarray:
+    """Sum of a formula's derivatives by some arguments of one shape, each times a factor: (result, shape, n).
+
+    `arguments` : value (shape, n) and factor by name.  It is the derivative by one change d that moves each argument
+    by its factor times d.
+    """
+    shape = np.shape(next(iter(arguments.values()))[0])
+
+    def moved(change: Any) -> Any:
+        return formula(**{name: _moved(value, factor, change) for name, (value, factor) in arguments.items()})
+
+    slope = derivative(moved, np.zeros(shape))[1]
+    return slope.reshape(*slope.shape[:-2], *shape)
+
+
+def _moved(value: np.ndarray, factor: float, change: Any) -> Any:
+    """Values plus a factor times nested duals, nested likewise."""
+    if isinstance(change, tuple):
+        return tuple(_moved(v, factor, c) for v, c in zip(value, change, strict=True))
+    return value + factor * change
 
 
 def _nested(entries: list, shape: tuple) -> Any:

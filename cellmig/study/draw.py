@@ -113,7 +113,7 @@ def _add(rng: np.random.Generator, tables: Tables) -> None:
     if rng.random() < 0.1:
         tables["body_force"] = {"acceleration": [_text(x * _decades(rng, 1, 6), "m/s^2") for x in rng.normal(size=2)]}
     if rng.random() < 0.08:
-        tables["time"]["integrator"] = str(rng.choice(["euler", "rk", "ssp", "beuler"]))
+        tables["time"]["integrator"] = str(rng.choice(["euler", "rk", "ssp", "arkimex"]))
 
 
 def _director(rng: np.random.Generator) -> Tables:

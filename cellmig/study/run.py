@@ -243,8 +243,9 @@ class Run:
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
             ("integrator", run.said),
+            *([("chosen", s.reason)] if s.reason else []),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
-             step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+             run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             ("output", str(self.directory)),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
@@ -263,7 +264,7 @@ class Run:
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
-            **({"newton": run.newton} if self.case.static else {}),
+            **run.record(), **({"chosen": s.reason} if s.reason else {}),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
             "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),

@@ -1,0 +1,85 @@
+"""Newton's equations of the first-order system (u, v), solved for u alone: a Mat and a PC for PETSc."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from petsc4py import PETSc
+
+from .equations import Equations
+
+
+class Reduction:
+    """Tangent J of r1 = u' - v, r2 = M v' - f(u, v), with σ = ∂u'/∂u; particles have (ux, uy, vx, vy).
+
+    With C = -∂f/∂v and S = σ² M + σ C - ∂f/∂u, the matrix of the equations,
+
+        J (a, b) = (σ a - b, S a - (σ M + C)(σ a - b)),
+
+    so that J (a, b) = (r1, r2) is S a = r2 + (σ M + C) r1, b = σ a - r1.  This is a Mat and a PC of type python; the
+    system of S has a KSP of its own, which takes the options without prefix.
+    """
+
+    def __init__(self, equations: Equations, ksp: PETSc.KSP):
+        """`ksp` : that of the SNES, which this object takes over; collective."""
+        self.equations, m = equations, equations.mechanics
+        n = m.n_owned
+        self.matrix = PETSc.Mat().createPython(((4 * n, None), (4 * n, None)), self, comm=m.comm)
+        self.solver = PETSc.KSP().create(m.comm)
+        self.solver.setOperators(equations.matrix)
+        self.solver.setFromOptions()
+        self._a, self._r = equations.matrix.createVecs()
+        self._shift, self._ksp = 0.0, ksp
+        ksp.setOptionsPrefix("reduction_")
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(_Elimination(self))
+
+    def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float) -> None:
+        """J for this state and ∂u'/∂u; collective."""
+        self.equations.linearise(t, u, v, shift, shift * shift, self._ksp, self.solver.getPC())
+        self._shift = shift
+        self.matrix.assemble()
+
+    def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """J x, for line searches and Krylov methods."""
+        a, b = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
+        first, e = self._shift * a - b, self.equations
+        if e.matrix_free:
+            second = e.apply(a, b, self._shift * b)
+        else:
+            self._a.setArray(a.ravel())
+            e.matrix.mult(self._a, self._r)
+            second = self._r.getArray().reshape(-1, 2) - e.damp(first)
+        y.setArray(np.hstack([first, second]).ravel())
+
+    def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """J⁻¹ x to y, as exact as the system of S is solved; collective."""
+        r1, r2 = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
+        self._r.setArray((r2 + self.equations.damp(r1)).ravel())
+        self.solver.solve(self._r, self._a)
+        a = self._a.getArray().reshape(-1, 2)
+        y.setArray(np.hstack([a, self._shift * a - r1]).ravel())
+
+    def close(self) -> None:
+        """Free the PETSc objects."""
+        for thing in (self.matrix, self.solver, self._a, self._r):
+            thing.destroy()
+
+
+class _Elimination:
+    """The PC: it keeps what it was told of S, even if J has changed since, until it is set up again."""
+
+    def __init__(self, reduction: Reduction):
+        self._reduction = reduction
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """A new S."""
+        solver = self._reduction.solver
+        solver.getPC().setReusePreconditioner(False)
+        solver.setOperators(self._reduction.equations.matrix)
+        solver.setUp()
+        solver.getPC().setReusePreconditioner(True)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Solve."""
+        self._reduction.solve(x, y)
