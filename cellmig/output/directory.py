@@ -70,6 +70,14 @@ def fresh_directory(path: Path, comm: Any) -> Path:
     return path
 
 
+def the_run(directory: Path) -> Path:
+    """The directory of a run that is there, finished or not."""
+    directory = Path(directory)
+    if not any((directory / name).exists() for name in (MANIFEST, INDEX)):
+        raise OutputError(f"'{directory}' is not the directory of a run")
+    return directory
+
+
 def _make(path: Path) -> None:
     try:
         if path.is_dir() and any(path.iterdir()):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import the_run
 from cellmig.output.log import clock, two_columns
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
@@ -31,20 +31,13 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
     bool -- whether they are the same.
     list of str -- for the user: what was compared, and of each part the first difference.
     """
-    a, b = _run(a), _run(b)
+    a, b = the_run(a), the_run(b)
     same, lines = True, []
     for name in _TABLES:
         equal, text = _diff_tables(a / name, b / name, tolerance)
         same, lines = same and equal, [*lines, f"{name}: {text}"]
     equal, text = _diff_frames(frames(a), frames(b), tolerance)
     return same and equal, [*lines, f"frames: {text}"]
-
-
-def _run(directory: Path) -> Path:
-    directory = Path(directory)
-    if not any((directory / name).exists() for name in ("manifest.json", "cells.xdmf")):
-        raise OutputError(f"'{directory}' is not the directory of a run")
-    return directory
 
 
 def _same(tolerance: float) -> str:
@@ -127,7 +120,7 @@ def _largest(a: np.ndarray, b: np.ndarray) -> float:
 
 def info(directory: Path) -> str:
     """What a run was and did, from its manifest and tables, as lines for the user; it may be unfinished."""
-    directory = _run(directory)
+    directory = the_run(directory)
     manifest = read_manifest(directory)
     rows = [("directory", directory), *_entries(manifest)]
     if not manifest:
