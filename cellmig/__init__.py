@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["build", "change", "load", "open", "run"]
+__all__ = ["build", "change", "load", "open", "run", "sweep"]
 
 
 def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
     """The case in a file, with changes such as "particles.per_cell=500"; raises CaseError with all its mistakes."""
-    from . import simulation  # noqa: F401 -- registers the laws
     from .case.load import load as read
 
+    _simulation()
     return read(path, sets)
 
 
@@ -40,9 +40,18 @@ def build(case: Any, comm: Any = None) -> Any:
     >>> simulation.go(20.0)                      # µs
     >>> history, ledger = simulation.sample()
     """
-    from .simulation import Simulation
+    make = _simulation().Simulation
+    return make(case) if comm is None else make(case, comm)
 
-    return Simulation(case) if comm is None else Simulation(case, comm)
+
+def _simulation() -> Any:
+    """The module that registers the laws; it needs PETSc, which leaves signals to Python here."""
+    from .parallel.arguments import start_petsc
+
+    start_petsc([])
+    from . import simulation
+
+    return simulation
 
 
 def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False) -> Any:
@@ -62,6 +71,29 @@ def run(case: Any, out: str | PathLike | None = None, until: str | None = None, 
 
     directory = Path("output") / case.name if out is None else Path(out)
     return run_here(case, directory, None if until is None else number(until, "us"), quiet)
+
+
+def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | PathLike, sets: Sequence[str] = (),
+          jobs: int | None = None) -> list[dict[str, Any]]:
+    """Run a case file for all combinations of values, in parallel; what is done already is kept.
+
+    Parameters
+    ----------
+    path : Path -- case file.
+    vary : dict -- dotted key to its values: ``{"adhesion.cells.bonds": ["1000 /um^2", "2000 /um^2"], "seed": [1, 2]}``.
+    out : Path -- directory of the runs and of sweep.csv, sweep.png and sweep.pdf.
+    sets : list of str -- changes to all, "particles.per_cell=300".
+    jobs : int -- runs at a time; by default one for each core.
+
+    Returns
+    -------
+    list of dict -- a row for each run that is done and cell (0 is the aggregate); ``pandas.DataFrame(rows)`` takes it.
+    """
+    from .study.sweep import Sweep, sweep
+
+    plan = Sweep(Path(path), dict(vary), Path(out), tuple(sets))
+    sweep(plan, jobs)
+    return list(plan.rows(plan.jobs()))
 
 
 def open(directory: str | PathLike) -> Any:

@@ -92,6 +92,7 @@ def example(tmp_path, outside_mpi):
     ("first_look", "effective stress in the nucleus"),
     ("adhesion_law", "spring: contact with the substrate"),
     ("own_shape", "400 particles"),
+    ("sweep", "tension 80 pN/um: contact"),
 ])
 def test_an_example_runs_and_says_what_it_found(example, name, said):
     if name == "first_look":

@@ -59,6 +59,14 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     return [out / name for name in figures]
 
 
+def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in each format; the paths."""
+    paths = [out / f"{name}.{kind}" for kind in formats]
+    for path in paths:
+        figure.savefig(path)
+    return paths
+
+
 def _chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
     """The frames nearest to `times`, each once, in order."""
     there = np.array([frame.time for frame in found])
