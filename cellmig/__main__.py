@@ -157,8 +157,13 @@ def show(options: argparse.Namespace) -> int:
     if options.command == "plot":
         times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
         from .study.plot import plot
+        from .study.style import FORMATS
 
-        print("\n".join(map(str, plot(options.directory, times, options.field, options.out))))
+        formats = [kind.strip().lower() for kind in options.format.split(",")]
+        if unknown := [kind for kind in formats if kind not in FORMATS]:
+            raise UsageError(f"--format: no format '{unknown[0]}'; there are {', '.join(FORMATS)}")
+        pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
+        print("\n".join(map(str, pictures)))
         return DONE
     from .study.compare import diff, info
 

@@ -103,6 +103,9 @@ def _looks(commands: Any) -> None:
     plot.add_argument("directory", type=Path, help="of a run")
     plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
     plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
+    plot.add_argument("--film", action="store_true", help="a film of all frames besides: mp4 if ffmpeg is there, "
+                      "else gif")
+    plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="of the pictures (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "

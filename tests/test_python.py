@@ -12,6 +12,7 @@ import pytest
 import cellmig
 from cellmig.case.messages import CaseError
 from cellmig.output.directory import OutputError
+from cellmig.study.plot import plot
 
 ROOT = Path(__file__).resolve().parent.parent
 COARSE = {"particles.per_cell": 100, "time.end": "4 us", "time.frames": 2, "time.samples": 8}
@@ -66,6 +67,13 @@ def test_without_pandas_the_message_says_what_to_do(case, shared_tmp, monkeypatc
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"apt install python3-pandas, or take table\('history'\)"):
         record.history  # noqa: B018
+
+
+@pytest.mark.serial
+def test_forces_on_the_substrate_and_between_cells_are_drawn_of_scenes_that_have_them(tmp_path):
+    case = cellmig.change(cellmig.load(ROOT / "cases/all_protrude.toml"), COARSE)
+    made = plot(cellmig.run(case, out=tmp_path, quiet=True).directory, formats=("png",))
+    assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between"]
 
 
 def test_what_is_no_run_is_not_opened(shared_tmp):

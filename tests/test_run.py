@@ -22,7 +22,7 @@ from cellmig.case.load import load
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, read_table
 from cellmig.output.xdmf import frames
-from cellmig.study.plot import _on_substrate
+from cellmig.study.shapes import _on_substrate
 
 pytestmark = pytest.mark.serial
 

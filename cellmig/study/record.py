@@ -110,7 +110,7 @@ class Record:
 
     def picture(self, times: Sequence[float] | None = None, field: str = "effective_stress") -> Any:
         """Shapes at some times [µs], filled with a field, as a figure of matplotlib's; a notebook shows it."""
-        from .plot import shapes
+        from .shapes import shapes
 
         return shapes(self.directory, times, field)
 

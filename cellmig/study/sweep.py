@@ -24,8 +24,8 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 
 from .batch import Job, run_missing, unsound, write_rows
-from .plot import COLOURS, STYLE, save
 from .run import DONE, STOPPED, stop_requests
+from .style import COLOURS, STYLE, save
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # letters of a directory's name
