@@ -165,11 +165,13 @@ def show(options: argparse.Namespace) -> int:
         pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
         print("\n".join(map(str, pictures)))
         return DONE
-    from .study.compare import diff, info
-
     if options.command == "info":
+        from .study.info import info
+
         print(info(options.directory))
         return DONE
+    from .study.compare import diff
+
     same, lines = diff(*options.directories, options.tolerance)
     print("\n".join(lines))
     return DONE if same else DIFFERENT

@@ -15,8 +15,9 @@ from cellmig.output.directory import OutputError
 from cellmig.output.manifest import write_manifest
 from cellmig.output.tables import History, Ledger
 from cellmig.output.xdmf import Frame, Frames, frames
-from cellmig.study.compare import diff, info
+from cellmig.study.compare import diff
 from cellmig.study.forces import pulls, smoothed
+from cellmig.study.info import info
 from cellmig.study.plot import plot
 from cellmig.study.shapes import chosen, drawing
 
@@ -211,9 +212,10 @@ def test_a_difference_in_a_table_is_told_by_column_cell_and_time(run, shared_tmp
 
 def test_info_tells_what_a_run_was_and_did(run):
     text = " ".join(info(run).split())
-    for part in ("case test scene", "wall 1:05", "skipped nothing", "frames 21 from 0 to 400 us", "last sample 400 us",
-                 "aggregate moved 8 um", "cell 3 moved 11 um on the substrate 7 um on cells 2 um",
-                 "worst closure 0.2 % at 400 us"):
+    for part in ("case test scene", "ended not yet", "took 1:05 on", "skipped nothing", "frames 21 from 0 to 400 µs",
+                 "last sample 400 µs", "aggregate moved 8 µm",
+                 "cell 3 moved 11 µm on the substrate 7 µm on cells 2 µm",
+                 "energy at most 0.2 % does not add up, at 400 µs"):
         assert part in text
 
 

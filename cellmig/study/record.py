@@ -115,7 +115,7 @@ class Record:
         return shapes(self.directory, times, field)
 
     def __repr__(self) -> str:
-        from .compare import info
+        from .info import info
 
         return info(self.directory)
 
