@@ -101,4 +101,4 @@ def test_the_array_for_slurm_has_a_task_for_each_run_with_its_words_whole(done, 
     words = told.stdout.splitlines()
     assert told.returncode == 75 and words[-1] == "requeue 7_3"
     assert 'adhesion.substrate.bonds="8000 /um^2"' in words and "seed=1" in words and str(ONE) in words
-    assert words[-5:-1] == ["--resume", "auto", "--wall-time", "3.8 h"]
+    assert words[-3:-1] == ["--resume", "auto"]

@@ -231,9 +231,11 @@ _SLURM = """\
 #SBATCH --output={logs}
 set -uo pipefail
 export OPENBLAS_NUM_THREADS=1
-wall="3.8 h"  # a little less than --time
+cellmig=${{CELLMIG:-${{SLURM_SUBMIT_DIR:-.}}/.venv/bin/cellmig}}
+limit=()
+[[ -z ${{SLURM_JOB_END_TIME-}} ]] || limit=(--wall-time "$((SLURM_JOB_END_TIME - $(date +%s) - 300)) s")
 
-start() {{ srun cellmig "$@" --resume auto --wall-time "$wall"; }}
+start() {{ srun "$cellmig" "$@" --resume auto "${{limit[@]}}"; }}
 
 case $SLURM_ARRAY_TASK_ID in
 {runs}
