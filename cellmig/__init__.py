@@ -1,19 +1,36 @@
-"""cellmig: collective cell migration by a meshfree particle method (Bai, Lin & Zeng 2019)."""
+"""cellmig: collective cell migration by a meshfree particle method (Bai, Lin & Zeng 2019).
+
+From Python: `load` a case, `change` it, `run` it, look at its `Record`; `open` the record of any run.  `build` gives
+the simulation itself, to be driven step by step.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["build", "load"]
+__all__ = ["build", "change", "load", "open", "run", "sweep"]
 
 
-def load(path: Any, sets: tuple[str, ...] = ()) -> Any:
+def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
     """The case in a file, with changes such as "particles.per_cell=500"; raises CaseError with all its mistakes."""
-    from . import simulation  # noqa: F401 -- registers the laws
     from .case.load import load as read
 
+    _simulation()
     return read(path, sets)
+
+
+def change(case: Any, changes: Mapping[str, Any]) -> Any:
+    """The case with other values, as in a case file; the old one stays as it is.
+
+    >>> finer = change(case, {"particles.per_cell": 3000, "adhesion.cells.bonds": "2000 /um^2"})
+    """
+    from .case.load import change as changed
+
+    return changed(case, changes)
 
 
 def build(case: Any, comm: Any = None) -> Any:
@@ -23,6 +40,64 @@ def build(case: Any, comm: Any = None) -> Any:
     >>> simulation.go(20.0)                      # µs
     >>> history, ledger = simulation.sample()
     """
-    from .simulation import Simulation
+    make = _simulation().Simulation
+    return make(case) if comm is None else make(case, comm)
 
-    return Simulation(case) if comm is None else Simulation(case, comm)
+
+def _simulation() -> Any:
+    """The module that registers the laws; it needs PETSc, which leaves signals to Python here."""
+    from .parallel.arguments import start_petsc
+
+    start_petsc([])
+    from . import simulation
+
+    return simulation
+
+
+def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False) -> Any:
+    """Run a case and return the Record of what it left; collective.
+
+    Parameters
+    ----------
+    case : Case.
+    out : Path -- directory of the run, by default output/<name of the case>; a run that is there is moved aside.
+    until : str -- end earlier or later than the case says, such as "40 us".
+    quiet : bool -- show neither log nor progress.
+
+    Raises NumericsError or OutputError if the run breaks; what it left until then can be opened.
+    """
+    from .case.units import number
+    from .study.session import run_here
+
+    directory = Path("output") / case.name if out is None else Path(out)
+    return run_here(case, directory, None if until is None else number(until, "us"), quiet)
+
+
+def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | PathLike, sets: Sequence[str] = (),
+          jobs: int | None = None) -> list[dict[str, Any]]:
+    """Run a case file for all combinations of values, in parallel; what is done already is kept.
+
+    Parameters
+    ----------
+    path : Path -- case file.
+    vary : dict -- dotted key to its values: ``{"adhesion.cells.bonds": ["1000 /um^2", "2000 /um^2"], "seed": [1, 2]}``.
+    out : Path -- directory of the runs and of sweep.csv, sweep.png and sweep.pdf.
+    sets : list of str -- changes to all, "particles.per_cell=300".
+    jobs : int -- runs at a time; by default one for each core.
+
+    Returns
+    -------
+    list of dict -- a row for each run that is done and cell (0 is the aggregate); ``pandas.DataFrame(rows)`` takes it.
+    """
+    from .study.sweep import Sweep, sweep
+
+    plan = Sweep(Path(path), dict(vary), Path(out), tuple(sets))
+    sweep(plan, jobs)
+    return list(plan.rows(plan.jobs()))
+
+
+def open(directory: str | PathLike) -> Any:
+    """The Record of a run that is there, finished or not: its case, tables and frames."""
+    from .study.record import Record
+
+    return Record(Path(directory))

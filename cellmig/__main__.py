@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .case.messages import CaseError
-from .parallel.arguments import split_arguments
+from .parallel.arguments import split_arguments, start_petsc
 from .usage import COMMANDS, RANK, RANKS, UsageError, parse
 
 DONE, DIFFERENT, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
@@ -85,6 +85,24 @@ def validate(options: argparse.Namespace) -> int:
     for error in wrong:
         print(f"cellmig: {error}", file=sys.stderr)
     return WRONG if wrong else DONE
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Many runs of one case."""
+    from .study.sweep import SHOWN, Sweep, array_script, sweep, variation
+
+    try:
+        varied = [variation(text) for text in options.vary]
+    except ValueError as error:
+        raise UsageError(f"--vary: {error}") from error
+    if twice := [key for n, (key, _) in enumerate(varied) if key in dict(varied[:n])]:
+        raise UsageError(f"--vary: '{twice[0]}' is given twice")
+    out = options.out or Path("output") / f"sweep-{options.case.stem}"
+    plan = Sweep(options.case, dict(varied), out, tuple(options.sets), options.ranks)
+    if options.slurm:
+        print(f"wrote {array_script(plan)}; it tells what to do with it")
+        return DONE
+    return sweep(plan, options.jobs, options.show.split(",") if options.show else SHOWN)
 
 
 def paper(options: argparse.Namespace) -> int:
@@ -177,14 +195,21 @@ def show(options: argparse.Namespace) -> int:
     if options.command == "plot":
         times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
         from .study.plot import plot
+        from .study.style import FORMATS
 
-        print("\n".join(map(str, plot(options.directory, times, options.field, options.out))))
+        formats = [kind.strip().lower() for kind in options.format.split(",")]
+        if unknown := [kind for kind in formats if kind not in FORMATS]:
+            raise UsageError(f"--format: no format '{unknown[0]}'; there are {', '.join(FORMATS)}")
+        pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
+        print("\n".join(map(str, pictures)))
         return DONE
-    from .study.compare import diff, info
-
     if options.command == "info":
+        from .study.info import info
+
         print(info(options.directory))
         return DONE
+    from .study.compare import diff
+
     same, lines = diff(*options.directories, options.tolerance)
     print("\n".join(lines))
     return DONE if same else DIFFERENT
@@ -242,12 +267,12 @@ def main() -> None:
         ours, petsc_options = split_arguments(words)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] not in ("run", "resume")
         options = parse(words if serial else ours)
-        if not serial or options.command in ("validate", "paper", "verify", "bench") or RANKS > 1:
+        if not serial or options.command in ("validate", "sweep", "paper", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         if not serial:
             code = (run if options.command == "run" else resume)(options, comm)
         else:  # nothing to share: other ranks than the first are idle
-            command = {"validate": validate, "paper": paper, "verify": verify, "bench": bench}
+            command = {"validate": validate, "sweep": sweep, "paper": paper, "verify": verify, "bench": bench}
             code = command.get(options.command, show)(options) if RANK == 0 else DONE
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
@@ -258,17 +283,6 @@ def main() -> None:
     except Exception as error:
         code = failure(error, comm)
     sys.exit(code)
-
-
-def start_petsc(options: list[str]) -> Any:
-    """Start MPI and PETSc with its options; returns the communicator of all ranks."""
-    import petsc4py
-    from mpi4py import MPI
-
-    # PETSc's own handler meets a signal with a trace of its stack, even where a reader of the output has just left.
-    handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
-    petsc4py.init([sys.argv[0], *options, *handler])
-    return MPI.COMM_WORLD
 
 
 def failure(error: Exception, comm: Any) -> int:

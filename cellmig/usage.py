@@ -77,8 +77,29 @@ def parser() -> Parser:
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
     _accuracy(validate)
     _sets(validate)
+    _sweep(commands)
     _looks(commands)
     return top
+
+
+def _sweep(commands: Any) -> None:
+    """Many runs of one case."""
+    sweep = commands.add_parser("sweep", help="many runs of a case with values varied: one table, one picture",
+                                description="Run a case for all combinations of values, as many at a time as there "
+                                "are cores.  What is done already is kept: the same command goes on, and more values "
+                                "add runs.  sweep.csv has a row for each run and cell at its end (cell 0 is the "
+                                "aggregate).", epilog="cellmig sweep cases/all_protrude.toml --vary "
+                                "adhesion.cells.bonds='1000,2000,4000 /um^2' --vary seed=1:8")
+    sweep.add_argument("case", type=Path, help="case file")
+    sweep.add_argument("--vary", action="append", required=True, metavar="KEY=A,B,C", help="values of a key: a.b=1,2,4 "
+                       "or a.b='1,2,4 kPa' or seed=1:8 (both ends included); again for another key")
+    sweep.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/sweep-<case name>)")
+    sweep.add_argument("--jobs", type=_count, help="ranks at a time (default: one for each core)")
+    sweep.add_argument("--ranks", type=_count, default=1, help="of each run (default: 1)")
+    sweep.add_argument("--show", metavar="COLUMN,COLUMN", help="columns of history.csv to draw")
+    sweep.add_argument("--slurm", action="store_true", help="write a Slurm array that does the runs, and do none")
+    _accuracy(sweep)
+    _sets(sweep)
 
 
 def _looks(commands: Any) -> None:
@@ -92,6 +113,9 @@ def _looks(commands: Any) -> None:
     plot.add_argument("directory", type=Path, help="of a run")
     plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
     plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
+    plot.add_argument("--film", action="store_true", help="a film of all frames besides: mp4 if ffmpeg is there, "
+                      "else gif")
+    plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="of the pictures (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
@@ -150,7 +174,8 @@ def _sets(command: argparse.ArgumentParser) -> None:
                          help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
 
 
-COMMANDS = ("run", "resume", "validate", "info", "diff", "plot", "schema", "doctor", "paper", "verify", "bench")
+COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schema", "doctor",
+            "paper", "verify", "bench")
 
 
 def parse(words: list[str]) -> argparse.Namespace:

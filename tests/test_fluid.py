@@ -20,7 +20,7 @@ from cellmig.meshfree.stabilisation import stabilisation
 from cellmig.output.manifest import read_manifest
 from cellmig.simulation import Simulation
 from cellmig.solve.strain import STRETCH_LIMIT, stretch
-from cellmig.study.compare import info
+from cellmig.study.info import info
 from cellmig.study.run import Run
 
 MU, RADIUS = 1000.0, 5.0  # Pa µs, µm
@@ -349,7 +349,7 @@ def test_a_run_that_crosses_the_limit_says_so_once(comm: MPI.Comm, shared_tmp: P
     assert len(warnings) == 1 and f"the limit of {STRETCH_LIMIT:g}" in warnings[0], warnings
     assert f"at {strain['crossed_at_us']:.6g} µs: particle " in warnings[0] and "of cell 1" in warnings[0]
     assert strain["largest"] > 2.0 and strain["limit"] == STRETCH_LIMIT and 1.0 < strain["crossed_at_us"] < 4.0
-    assert f"crossed_at_us: {strain['crossed_at_us']:.6g}" in info(shared_tmp / "run")
+    assert f"beyond the limit of {STRETCH_LIMIT:g} from {strain['crossed_at_us']:.6g} µs on" in info(shared_tmp / "run")
     if comm.rank == 0:
         assert told(case, 8.0, shared_tmp / "alone", MPI.COMM_SELF) == (warnings, strain)
 

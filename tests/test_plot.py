@@ -7,6 +7,7 @@ import h5py
 import matplotlib.image
 import numpy as np
 import pytest
+from PIL import Image
 
 from mpi4py import MPI
 
@@ -14,8 +15,11 @@ from cellmig.output.directory import OutputError
 from cellmig.output.manifest import write_manifest
 from cellmig.output.tables import History, Ledger
 from cellmig.output.xdmf import Frame, Frames, frames
-from cellmig.study.compare import diff, info
-from cellmig.study.plot import _chosen, _drawing, plot
+from cellmig.study.compare import diff
+from cellmig.study.forces import pulls, smoothed
+from cellmig.study.info import info
+from cellmig.study.plot import plot
+from cellmig.study.shapes import chosen, drawing
 
 COMM = MPI.COMM_WORLD
 FIELDS = {"id": "", "cell": "", "material": "", "surface": "", "X": "um", "u": "um", "v": "um/us",
@@ -76,18 +80,56 @@ def run(shared_tmp: Path) -> Path:
 
 def test_the_pictures_of_a_run_are_drawn_whatever_its_number_of_ranks(run, shared_tmp):
     made = plot(run, out=shared_tmp / f"by{COMM.rank}")
-    assert [path.name for path in made] == ["shapes.png", "displacement.png", "ledger.png", "shapes.pdf"]
-    for path in made[:3]:
+    assert [path.name for path in made] == [f"{name}.{kind}" for name in ("shapes", "displacement", "ledger")
+                                            for kind in ("png", "pdf")]
+    for path in made[::2]:
         picture = matplotlib.image.imread(path)
         assert picture.shape[1] > 1000 and np.ptp(picture[..., :3]) > 0.9  # 6 inches at 200 dpi, and not blank
-    assert made[3].read_bytes().startswith(b"%PDF")
+    assert made[1].read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.parametrize(("times", "chosen"), [
+@pytest.mark.serial
+def test_a_film_has_all_frames_in_one_size_and_one_colour_scale(run, shared_tmp, monkeypatch):
+    monkeypatch.setenv("PATH", "")  # no ffmpeg
+    *_, path = plot(run, out=shared_tmp, formats=("svg",), moving=True)
+    assert (shared_tmp / "shapes.svg").read_text().startswith("<?xml")
+    with Image.open(path) as film:
+        pictures = []
+        for number in (0, film.n_frames - 1):
+            film.seek(number)
+            pictures.append(np.array(film.convert("RGB"), dtype=int))
+    assert path.name == "film.gif" and film.n_frames == 21
+    edge = pictures[0].shape[1] * 9 // 10  # right of it are the colours and their numbers
+    apart = np.abs(pictures[0] - pictures[1])
+    assert apart[:, edge:].mean() < 2.0 < apart[:, :edge].mean()  # measured 0.55 and 46: palettes differ
+
+
+def test_the_traction_adds_up_to_the_forces_and_is_smooth():
+    place, force = np.array([0.0, 0.3, 5.0]), np.array([3.0, -1.0, 2.0])
+    x = np.linspace(-3, 8, 2000)
+    found = smoothed(x, place, force, 0.3)
+    assert found.sum() * (x[1] - x[0]) == pytest.approx(4.0, rel=1e-6)  # measured 2e-16
+
+
+def test_a_pull_between_neighbours_is_that_along_the_line_of_their_centres():
+    fields = scene(0.0)
+    x, cell = fields["X"], fields["cell"]
+    near = {(1, 2): 5.5, (2, 3): 16.5}  # the middles between the cells
+    force = np.zeros((len(x), 3))
+    for (a, b), middle in near.items():
+        for one, sign in ((a, 1.0), (b, -1.0)):
+            on = np.flatnonzero((cell == one) & (fields["surface"] >= 0) & (np.abs(x[:, 0] - middle) < 1.0))
+            force[on, 0] = sign * (7.0 if a == 1 else -4.0) / len(on)
+    x = np.column_stack([x, np.zeros(len(x))])
+    padded = {"X": x, "u": 0.0 * x, "contact_force": force, "cell": cell, "surface": fields["surface"]}
+    assert pulls(padded) == {(1, 2): pytest.approx(7.0), (2, 3): pytest.approx(-4.0)}
+
+
+@pytest.mark.parametrize(("times", "expected"), [
     (None, [20.0, 200.0, 260.0]), ([90.0, 95.0, 1e9], [80.0, 100.0, 400.0]), ([1.0, 2.0], [0.0])])
-def test_the_snapshots_are_the_frames_nearest_to_the_times_each_once(times, chosen):
+def test_the_snapshots_are_the_frames_nearest_to_the_times_each_once(times, expected):
     found = [Frame(20.0 * step, ()) for step in range(21)]
-    assert [frame.time for frame in _chosen(found, times)] == chosen
+    assert [frame.time for frame in chosen(found, times)] == expected
 
 
 @pytest.mark.serial
@@ -105,7 +147,7 @@ def test_a_cell_that_is_not_convex_is_filled_up_to_its_outline_and_not_beyond():
     order = np.random.default_rng(0).permutation(len(walk) + len(inner))
     fields = {"X": np.array([*walk, *inner], dtype=float)[order],
               "surface": np.array([*range(len(walk)), *[-1] * len(inner)])[order]}
-    triangles, outline = _drawing(fields | {"u": 0.5 * fields["X"]})
+    triangles, outline = drawing(fields | {"u": 0.5 * fields["X"]})
     x, y = triangles.x[triangles.triangles], triangles.y[triangles.triangles]
     area = 0.5 * np.abs((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])).sum()
     assert area == pytest.approx(75.0 * 1.5**2)  # the convex hull has 87.5 * 1.5²
@@ -170,9 +212,10 @@ def test_a_difference_in_a_table_is_told_by_column_cell_and_time(run, shared_tmp
 
 def test_info_tells_what_a_run_was_and_did(run):
     text = " ".join(info(run).split())
-    for part in ("case test scene", "wall 1:05", "skipped nothing", "frames 21 from 0 to 400 us", "last sample 400 us",
-                 "aggregate moved 8 um", "cell 3 moved 11 um on the substrate 7 um on cells 2 um",
-                 "worst closure 0.2 % at 400 us"):
+    for part in ("case test scene", "ended not yet", "took 1:05 on", "skipped nothing", "frames 21 from 0 to 400 µs",
+                 "last sample 400 µs", "aggregate moved 8 µm",
+                 "cell 3 moved 11 µm on the substrate 7 µm on cells 2 µm",
+                 "energy at most 0.2 % does not add up, at 400 µs"):
         assert part in text
 
 

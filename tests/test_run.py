@@ -22,7 +22,7 @@ from cellmig.case.load import load
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, read_table
 from cellmig.output.xdmf import frames
-from cellmig.study.plot import _on_substrate
+from cellmig.study.shapes import _on_substrate
 
 pytestmark = pytest.mark.serial
 
@@ -416,7 +416,7 @@ def test_validate_warns_of_bonds_that_start_pressed(alone):
 def test_info_tells_what_a_run_was(alone, runs):
     done = alone("info", runs[3])
     assert (done.returncode, done.stderr) == (0, "")
-    for part in ("all_protrude.toml", "ranks", "state hash", "frames", "aggregate", "worst closure"):
+    for part in ("all_protrude.toml", "3 ranks", "state hash", "frames", "aggregate", "does not add up"):
         assert part in done.stdout
 
 
@@ -445,7 +445,8 @@ def test_plot_draws_a_run_with_a_substrate_where_there_is_one(alone, runs, nucle
     done = alone("plot", nucleus, "--out", tmp_path, "--times", "0 us,0.1 us")
     assert (done.returncode, done.stderr) == (0, "")
     made = [Path(line) for line in done.stdout.splitlines()]
-    assert {path.name for path in made} == {"shapes.png", "shapes.pdf", "displacement.png", "ledger.png"}
+    assert {path.name for path in made} == {f"{name}.{kind}" for kind in ("png", "pdf")
+                                               for name in ("shapes", "displacement", "ledger")}
     assert all(path.stat().st_size > 5000 for path in made)
     assert _on_substrate(runs[1]) and not _on_substrate(nucleus)
     refused(alone("plot", nucleus, "--field", "stres"), 5, "no field 'stres'")
@@ -459,6 +460,24 @@ def test_the_schema_is_json_and_fits_every_case(alone):
 
     for path in CASES.values():
         jsonschema.validate(tomllib.loads(path.read_text()), schema)
+
+
+def test_the_schema_that_editors_use_is_the_one_of_this_program_and_all_in_it_has_a_description(alone):
+    """After a change: cellmig schema > docs/case.schema.json."""
+    kept = (PAPER.parent.parent / "docs/case.schema.json").read_text()
+    assert kept == alone("schema").stdout
+    silent = []
+
+    def walk(node, path=()):
+        for name, item in node.get("properties", {}).items():
+            silent.extend([".".join((*path, name))] if not item.get("description") else [])
+            walk(item, (*path, name))
+        for item in [*node.get("anyOf", ()), *(node[key] for key in ("items", "additionalProperties") if
+                                               isinstance(node.get(key), dict))]:
+            walk(item, path)
+
+    walk(json.loads(kept))
+    assert not silent
 
 
 def test_every_file_of_a_frame_says_its_units(runs):

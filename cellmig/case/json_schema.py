@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from . import registry
 from .schema import Case, Cell, case_fields, case_path
-from .values import bounds, declared, required, type_name, write
+from .values import bounds, declared, example, required, type_name, write
 
 # Keys of JSON schema for what a declaration says of a pure number.
 _LIMITS = {"above": "exclusiveMinimum", "minimum": "minimum", "maximum": "maximum"}
+_GROUPS = {"adhesion": "adhesion to the substrate and between cells", "body_force": "a force on the whole body"}
 _TYPES = {"int": "integer", "bool": "boolean", "str": "string", "float": "number"}
 
 
@@ -21,7 +23,7 @@ def json_schema() -> dict:
         table = root
         *groups, key = case_path(f)
         for group in groups:
-            table = table["properties"].setdefault(group, _object({}))
+            table = table["properties"].setdefault(group, _object({}, _GROUPS[group]))
         table["properties"][key] = _part(f)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "cellmig case", **root}
 
@@ -44,14 +46,21 @@ def _part(f: Any) -> dict:
 
 def _choice(kind: str, key: str, around: type | None = None) -> dict:
     """A table whose `key` names a law of a kind, with that law's parameters and those of the class `around` it."""
-    options = []
-    for name, cls in registry.laws(kind).items():
-        option = _record(cls, doc=cls.__doc__.split("\n")[0])
+    options, known = [], registry.laws(kind)
+    said = "; ".join(f"\"{name}\": {_first_sentence(cls)}" for name, cls in known.items())
+    for name, cls in known.items():
+        option = _record(cls, doc=_first_sentence(cls))
         if around:
             option["properties"] |= _record(around)["properties"]
-        option["properties"][key] = {"const": name}
+        option["properties"][key] = {"const": name, "description": said}
         options.append(option)
-    return {"type": "object", "properties": {key: {"enum": list(registry.laws(kind))}}, "anyOf": options}
+    return {"type": "object", "properties": {key: {"enum": list(known), "description": said}}, "anyOf": options}
+
+
+def _first_sentence(cls: type) -> str:
+    """What a law is, in one line."""
+    first = " ".join(cls.__doc__.split("\n\n")[0].split())
+    return first.split(". ")[0].rstrip(".")
 
 
 def _record(cls: type, doc: str = "") -> dict:
@@ -90,6 +99,9 @@ def _value(f: Any) -> dict:
     leaf["description"] = meta["doc"] + (f" [{unit or '-'}]" if "unit" in meta else "") + limits
     if not required(f) and f.default is not None:
         leaf["default"] = write(f, f.default)
+        leaf["description"] += f"; default: {json.dumps(leaf['default'], ensure_ascii=False)}"
+    elif unit:
+        leaf["examples"] = [example(f)] if meta.get("shape") else [json.loads(example(f))]
     if "known" in meta:
         leaf["examples"] = list(meta["known"])
     return leaf

@@ -10,7 +10,7 @@ from . import accuracy, registry, values
 from .checks import cell_names, check, expand, ordered, resolution
 from .messages import CaseError, show, suggest
 from .schema import Case, Cell, case_fields, case_path
-from .source import Source, read
+from .source import Source, assign, read
 from .values import declared
 
 
@@ -25,6 +25,27 @@ def load(path: str | os.PathLike, sets: Sequence[str] = ()) -> Case:
 def from_dict(data: Mapping[str, Any], path: str = "case") -> Case:
     """Case from tables as `Case.resolved` gives them.  Raises CaseError."""
     return _case(Source(data=dict(data), files=[path]), path)
+
+
+def change(case: Case, changes: Mapping[str, Any]) -> Case:
+    """The case with some values changed; `case` itself stays as it is.
+
+    Parameters
+    ----------
+    case : Case.
+    changes : dict -- dotted key to a value as a case file holds it: ``{"time.end": "40 us", "cells.Cell-1.radius":
+        "4 um"}``; a dict stands for a whole table.
+
+    Raises CaseError, which holds all mistakes.
+    """
+    tree = case.resolved()
+    for one, other in (("per_cell", "spacing"), ("spacing", "per_cell")):
+        if f"particles.{one}" in changes:
+            tree["particles"].pop(other, None)
+    source = Source(data=tree, files=[case.path or "case", "change"])
+    for name, value in changes.items():
+        assign(source, name, value, "change")
+    return _case(source, case.path)
 
 
 def _case(source: Source, path: str) -> Case:

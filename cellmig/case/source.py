@@ -157,31 +157,42 @@ def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
 
 def _set(source: Source, text: str) -> None:
     """Apply one `a.b=value`."""
-    place = (f"--set {text}", None)
-    source.files.append(place[0])
     name, equals, value = text.partition("=")
+    place = f"--set {text}"
+    source.files.append(place)
+    if not equals:
+        source.mistakes.append(Mistake(place, None, "", _NO_CHANGE))
+    else:
+        assign(source, name, _value(value), place)
+
+
+_NO_CHANGE = "expects key=value, such as time.end='40 us'"
+
+
+def assign(source: Source, name: str, value: object, place: str) -> None:
+    """Put a value, such as a file would hold, at a dotted name; `place` is where the user said so, for messages."""
     keys = [key.strip() for key in name.split(".")]
-    if not equals or not all(keys) or keys[0] == "extends":
-        what = "belongs in a file" if keys[0] == "extends" else "expects key=value, such as time.end='40 us'"
-        source.mistakes.append(Mistake(*place, "", what))
+    if not all(keys) or keys[0] == "extends":
+        what = "belongs in a file" if keys[0] == "extends" else _NO_CHANGE
+        source.mistakes.append(Mistake(place, None, "", what))
         return
     where, path = source.data, ()
     for key in keys:
         if path:
             if isinstance(where, dict) and path[-1] not in where:
                 where[path[-1]] = {}
-                source.places[path] = place
+                source.places[path] = place, None
             where = where[path[-1]]
         path = (*path, _step(where, key))
         if path[-1] is None:
             items = where if isinstance(where, list) else []
             names = [item["name"] for item in items if isinstance(item, dict) and isinstance(item.get("name"), str)]
             message = f"no such item{suggest(key, names)}" if names else "is not in a table"
-            source.mistakes.append(Mistake(*place, name, message))
+            source.mistakes.append(Mistake(place, None, name, message))
             return
-    where[path[-1]] = _value(value)
+    where[path[-1]] = value
     source.forget(path)
-    source.places[path] = place
+    source.places[path] = place, None
 
 
 def _step(where: object, key: str) -> str | int | None:

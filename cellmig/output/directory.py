@@ -92,6 +92,14 @@ def fresh_directory(path: Path, comm: Any) -> Path:
     return path
 
 
+def the_run(directory: Path) -> Path:
+    """The directory of a run that is there, finished or not."""
+    directory = Path(directory)
+    if not any((directory / name).exists() for name in (MANIFEST, INDEX)):
+        raise OutputError(f"'{directory}' is not the directory of a run")
+    return directory
+
+
 class Claim:
     """A directory that this run alone writes in, until it is released or the process ends, however that is.
 

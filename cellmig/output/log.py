@@ -83,7 +83,8 @@ def clock(seconds: float) -> str:
 
 def _on_terminal() -> bool:
     """Whether a person watches; Open MPI's ranks always see a terminal, so `./run` tells them if it is a true one."""
-    return "CELLMIG_TERMINAL" in os.environ or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
+    told = "CELLMIG_TERMINAL" in os.environ or "ipykernel" in sys.modules  # a notebook shows bars, too
+    return told or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
 
 
 class Progress:

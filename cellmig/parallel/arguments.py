@@ -1,8 +1,10 @@
-"""Which part of a command line is PETSc's; this is known before PETSc is started."""
+"""Which part of a command line is PETSc's, known before it is started; and its start."""
 
 from __future__ import annotations
 
 import re
+import sys
+from typing import Any
 
 _NUMBER = re.compile(r"-?(\d|\.\d)")
 
@@ -18,3 +20,14 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
             ours.append(word)
         option_open = option
     return ours, theirs
+
+
+def start_petsc(options: list[str]) -> Any:
+    """Start MPI and PETSc with its options, unless that is done; returns the communicator of all ranks."""
+    import petsc4py
+    from mpi4py import MPI
+
+    # PETSc's own handler meets a signal with a trace of its stack, even where a reader of the output has just left.
+    handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
+    petsc4py.init([sys.argv[0], *options, *handler])
+    return MPI.COMM_WORLD

@@ -1,4 +1,4 @@
-"""Whether two runs are the same and where they part; what a run was and did."""
+"""Whether two runs are the same and where they part."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.output.directory import OutputError
-from cellmig.output.log import clock, two_columns
-from cellmig.output.manifest import read_manifest
+from cellmig.output.directory import the_run
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
 
@@ -31,20 +29,13 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
     bool -- whether they are the same.
     list of str -- for the user: what was compared, and of each part the first difference.
     """
-    a, b = _run(a), _run(b)
+    a, b = the_run(a), the_run(b)
     same, lines = True, []
     for name in _TABLES:
         equal, text = _diff_tables(a / name, b / name, tolerance)
         same, lines = same and equal, [*lines, f"{name}: {text}"]
     equal, text = _diff_frames(frames(a), frames(b), tolerance)
     return same and equal, [*lines, f"frames: {text}"]
-
-
-def _run(directory: Path) -> Path:
-    directory = Path(directory)
-    if not any((directory / name).exists() for name in ("manifest.json", "cells.xdmf")):
-        raise OutputError(f"'{directory}' is not the directory of a run")
-    return directory
 
 
 def _same(tolerance: float) -> str:
@@ -123,58 +114,3 @@ def _largest(a: np.ndarray, b: np.ndarray) -> float:
     with np.errstate(invalid="ignore"):
         gap = np.abs(a - b)
     return float(np.where(np.isnan(gap), np.inf, gap).max())
-
-
-def info(directory: Path) -> str:
-    """What a run was and did, from its manifest and tables, as lines for the user; it may be unfinished."""
-    directory = _run(directory)
-    manifest = read_manifest(directory)
-    rows = [("directory", directory), *_entries(manifest)]
-    if not manifest:
-        rows.append(("manifest", "none yet: the run was stopped before it wrote one, or is at its start"))
-    found = frames(directory)
-    span = f" from {found[0].time:g} to {found[-1].time:g} us" if found else ""
-    rows.append(("frames", f"{len(found)}{span}"))
-    return two_columns([*rows, *_history_rows(directory / "history.csv"), *_ledger_rows(directory / "ledger.csv")])
-
-
-def _entries(manifest: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The manifest, but for the case: `validate` shows that better."""
-    for key, value in manifest.items():
-        if key == "case" and isinstance(value, dict):
-            yield "case", value.get("title", "untitled")
-        elif key == "wall_seconds" and isinstance(value, (int, float)):
-            yield "wall", clock(value)
-        elif isinstance(value, dict):
-            yield key.replace("_", " "), "; ".join(f"{name}: {_short(item)}" for name, item in value.items()
-                                                   if item is not None)
-        elif isinstance(value, list):
-            yield key.replace("_", " "), ", ".join(map(_short, value)) or "nothing"
-        else:
-            yield key.replace("_", " "), _short(value)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
-
-
-def _history_rows(path: Path) -> Iterator[tuple[str, str]]:
-    table = read_table(path) if path.exists() else {}
-    if not table or not len(table["cell"]):
-        return
-    last = table["time_us"] == table["time_us"][-1]
-    yield "last sample", f"{table['time_us'][-1]:g} us"
-    for row in np.flatnonzero(last):
-        cell = table["cell"][row]
-        numbers = [f"{text} {table[name][row]:.4g} um" for text, name in
-                   (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
-                   if np.isfinite(table[name][row])]
-        yield f"cell {cell}" if cell else "aggregate", "  ".join(numbers)
-
-
-def _ledger_rows(path: Path) -> Iterator[tuple[str, str]]:
-    table = read_table(path) if path.exists() else {}
-    if not table or not np.isfinite(table["closure"]).any():
-        return
-    worst = np.nanargmax(np.abs(table["closure"]))
-    yield "worst closure", f"{100 * abs(table['closure'][worst]):.2g} % at {table['time_us'][worst]:g} us"

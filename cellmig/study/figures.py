@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .claims import ADHESION, CASES, PROTRUSION, Results, study
-from .plot import COLOURS, STYLE, shapes
+from .shapes import shapes
+from .style import COLOURS, STYLE
 
 _SIZE = (4.2, 3.0)  # inches
 

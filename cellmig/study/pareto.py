@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from .plot import COLOURS, STYLE
 from .problems import PROBLEMS, Setting
+from .style import COLOURS, STYLE
 
 # Nanoseconds of CPU per particle and evaluation of forces of other codes, at 4,500 particles in 2D on one core.
 PEERS = {"SPHinXsys": 504.0, "mfree_iwf": 4800.0}

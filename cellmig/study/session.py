@@ -1,0 +1,29 @@
+"""A run from Python: in a script, on the ranks of mpiexec, or in a notebook."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import nullcontext
+from pathlib import Path
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.output.directory import OutputError
+from cellmig.solve.step import NumericsError
+
+from .record import Record
+from .run import BROKEN, DONE, STOPPED, Run, stop_requests
+
+
+def run_here(case: Case, directory: Path, until: float | None, quiet: bool) -> Record:
+    """Run a case on all ranks; its record, also if ^C or a signal ended it early (status 75); collective."""
+    # Python lets its main thread alone watch for signals.
+    watched = threading.current_thread() is threading.main_thread()
+    with stop_requests() if watched else nullcontext([]) as asked:
+        run = Run(case, directory, MPI.COMM_WORLD, until=until, quiet=quiet)
+        status = run.go(asked)
+        run.simulation.destroy()
+    if status not in (DONE, STOPPED):
+        raise (NumericsError if status == BROKEN else OutputError)(run.manifest["cause"])
+    return Record(directory)

@@ -1,0 +1,27 @@
+"""How all pictures look: one style, colours that the colour-blind tell apart, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from cellmig.output.directory import OutputError
+
+STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
+         "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
+FORMATS = ("png", "pdf", "svg")
+UNITS = {"um": "µm", "us": "µs", "um/us": "µm/µs", "pN/um": "pN/µm", "1": ""}
+
+
+def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in each format; the paths."""
+    paths = [out / f"{name}.{kind}" for kind in formats]
+    for path in paths:
+        try:
+            figure.savefig(path)
+        except OSError as error:
+            raise OutputError(f"cannot write '{path}' ({error.strerror or error})") from error
+    return paths

@@ -1,0 +1,261 @@
+"""`cellmig sweep`: one case with some of its values varied, run in parallel, in one table and one picture."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import shlex
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cellmig.case.messages import CaseError
+from cellmig.output.directory import OutputError, replace
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+
+from .batch import Job, run_missing, unsound, write_rows
+from .run import DONE, STOPPED, stop_requests
+from .style import COLOURS, STYLE, save
+
+SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
+_LONGEST = 120  # letters of a directory's name
+_QUANTITY = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)")
+_MANIFEST = ("exit_status", "worst_closure", "steps", "wall_seconds", "state_hash")
+
+
+def variation(text: str) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of "a.b=1,2,4", "a.b=1,2,4 kPa" (one unit for all), "a.b='one','two'" or "seed=1:8".
+
+    Raises ValueError; its text is for the user.
+    """
+    key, _, rest = (part.strip() for part in text.partition("="))
+    if not key or not rest:
+        raise ValueError(f"expects KEY=VALUE,VALUE,… or KEY=FIRST:LAST, not '{text}'")
+    if whole := re.fullmatch(r"(-?\d+):(-?\d+)", rest):
+        first, last = map(int, whole.groups())
+        values: list[Any] = list(range(first, last + 1))
+    else:
+        try:
+            values = tomllib.loads(f"values = [{rest}]")["values"]
+        except tomllib.TOMLDecodeError:
+            values = _with_unit([word.strip() for word in rest.split(",")])
+    if not values or "" in values:
+        raise ValueError(f"'{text}' has no values, or an empty one")
+    return key, tuple(values)
+
+
+def _with_unit(words: list[str]) -> list[str]:
+    """Words as they are, pure numbers among them with the unit of the last."""
+    last = _QUANTITY.fullmatch(words[-1])
+    unit = last[2] if last else ""
+    return [f"{word} {unit}" if unit and (m := _QUANTITY.fullmatch(word)) and not m[2] else word for word in words]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A case file, what all runs change in it, what each varies, and the directory of everything.
+
+    vary : dict -- dotted key to its values;  sets : "KEY=VALUE" for all;  ranks : of each run.
+    """
+
+    case: Path
+    vary: Mapping[str, Sequence[Any]]
+    out: Path
+    sets: tuple[str, ...] = ()
+    ranks: int = 1
+
+    def jobs(self) -> dict[tuple, Job]:
+        """All runs by their values, the first key slowest.  Raises CaseError if a value does not suit the case."""
+        short = [key.rpartition(".")[2] for key in self.vary]
+        names = short if len(set(short)) == len(short) else list(self.vary)
+        jobs = {}
+        for number, values in enumerate(itertools.product(*self.vary.values()), 1):
+            name = "_".join(f"{key}={_in_a_name(value)}" for key, value in zip(names, values, strict=True))
+            name = name if len(name) <= _LONGEST else f"run{number:05d}"
+            sets = [f"{key}={json.dumps(value)}" for key, value in zip(self.vary, values, strict=True)]
+            jobs[values] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
+        _check(jobs.values())
+        return jobs
+
+    def rows(self, jobs: Mapping[tuple, Job]) -> Iterator[dict[str, Any]]:
+        """Of each run that is done: what it varied, how it ended, and the last row of history for each cell."""
+        for values, job in jobs.items():
+            if not job.is_done():
+                continue
+            varied = dict(_column(*pair) for pair in zip(self.vary, values, strict=True))
+            manifest = read_manifest(job.directory)
+            ended = {key: manifest[key] for key in _MANIFEST}
+            history = read_table(job.directory / "history.csv")
+            for row in np.flatnonzero(history["time_us"] == history["time_us"][-1]):
+                yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended,
+                       "directory": str(job.directory)}
+
+
+def _check(jobs: Iterable[Job]) -> None:
+    """Raise the mistakes of all cases, each once."""
+    mistakes = []
+    for job in jobs:
+        try:
+            job.load()
+        except CaseError as error:
+            mistakes += error.mistakes
+    if mistakes:
+        raise CaseError(dict.fromkeys(mistakes))
+
+
+def _in_a_name(value: Any) -> str:
+    """A value as part of the name of a directory."""
+    return re.sub(r"[^\w.+^-]+", "_", str(value)).strip("_")
+
+
+def _column(key: str, value: Any) -> tuple[str, Any]:
+    """Name of a column, with the unit of the value, and the number in it; other values stay as they are."""
+    if isinstance(value, str) and (quantity := _QUANTITY.fullmatch(value)) and quantity[2]:
+        return f"{key} [{quantity[2]}]", float(quantity[1])
+    return key, value if isinstance(value, bool | int | float) else str(value)
+
+
+def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN) -> int:
+    """Run what is missing, then write sweep.csv and draw sweep.png and sweep.pdf.
+
+    Parameters
+    ----------
+    plan : Sweep.
+    at_once : int -- runs at a time; by default one for each core.
+    shown : list of str -- columns of history.csv that are drawn.
+
+    Returns
+    -------
+    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    """
+    jobs = plan.jobs()
+    with stop_requests() as asked:
+        failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
+    rows = list(plan.rows(jobs))
+    failed |= unsound(job for job in jobs.values() if job.is_done())
+    if rows:
+        write_rows(plan.out / "sweep.csv", rows)
+        print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), sep="\n")
+    if asked:
+        print("stopped; the same command goes on from here")
+        return STOPPED
+    return next((ended.code for ended in failed.values()), DONE)
+
+
+# ---------------------------------------------------------------------------------------------------- the picture
+
+
+def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> list[Path]:
+    """The aggregate at the end against the first key; a line, the mean over seeds, for each choice of the others."""
+    rows = [row for row in rows if row["cell"] == 0]
+    keys = list(itertools.takewhile(lambda name: name != "time_us", rows[0]))
+    across, *others = [key for key in keys if key != "seed"] or ["seed"]
+    shown = [name for name in shown if any(row.get(name) for row in rows)] or list(shown[:1])
+    lines: dict[tuple, dict] = {}
+    for row in rows:
+        lines.setdefault(tuple(row.get(key) for key in others), {}).setdefault(row.get(across), []).append(row)
+    labels = [", ".join(f"{_said(key)} {_value_said(value)}" for key, value in zip(others, choice, strict=True))
+              for choice in lines]
+    with matplotlib.rc_context(STYLE):
+        columns, tall = min(2, len(shown)), (len(shown) + 1) // 2
+        figure = Figure(figsize=(3.2 * columns, 0.4 + 2.1 * tall), layout="constrained")
+        axes = figure.subplots(tall, columns, squeeze=False, sharex=True).ravel()
+        for ax, name in zip(axes, shown, strict=False):
+            for number, (label, line) in enumerate(zip(labels, lines.values(), strict=True)):
+                _line(ax, {at: [row[name] for row in group] for at, group in line.items()}, number, label)
+            ax.set_ylabel(axis_of(name))
+        for ax in axes[max(0, len(shown) - columns):len(shown)]:
+            ax.set_xlabel(_said(across))
+            ax.tick_params(labelbottom=True)
+        for ax in axes[len(shown):]:
+            ax.set_axis_off()
+        if others:
+            axes[0].legend()
+        return save(figure, out, "sweep", ("png", "pdf"))
+
+
+def _line(ax: Axes, values: Mapping[Any, Sequence[float]], number: int, label: str) -> None:
+    """One line: means, and faint single runs where there are several; `values` by what is varied."""
+    style = {"color": COLOURS[number % len(COLOURS)], "marker": "osD^vP*"[number % 7]}
+    ax.plot(list(values), [np.mean(group) for group in values.values()], label=label, markersize=4, **style)
+    single = [(at, value) for at, group in values.items() for value in group if len(group) > 1]
+    if single:
+        ax.plot(*zip(*single, strict=True), ls="", alpha=0.35, markersize=2.5, **style)
+
+
+_AXES = {"ux_um": "displacement $u_x$ [µm]", "uy_um": "displacement $u_y$ [µm]", "area_um2": "area [µm²]",
+         "substrate_contact_um": "contact with the substrate [µm]", "cell_contact_um": "contact with cells [µm]",
+         "perimeter_um": "perimeter [µm]", "effective_stress_pa": "effective stress [Pa]"}
+
+
+def axis_of(column: str) -> str:
+    """Label of an axis for a column of history.csv."""
+    return _AXES.get(column, column)
+
+
+def _value_said(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _said(key: str) -> str:
+    """A column of what is varied, as people write it."""
+    name, bracket, unit = key.partition(" [")
+    return name.replace("_", " ") + bracket + unit.replace("um", "µm").replace("^2", "²").replace("^3", "³")
+
+
+# ------------------------------------------------------------------------------------------------------- a cluster
+
+_SLURM = """\
+#!/usr/bin/env bash
+# {count} runs of {case}.  See what your cluster asks for (account, partition, modules), then
+#     sbatch {script}
+# A run that meets the wall limit leaves a checkpoint and is queued again; what is done is not computed twice.  When
+# all are done, the command that wrote this script, without --slurm, writes the table and the picture.
+#SBATCH --job-name={name}
+#SBATCH --array=1-{count}
+#SBATCH --ntasks={ranks}
+#SBATCH --cpus-per-task=1
+#SBATCH --time=04:00:00
+#SBATCH --signal=USR1@300
+#SBATCH --requeue --open-mode=append
+#SBATCH --output={logs}
+set -uo pipefail
+export OPENBLAS_NUM_THREADS=1
+cellmig=${{CELLMIG:-${{SLURM_SUBMIT_DIR:-.}}/.venv/bin/cellmig}}
+limit=()
+[[ -z ${{SLURM_JOB_END_TIME-}} ]] || limit=(--wall-time "$((SLURM_JOB_END_TIME - $(date +%s) - 300)) s")
+
+start() {{ srun "$cellmig" "$@" --resume auto "${{limit[@]}}"; }}
+
+case $SLURM_ARRAY_TASK_ID in
+{runs}
+esac
+code=$?
+[[ $code -ne 75 ]] || scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"
+exit "$code"
+"""
+
+
+def array_script(plan: Sweep) -> Path:
+    """Write a Slurm array that does the runs, instead of doing them: the path of the script."""
+    jobs = plan.jobs()
+    lines = [f"{number}) start {shlex.join(job.arguments())} ;;" for number, job in enumerate(jobs.values(), 1)]
+    script = plan.out / "sweep.sbatch"
+    text = _SLURM.format(case=plan.case, count=len(jobs), name=f"cellmig-{plan.case.stem}", ranks=plan.ranks,
+                         script=shlex.quote(str(script)), logs=plan.out / "task%a.log", runs="\n".join(lines))
+    try:
+        plan.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write in '{plan.out}' ({error.strerror})") from error
+    replace(script, text)
+    return script

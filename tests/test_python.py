@@ -1,0 +1,108 @@
+"""The package from Python: cases changed, run and read back; the examples, each in a process of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cellmig
+from cellmig.case.messages import CaseError
+from cellmig.output.directory import OutputError
+from cellmig.study.plot import plot
+
+ROOT = Path(__file__).resolve().parent.parent
+COARSE = {"particles.per_cell": 100, "time.end": "4 us", "time.frames": 2, "time.samples": 8}
+
+
+@pytest.fixture
+def case():
+    return cellmig.change(cellmig.load(ROOT / "cases/one_cell.toml"), COARSE)
+
+
+def test_a_changed_case_is_another_and_the_old_one_stays(case):
+    finer = cellmig.change(case, {"particles.spacing": "0.8 um", "cells.Cell-1.radius": "4 um"})
+    assert (finer.particles.per_cell, finer.particles.spacing) == (None, 0.8)
+    assert (finer.cells[0].shape.radius, case.cells[0].shape.radius, case.particles.per_cell) == (4.0, 5.0, 100)
+    assert cellmig.change(case, {}) == case
+
+
+def test_a_table_may_be_changed_as_a_whole(case):
+    elastic = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "1 kPa", "C2": "0 Pa", "lame": "100 kPa"}
+    assert cellmig.change(case, {"materials.cytoplasm": elastic}).materials["cytoplasm"].law == "mooney-rivlin"
+
+
+def test_all_mistakes_in_changes_are_told_at_once(case):
+    with pytest.raises(CaseError) as error:
+        cellmig.change(case, {"time.ends": "40 us", "cells.Cell-9.radius": "4 um", "seed": "many"})
+    assert len(error.value.mistakes) == 3
+    assert "change: time.ends: no such key; did you mean 'end'?" in str(error.value)
+
+
+def test_a_run_is_read_back_as_arrays(case, shared_tmp):
+    record = cellmig.run(case, out=shared_tmp / "run", until="2 us", quiet=True)
+    assert record.status == 0 and record.case == case
+    np.testing.assert_allclose(record.times, [0.0, 2.0])
+    first, last = record.frame(0.0), record.frame()
+    assert first["stress"].shape == (100, 3, 3) and first["x"].shape == (100, 2)
+    assert last["time"] == 2.0 and (last["id"] == np.arange(100)).all() and record.units["x"] == "um"
+    np.testing.assert_array_equal(last["x"], last["X"] + last["u"])
+    assert record.table("history")["time_us"][-1] == 2.0
+    again = cellmig.open(shared_tmp / "run")
+    assert again.manifest["state_hash"] == record.manifest["state_hash"]
+    assert "aggregate" in repr(again)
+
+
+def test_tables_are_pandas_frames(case, shared_tmp):
+    pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
+    record = cellmig.run(case, out=shared_tmp / "run", quiet=True)
+    assert list(record.history.query("cell == 1")["time_us"]) == list(record.ledger["time_us"])
+
+
+def test_without_pandas_the_message_says_what_to_do(case, shared_tmp, monkeypatch):
+    record = cellmig.run(case, out=shared_tmp / "run", quiet=True)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"apt install python3-pandas, or take table\('history'\)"):
+        record.history  # noqa: B018
+
+
+@pytest.mark.serial
+def test_forces_on_the_substrate_and_between_cells_are_drawn_of_scenes_that_have_them(tmp_path):
+    case = cellmig.change(cellmig.load(ROOT / "cases/all_protrude.toml"), COARSE)
+    made = plot(cellmig.run(case, out=tmp_path, quiet=True).directory, formats=("png",))
+    assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between"]
+
+
+def test_what_is_no_run_is_not_opened(shared_tmp):
+    with pytest.raises(OutputError, match="not the directory of a run"):
+        cellmig.open(shared_tmp / "nothing")
+
+
+@pytest.fixture
+def example(tmp_path, outside_mpi):
+    """Runs an example in a directory of its own, which has the cases; returns what it prints."""
+    def run(name: str) -> str:
+        (tmp_path / "cases").symlink_to(ROOT / "cases")
+        environment = outside_mpi | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+        done = subprocess.run([sys.executable, ROOT / f"examples/{name}.py"], cwd=tmp_path, text=True,
+                              env=environment, capture_output=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("name", "said"), [
+    ("first_look", "effective stress in the nucleus"),
+    ("adhesion_law", "spring: contact with the substrate"),
+    ("own_shape", "400 particles"),
+    ("sweep", "tension 80 pN/um: contact"),
+])
+def test_an_example_runs_and_says_what_it_found(example, name, said):
+    if name == "first_look":
+        pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
+    assert said in example(name)

@@ -1,0 +1,104 @@
+"""Many runs of one case: what is varied, what is kept, the table, the picture, the array for a cluster."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cellmig.__main__ import sweep as command
+from cellmig.case.messages import CaseError
+from cellmig.study.sweep import Sweep, array_script, sweep, variation
+from cellmig.usage import UsageError, parse
+
+pytestmark = pytest.mark.serial
+
+ONE = Path(__file__).resolve().parent.parent / "cases/one_cell.toml"
+COARSE = ("particles.per_cell=60", "time.end=1 us", "time.samples=2", "time.frames=1")
+
+
+@pytest.mark.parametrize(("text", "key", "values"), [
+    ("a.b=1,2,4", "a.b", (1, 2, 4)),
+    ("a.b=0.5, 1e-3", "a.b", (0.5, 1e-3)),
+    ("a.b=1,2,4 kPa", "a.b", ("1 kPa", "2 kPa", "4 kPa")),
+    ("a.b=900 Pa, 2 kPa", "a.b", ("900 Pa", "2 kPa")),
+    ("seed=1:3", "seed", (1, 2, 3)),
+    ("time.integrator=leapfrog,rk", "time.integrator", ("leapfrog", "rk")),
+    ('cells=["Cell-1"],["Cell-1","Cell-2"]', "cells", (["Cell-1"], ["Cell-1", "Cell-2"])),
+])
+def test_what_is_varied_is_read_with_its_unit(text, key, values):
+    assert variation(text) == (key, values)
+
+
+@pytest.mark.parametrize("text", ["a.b", "=1,2", "a.b=", "a.b=1,,x", "seed=8:1"])
+def test_what_varies_nothing_is_refused(text):
+    with pytest.raises(ValueError, match=r"KEY=|no values|empty"):
+        variation(text)
+
+
+def test_a_key_that_is_varied_twice_is_a_wrong_call():
+    with pytest.raises(UsageError, match="'seed' is given twice"):
+        command(parse(["sweep", str(ONE), "--vary", "seed=1:2", "--vary", "seed=5"]))
+
+
+def test_a_value_that_does_not_suit_is_told_before_anything_runs(tmp_path):
+    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"]}, tmp_path / "out")
+    with pytest.raises(CaseError) as error:
+        sweep(plan)
+    assert len(error.value.mistakes) == 2
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A sweep of two values and two seeds, done."""
+    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["4000 /um^2", "8000 /um^2"], "seed": [1, 2]},
+                 tmp_path_factory.mktemp("sweep"), COARSE)
+    assert sweep(plan, at_once=2) == 0
+    return plan
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    with open(out / "sweep.csv", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_has_a_row_for_each_run_and_cell(done):
+    rows = table(done.out)
+    assert len(rows) == 2 * 2 * 2
+    assert {row["adhesion.substrate.bonds [/um^2]"] for row in rows} == {"4000.0", "8000.0"}
+    assert {(row["seed"], row["cell"], row["time_us"], row["exit_status"]) for row in rows} == {
+        (seed, cell, "1.0", "0") for seed in "12" for cell in "01"}
+    assert (Path(rows[0]["directory"]) / "history.csv").exists()
+    assert (done.out / "sweep.png").stat().st_size > 10_000 and (done.out / "sweep.pdf").exists()
+
+
+def test_what_is_done_is_kept_and_more_values_add_runs(done, capsys):
+    before = {path: path.stat().st_mtime_ns for path in done.out.rglob("manifest.json")}
+    wider = Sweep(done.case, done.vary | {"seed": [1, 2, 3]}, done.out, done.sets)
+    assert sweep(wider, at_once=2) == 0
+    assert "6 runs; 4 of them are there already" in capsys.readouterr().out
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+    assert len(list(done.out.rglob("manifest.json"))) == 6
+
+
+def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
+    plan = Sweep(ONE, {"time.step": ["auto", "100 ns"]}, tmp_path, COARSE)
+    assert sweep(plan, at_once=2) == 4
+    assert {row["time.step"] for row in table(tmp_path)} == {"auto"}
+
+
+def test_the_array_for_slurm_has_a_task_for_each_run_with_its_words_whole(done, tmp_path):
+    script = array_script(Sweep(ONE, done.vary, tmp_path / "a place", COARSE, ranks=4))
+    text = script.read_text()
+    assert "#SBATCH --array=1-4\n" in text and "#SBATCH --ntasks=4\n" in text
+    assert subprocess.run(["bash", "-n", script]).returncode == 0
+    stand_in = 'srun() { printf "%s\\n" "$@"; return 75; }; scontrol() { echo "$*"; }; export -f srun scontrol; '
+    told = subprocess.run(["bash", "-c", stand_in + f"SLURM_ARRAY_JOB_ID=7 SLURM_ARRAY_TASK_ID=3 bash '{script}'"],
+                          text=True, capture_output=True)
+    words = told.stdout.splitlines()
+    assert told.returncode == 75 and words[-1] == "requeue 7_3"
+    assert 'adhesion.substrate.bonds="8000 /um^2"' in words and "seed=1" in words and str(ONE) in words
+    assert words[-3:-1] == ["--resume", "auto"]
