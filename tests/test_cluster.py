@@ -84,6 +84,7 @@ def test_the_script_for_paraview_compiles(tmp_path: Path) -> None:
     py_compile.compile(str(ROOT / "docs/paraview/open_run.py"), str(tmp_path / "made"), doraise=True)
 
 
+@pytest.mark.slow  # two virtual displays that start at once may get the same number
 @pytest.mark.skipif(not (shutil.which("pvpython") and shutil.which("xvfb-run")),
                     reason="no ParaView here: apt install python3-paraview xvfb")
 def test_paraview_draws_a_run(tmp_path: Path) -> None:
