@@ -79,7 +79,7 @@ def report(case: Case) -> str:
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
         ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
-        ("memory", f"{_bytes(c.memory)} in all and {_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
     ])
@@ -93,7 +93,7 @@ def _static_report(case: Case) -> str:
         ("load steps", load_said(case)),
         ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
                  "measured elsewhere with a direct solver"),
-        ("memory", f"about {_bytes(STATIC_BYTES * scene.size)} in all and {_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"about {said_bytes(STATIC_BYTES * scene.size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, scene.size),
         *skipped_said(find_terms(case).skipped),
     ])
@@ -107,7 +107,12 @@ def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
 
 def _disk(case: Case, count: int) -> tuple[str, str]:
     frames = case.time.frames + 1
-    return "disk", f"{_bytes(frames * count * _frame_bytes(case))} in {frames} frames"
+    return "disk", f"{said_bytes(disk_bytes(case, count))} in {frames} frames"
+
+
+def disk_bytes(case: Case, count: int) -> int:
+    """Bytes of all frames of a case of `count` particles."""
+    return (case.time.frames + 1) * count * _frame_bytes(case)
 
 
 def _timed(case: Case) -> tuple[float, float, float]:
@@ -175,7 +180,8 @@ def _frame_bytes(case: Case) -> int:
     return 28 + int(np.sum([wide.get(f, 24 if f.endswith("force") else 8) for f in fields]))
 
 
-def _bytes(n: float) -> str:
+def said_bytes(n: float) -> str:
+    """Bytes for people: 3.2 GB."""
     for unit in ("B", "kB", "MB", "GB"):
         if n < 1000:
             return f"{n:.3g} {unit}"

@@ -30,6 +30,7 @@ from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 
 from .keep import STOP, USUALLY, Intervals, Keeper, check_method, identity, method
+from .room import require_room
 from .said import laws_said, load_said, skipped_said, span, step_said
 
 DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
@@ -43,6 +44,8 @@ class Run:
                  quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None):
         """Make the directory and build the simulation; with a `state`, go on from there; collective."""
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
+        if not state:
+            require_room(case, directory, comm)
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = Path(directory) if state else fresh_directory(directory, comm)
         self.claim = Claim(self.directory, comm)

@@ -1,0 +1,61 @@
+"""Whether a run fits: what it needs at least of memory and disk, against what is free here."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.output.directory import together
+from cellmig.simulation import particle_count
+
+from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, disk_bytes, said_bytes
+
+_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
+
+
+class NoRoom(Exception):
+    """The run does not fit this machine; the message has the numbers."""
+
+
+def require_room(case: Case, directory: Path, comm: Any) -> None:
+    """Refuse a run that cannot fit, before it leaves a trace; collective.  Raises NoRoom.
+
+    What is counted is the least that it takes: a run that passes may still be short of memory.
+    """
+    here = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    ranks = here.size
+    here.Free()
+    lacks = together(comm, lambda: list(_lacks(case, Path(directory), ranks)))
+    if lacks := list(dict.fromkeys(line for lines in lacks for line in lines or ())):
+        raise NoRoom(f"{case.path}: the run does not fit: {'; '.join(lacks)}; "
+                     "take fewer particles or frames, or a larger machine")
+
+
+def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
+    counts = [particle_count(case, c.shape) for c in case.cells]
+    kinds = {(c.shape, c.material, c.nucleus): n for c, n in zip(case.cells, counts, strict=True)}
+    needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
+    if needed > (free := free_memory()):
+        yield f"it takes {said_bytes(needed)} of memory at least, of which {said_bytes(free)} are free"
+    there = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)
+    with suppress(OSError):
+        if there and (needed := disk_bytes(case, sum(counts))) > (free := shutil.disk_usage(there).free):
+            yield f"it leaves {said_bytes(needed)} in '{directory}', of which {said_bytes(free)} are free"
+
+
+def free_memory() -> float:
+    """Memory that this machine, or its container, can still give [B]; no limit where nobody tells."""
+    free = float("inf")
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    for limit in _LIMITS:
+        with suppress(OSError, ValueError):
+            free = min(free, float(Path(limit).read_text()))
+    return free
