@@ -165,17 +165,22 @@ def _references(options: argparse.Namespace) -> int:
 
 
 def bench(options: argparse.Namespace) -> int:
-    """Run time against error."""
+    """What a step costs, or run time against error."""
     if options.modulus:
         if options.out:
-            raise UsageError("--out is for --error; --modulus writes nothing")
+            raise UsageError("--modulus writes nothing and knows no --out")
         from .study import modulus
 
         print("\n".join(modulus.said(modulus.continuation(options.quick))))
         return DONE
-    from .study.error import bench_error
+    out = options.out or Path("output") / ("bench-quick" if options.quick else "bench")
+    if options.error:
+        from .study.error import bench_error
 
-    return bench_error(options.out or Path("output") / ("bench-quick" if options.quick else "bench"), options.quick)
+        return bench_error(out, options.quick)
+    from .study.speed import bench_speed
+
+    return bench_speed(out, options.quick)
 
 
 def show(options: argparse.Namespace) -> int:

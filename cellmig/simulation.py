@@ -133,14 +133,14 @@ class Simulation:
     scene, terms, mechanics, control (None if static), integrator, sampler : its parts;  time : where it is [µs].
     """
 
-    def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True):
-        """Build everything; collective."""
+    def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True,
+                 parts: tuple[Scene, Terms] | None = None):
+        """Build everything; `parts` : scene and terms, if they are there already or not the case's; collective."""
         self.reason = ""  # of an integrator that was chosen
         if integrator_asked(case.time.integrator) == "auto":
             case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
-        self.scene = discretise(case)
-        self.terms = find_terms(case, prune)
+        self.scene, self.terms = parts or (discretise(case), find_terms(case, prune))
         owner = partition(self.scene.X, self.scene.cell, comm.size)
         self.swarm = Swarm(comm, self._start(np.arange(self.scene.size)[comm.rank :: comm.size]))
         self.swarm.migrate(owner[comm.rank :: comm.size])

@@ -142,12 +142,14 @@ def _looks(commands: Any) -> None:
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
                         "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
     _sets(verify)
-    bench = commands.add_parser("bench", help="run time against error, and which settings are worth their time")
-    what = bench.add_mutually_exclusive_group(required=True)
+    bench = commands.add_parser("bench", help="what a step costs; run time against error",
+                           description="What a step costs, term by term, on one rank and two, beside numpy and a "
+                                       "plain loop; or one of these:")
+    what = bench.add_mutually_exclusive_group()
     what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
                       "integrator, step and modulus: the Pareto sets, and what the defaults should be")
     what.add_argument("--modulus", action="store_true", help="only what the reduced bulk modulus costs, half a minute")
-    bench.add_argument("--quick", action="store_true", help="coarse, in two minutes, to try it out")
+    bench.add_argument("--quick", action="store_true", help="in half a minute, with --error in two, to try it out")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")
     commands.add_parser("schema", help="JSON schema of a case file, for editors")

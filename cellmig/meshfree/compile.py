@@ -127,6 +127,17 @@ class Kernel:
         """Call a C function on the scene; arrays are passed by address, floats and ints by value."""
         return getattr(self.library, function)(self._address, *[_argument(a) for a in arguments])
 
+    def repeated(self, n: int, function: str, *arguments: Any) -> None:
+        """Call a C function `n` times, with as little in between as Python can."""
+        call, arguments = getattr(self.library, function), [_argument(a) for a in arguments]
+        for _ in range(n):
+            call(self._address, *arguments)
+
+    @property
+    def bytes(self) -> int:
+        """Size of all arrays that it works on [B]."""
+        return sum(a.nbytes for a in self._arrays.values())
+
 
 def _argument(a: Any) -> Any:
     if isinstance(a, np.ndarray):

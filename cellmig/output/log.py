@@ -74,6 +74,13 @@ def two_columns(rows: Iterable[tuple[str, Any]]) -> str:
     return "\n".join(f"{key:<{width}}  {value}".rstrip() for key, value in rows)
 
 
+def table(head: list[str], lines: list[list[str]]) -> list[str]:
+    """A table in Markdown, padded."""
+    wide = [max(len(line[i]) for line in [head, *lines]) for i in range(len(head))]
+    return [f"| {' | '.join(cell.ljust(w) for cell, w in zip(line, wide, strict=True))} |"
+            for line in [head, ["-" * w for w in wide], *lines]]
+
+
 def clock(seconds: float) -> str:
     """Wall time for people: 8 s, 2:05, 1:02:05."""
     minutes, rest = divmod(round(seconds), 60)

@@ -74,3 +74,12 @@ def _commit() -> dict[str, str]:
         return {"commit": git("rev-parse", "--short", "HEAD"), "tree": "local changes" if changes else "clean"}
     except (OSError, subprocess.SubprocessError):
         return {}
+
+
+def processor() -> str:
+    """Name of the processor, as far as the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

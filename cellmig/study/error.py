@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-import platform
 import random
 from collections.abc import Sequence
 from datetime import date
@@ -18,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 from cellmig.output.directory import replace
-from cellmig.output.log import clock
-from cellmig.output.manifest import environment
+from cellmig.output.log import clock, table
+from cellmig.output.manifest import environment, processor
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
@@ -27,7 +26,6 @@ from . import modulus
 from .pareto import Point, draw, gains, levelled, pareto, time_at, verdict
 from .problems import PROBLEMS, Problem, Seen, Setting
 from .run import DONE, STOPPED, stop_requests
-from .sensitivity import _table
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
          "cell": (150, 331, 631, 1485, 3000)}
@@ -179,7 +177,7 @@ def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str,
     """All points as JSON, what was said as Markdown, the picture, and what accuracies are picked from."""
     out.mkdir(parents=True, exist_ok=True)
     origin = {"command": f"cellmig bench --error{' --quick' * quick}", "date": date.today().isoformat(),
-              "processor": _processor(), **environment(MPI.COMM_SELF)}
+              "processor": processor(), **environment(MPI.COMM_SELF)}
     fronts = {name: pareto([p for p in points if p.problem == name]) for name in PROBLEMS}
     rows = [{"problem": p.problem, **dataclasses.asdict(p.setting), "steps": p.steps, "ns_per_particle_step": p.ns,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}
@@ -219,13 +217,13 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
         parts = list(own[0].parts)
         known = f"; the reference is known to {100 * uncertain[name]:.2g} %" if name in uncertain else ""
         lines += [f"{problem.title} ({name}): Pareto set of {len(own)} runs{known}", "",
-                  *_table(["particles", "change of the defaults", "steps", "ns", "time [s]", "error [%]", *parts,
+                  *table(["particles", "change of the defaults", "steps", "ns", "time [s]", "error [%]", *parts,
                            "defaults take [s]"],
                           [_line(p, [q for q in own if not q.setting.changes]) for p in pareto(own)]), ""]
     best = gains(points)
     lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains "
               "nothing", "",
-              *_table(["change", *PROBLEMS], [[Setting(**change).said, *(f"{row[name]:.2f}" for name in PROBLEMS)]
+              *table(["change", *PROBLEMS], [[Setting(**change).said, *(f"{row[name]:.2f}" for name in PROBLEMS)]
                                               for change, row in best]), ""]
     broken = "; ".join(f"{f['problem']} {f['message'][:60]}" for f in failed)
     lines += [f"{len(failed)} runs broke: {broken}", ""] * bool(failed)
@@ -240,12 +238,3 @@ def _line(p: Point, default: Sequence[Point]) -> list[str]:
 
 def _json(tree: Any) -> str:
     return json.dumps(tree, indent=1, ensure_ascii=False) + "\n"
-
-
-def _processor() -> str:
-    """Name of the processor, as far as the system tells."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()

@@ -14,10 +14,10 @@ import numpy as np
 
 from mpi4py import MPI
 
+from cellmig.output.log import table
 from cellmig.simulation import Simulation
 
 from .problems import PROBLEMS, Problem, Seen, Setting
-from .sensitivity import _table
 
 MODULI, CHECK = (2.5, 5.0, 10.0, 20.0), 80.0  # MPa: each twice the one before, and that which checks
 ORDER = 1.0  # of 1/k, in theory
@@ -120,7 +120,7 @@ def said(rows: Sequence[Row]) -> list[str]:
     worst = max((row for row in rows if row.quantity not in PEAKS), key=lambda row: row.error)
     return [f"Reduced bulk modulus: {', '.join(f'{k:g}' for k in MODULI)} MPa at {rows[0].particles} particles, "
             f"extrapolated with order {ORDER:g} in 1/k; errors over the change since the start", "",
-            *_table(["problem", "quantity", f"at the end, {default}", "extrapolated", "orders",
+            *table(["problem", "quantity", f"at the end, {default}", "extrapolated", "orders",
                      f"error of {default} [%]", f"extrapolated against {CHECK:g} MPa [%]"], lines), "",
             f"Of the motion {default} cost the {worst.problem}'s {worst.quantity} most: {100 * worst.error:.2g} %, "
             f"known to {100 * worst.known:.2g} %."]

@@ -123,8 +123,7 @@ def _timed(case: Case) -> tuple[float, float, float]:
     n = max(5, round(2e6 / s.scene.size))
     m.advance(3, dt)
     spent = min(_seconds(m, n, dt) for _ in range(3))
-    held = sum(a.nbytes for a in m.kernel._arrays.values())
-    result = spent / (n * s.scene.size), held / s.scene.size, gap
+    result = spent / (n * s.scene.size), m.kernel.bytes / s.scene.size, gap
     s.destroy()
     return result
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from cellmig.case.schema import Case
 from cellmig.output.directory import replace
+from cellmig.output.log import table
 from cellmig.output.sample import TOUCHING
 
 from .batch import Job, counting, run_missing, write_rows
@@ -228,11 +229,11 @@ def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) 
               *(_changed(row, key) for key in MEASURED)] for row in rows]
     for line, above in reversed(list(zip(lines[1:], lines, strict=False))):
         line[0] = "" if line[0] == above[0] else line[0]
-    return [*_table(["varied (default)", "value", *MEASURED.values()], lines), "",
+    return [*table(["varied (default)", "value", *MEASURED.values()], lines), "",
             f"Displacement and contacts (surfaces closer than {TOUCHING:g} ranges) at {case.time.end:g} µs.  Peak "
             f"stress: {PERCENTILE}th percentile of the",
             f"effective stress in the cytoplasm, median over the frames of the last {100 * LATE:g} % of the time.", "",
-            *_table(["one cell spreads: particles", f"contact at {START:g} µs [µm]", f"at {case.time.end:g} µs [µm]",
+            *table(["one cell spreads: particles", f"contact at {START:g} µs [µm]", f"at {case.time.end:g} µs [µm]",
                      "largest plateau [µs]", "from [µs]", "largest step [µm]"],
                     [[row["value"], f"{row['substrate_contact_um_at_start']:.2f}", f"{row['substrate_contact_um']:.2f}",
                       f"{'' if row['plateau_ended'] else '> '}{row['plateau_us']:.1f}",
@@ -246,10 +247,3 @@ def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) 
 def _changed(row: Mapping[str, Any], key: str) -> str:
     change = row.get(f"{key}_change")
     return f"{row[key]:.4g}" + ("" if change is None else f" ({100 * change:+.1f} %)")
-
-
-def _table(head: list[str], lines: list[list[str]]) -> list[str]:
-    """A table in Markdown, padded."""
-    wide = [max(len(line[i]) for line in [head, *lines]) for i in range(len(head))]
-    return [f"| {' | '.join(cell.ljust(w) for cell, w in zip(line, wide, strict=True))} |"
-            for line in [head, ["-" * w for w in wide], *lines]]
