@@ -193,9 +193,11 @@ def show(options: argparse.Namespace) -> int:
         return DONE if healthy else ENVIRONMENT
     if options.command == "schema":
         _discover()
+        from .case.handbook import handbook
         from .case.json_schema import json_schema
 
-        print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+        page = handbook() if options.markdown else json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+        print(page, end="")
         return DONE
     if options.command == "plot":
         times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None

@@ -152,7 +152,8 @@ def _looks(commands: Any) -> None:
     bench.add_argument("--quick", action="store_true", help="in half a minute, with --error in two, to try it out")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")
-    commands.add_parser("schema", help="JSON schema of a case file, for editors")
+    schema = commands.add_parser("schema", help="JSON schema of a case file, for editors")
+    schema.add_argument("--markdown", action="store_true", help="all keys and laws as a page to read, instead")
     commands.add_parser("doctor", help="what this machine has and lacks")
 
 

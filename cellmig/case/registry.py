@@ -23,6 +23,11 @@ def law(kind: str, name: str) -> Callable[[type], type]:
     return register
 
 
+def kinds() -> list[str]:
+    """Kinds of which there are laws."""
+    return list(_LAWS)
+
+
 def laws(kind: str) -> dict[str, type]:
     """All registered laws of a kind, by name."""
     return dict(sorted(_LAWS.get(kind, {}).items()))

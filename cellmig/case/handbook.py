@@ -1,0 +1,95 @@
+"""The reference of case files for people: every key and every law, from their declarations, as Markdown."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from . import registry
+from .schema import Cell, case_fields, case_path
+from .values import bounds, declared, required, type_name, write
+
+_HEAD = ["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|"]
+_TYPES = {"int": "whole number", "bool": "true or false", "str": "text", "float": "number", "tuple": "list"}
+
+
+def handbook() -> str:
+    """The page."""
+    lines = ["# Keys and laws of a case", "",
+             "Written by `cellmig schema --markdown` from the declarations in the code.  A quantity is a string with "
+             'its unit, such as `"10 nm"`; any unit of the right kind will do.  A default of *needed* is none.', "",
+             "## Top level", "", *_table(_plain_fields())]
+    for f in case_fields().values():
+        lines += ["", *_section(f)] if _is_section(f) else []
+    lines += ["", "## Laws", "", "`law = \"name\"` in the table of the thing, then the parameters of that law."]
+    for kind in sorted(registry.kinds()):
+        for name, cls in registry.laws(kind).items():
+            lines += ["", f"### {kind}: `{name}`", "", *_law(cls)]
+    return "\n".join(lines) + "\n"
+
+
+def _is_section(f: Any) -> bool:
+    return "section" in f.metadata or "items_of" in f.metadata or "kind" in f.metadata
+
+
+def _plain_fields() -> Iterator[tuple[str, Any]]:
+    yield from ((".".join(case_path(f)), f) for f in case_fields().values() if not _is_section(f))
+
+
+def _section(f: Any) -> list[str]:
+    """A table of the case file, or a list of tables."""
+    meta, path = f.metadata, ".".join(case_path(f))
+    if "section" in meta:
+        return [f"## `[{path}]`", "", f"{_sentence(meta['doc'])}.", "", *_table(declared(meta["section"]).items())]
+    if "items_of" in meta:
+        more = "  Beside these stand the keys of its shape, below under *shape*." if meta["items_of"] is Cell else ""
+        return [f"## `[[{path}]]`", "", f"{_sentence(meta['doc'])}.{more}", "",
+                *_table(declared(meta["items_of"]).items())]
+    known = ", ".join(f"[`{name}`](#{_anchor(meta['kind'], name)})" for name in registry.laws(meta["kind"]))
+    title = f"{path}.NAME" if meta.get("many") else path
+    return [f"## `[{title}]`", "", f"{_sentence(meta['doc'])}.  Laws: {known}."]
+
+
+def _law(cls: type) -> list[str]:
+    """What a law says of itself, and its parameters."""
+    where = f"`{cls.__module__.replace('.', '/')}.py`"
+    return [*_paragraphs(inspect.cleandoc(cls.__doc__)), "", f"In {where}.", "", *_table(declared(cls).items())]
+
+
+def _paragraphs(text: str) -> list[str]:
+    return [line.replace("|", "\\|").replace("*", "\\*").replace("_", "\\_") for line in text.split("\n")]
+
+
+def _table(fields: Any) -> list[str]:
+    rows = [_row(name, f) for name, f in fields]
+    return [*_HEAD, *rows] if rows else ["No parameters."]
+
+
+def _row(name: str, f: Any) -> str:
+    meta = f.metadata
+    default = "*needed*" if required(f) else _value(f)
+    words = [f'"{word}"' for word in meta.get("words", ())]
+    allowed = [bounds(meta), *words, *(f'"{word}"' for word in meta.get("choices", ())),
+               "a formula of x and y" if meta.get("formula") else "", "a file" if meta.get("or_file") else ""]
+    if "kind" in meta:
+        allowed = [", ".join(registry.laws(meta["kind"]))]
+    unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({_TYPES.get(type_name(f), 'table')})")
+    cells = [f"`{name}`", unit, default, ", ".join(filter(None, allowed)), _sentence(meta["doc"])]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _value(f: Any) -> str:
+    if f.default is None or f.default == ():
+        return ""
+    return f"`{json.dumps(write(f, f.default), ensure_ascii=False)}`"
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _anchor(kind: str, name: str) -> str:
+    """What a heading is called in a link."""
+    return f"{kind}-{name}".replace(" ", "-").lower()
