@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..case.messages import nearest
+
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
 
 
@@ -73,9 +75,12 @@ def fresh_directory(path: Path, comm: Any) -> Path:
 def the_run(directory: Path) -> Path:
     """The directory of a run that is there, finished or not."""
     directory = Path(directory)
-    if not any((directory / name).exists() for name in (MANIFEST, INDEX)):
-        raise OutputError(f"'{directory}' is not the directory of a run")
-    return directory
+    if any((directory / name).exists() for name in (MANIFEST, INDEX)):
+        return directory
+    beside = {path.parent.name for path in directory.parent.glob(f"*/{MANIFEST}")}
+    near = nearest(directory.name, sorted(beside))
+    meant = f"; did you mean '{directory.parent / near}'?" if near else ""
+    raise OutputError(f"'{directory}' is not the directory of a run{meant}")
 
 
 def _make(path: Path) -> None:
