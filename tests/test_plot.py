@@ -155,6 +155,13 @@ def test_a_cell_that_is_not_convex_is_filled_up_to_its_outline_and_not_beyond():
     assert np.allclose(closed, 1.5 * np.array([*walk, walk[0]]))
 
 
+@pytest.mark.serial
+def test_a_misspelt_run_is_no_run_and_makes_no_directory(run, shared_tmp):
+    with pytest.raises(OutputError, match=r"'.*rum' is not the directory of a run; did you mean '.*run'\?"):
+        plot(shared_tmp / "rum")
+    assert not (shared_tmp / "rum").exists()
+
+
 @pytest.mark.parametrize(("field", "message"), [("stres", "no field 'stres'; it has"), ("stress", "tensor")])
 def test_a_field_that_cannot_be_drawn_is_refused_with_a_reason(run, shared_tmp, field, message):
     with pytest.raises(OutputError, match=message):
@@ -162,6 +169,7 @@ def test_a_field_that_cannot_be_drawn_is_refused_with_a_reason(run, shared_tmp, 
 
 
 def test_a_directory_without_anything_to_draw_is_refused(shared_tmp):
+    (shared_tmp / "manifest.json").write_text("{}\n")
     with pytest.raises(OutputError, match="no frames and no samples"):
         plot(shared_tmp, out=shared_tmp / f"by{COMM.rank}")
 

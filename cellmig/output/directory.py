@@ -11,12 +11,25 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
+from ..case.messages import nearest
+
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
 PATIENCE = 15.0  # seconds that ranks of a run whose launcher was killed may take to follow it
 
 
 class OutputError(OSError):
     """The run cannot write, or a run cannot be read; the message is for the user and the same on all ranks."""
+
+
+def the_run(directory: Path) -> Path:
+    """The directory of a run that is there, finished or not."""
+    directory = Path(directory)
+    if any((directory / name).exists() for name in (MANIFEST, INDEX)):
+        return directory
+    beside = {path.parent.name for path in directory.parent.glob(f"*/{MANIFEST}")}
+    near = nearest(directory.name, sorted(beside))
+    meant = f"; did you mean '{directory.parent / near}'?" if near else ""
+    raise OutputError(f"'{directory}' is not the directory of a run{meant}")
 
 
 def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
@@ -90,14 +103,6 @@ def fresh_directory(path: Path, comm: Any) -> Path:
     path = Path(path)
     together(comm, lambda: _make(path), root_only=True)
     return path
-
-
-def the_run(directory: Path) -> Path:
-    """The directory of a run that is there, finished or not."""
-    directory = Path(directory)
-    if not any((directory / name).exists() for name in (MANIFEST, INDEX)):
-        raise OutputError(f"'{directory}' is not the directory of a run")
-    return directory
 
 
 class Claim:

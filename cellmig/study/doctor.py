@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 import platform
 import shutil
@@ -17,6 +18,10 @@ OLDEST = (3, 11)
 MODULES = ("numpy", "scipy", "pint", "tqdm", "h5py", "meshio", "matplotlib", "mpi4py")  # Debian: python3-<name>
 PETSC = "from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
 RANKS = "from mpi4py import MPI; MPI.COMM_WORLD.rank == 0 and print(MPI.COMM_WORLD.size)"
+# Nothing needs them: what they are good for, and the package that has them.
+OPTIONAL = {"pandas": ("tables as frames in Python", "python3-pandas"), "ffmpeg": ("films as mp4, else gif", "ffmpeg"),
+            "pvpython": ("pictures by ParaView without a window", "python3-paraview"),
+            "mkdocs": ("the documentation as a site", "mkdocs mkdocs-material")}
 PATIENCE = 60.0  # s for a program that is tried
 LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_")  # would make a program that is tried believe that it is a rank
 
@@ -55,6 +60,9 @@ def _findings() -> Iterator[Finding]:
     yield _tried("output", lambda: _writable(Path.cwd()), "start from a directory that can be written, or use --out")
     yield Finding("cores", str(len(os.sched_getaffinity(0))))
     yield _tried("memory", _memory, "")
+    for name, (use, package) in OPTIONAL.items():
+        there = shutil.which(name) or importlib.util.find_spec(name)
+        yield Finding(name, "there" if there else f"not here, and not needed; for {use}: apt install {package}")
 
 
 def _tried(name: str, look: Callable[[], str], mend: str) -> Finding:

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import OutputError, the_run
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 
@@ -37,7 +37,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     -------
     list of Path -- the pictures: shapes, displacement, ledger, traction, between (neighbours), of what there is.
     """
-    directory = Path(directory)
+    directory = the_run(directory)
     out = Path(out or directory)
     out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
