@@ -83,3 +83,9 @@ def processor() -> str:
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
+
+
+def memory_told(path: str = "/proc/meminfo") -> dict[str, float]:
+    """Sizes that the system tells of memory, by name [B]; of this process in "/proc/self/status"."""
+    told = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
+    return {name: 1024.0 * float(size.split()[0]) for name, size in told.items() if size.endswith(" kB")}

@@ -49,6 +49,11 @@ def outside_mpi() -> dict[str, str]:
     return _MPIEXEC | {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
 
 
+def on_ranks(ranks: int, command: Sequence[str]) -> list[str]:
+    """The command that starts another on some ranks."""
+    return [shutil.which("mpiexec.openmpi") or "mpiexec", "-q", "-n", str(ranks), *command]
+
+
 @dataclass(frozen=True)
 class Job:
     """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks."""
@@ -88,8 +93,7 @@ class Job:
         """Start it; what it says about a failure goes to `errors`."""
         command = [sys.executable, "-m", "cellmig", *self.arguments()]
         if self.ranks > 1:
-            mpiexec = shutil.which("mpiexec.openmpi") or "mpiexec"
-            command = [mpiexec, "-q", "-n", str(self.ranks), *command]
+            command = on_ranks(self.ranks, command)
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
                                 env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1"})
 

@@ -22,6 +22,7 @@ from cellmig import meshfree, model
 from cellmig.case.load import from_dict, load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
+from cellmig.output.manifest import memory_told
 from cellmig.output.sample import UNITS
 from cellmig.output.xdmf import Frames
 from cellmig.simulation import Simulation, discretise, find_terms
@@ -167,8 +168,7 @@ def traffic(kernel: Any) -> float:
 
 def peak_memory() -> float:
     """Most memory that this process has had [B]; that which getrusage tells is of its parent, too."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    return memory_told("/proc/self/status")["VmHWM"]
 
 
 def main() -> None:

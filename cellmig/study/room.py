@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from cellmig.case.schema import Case
 from cellmig.output.directory import together
+from cellmig.output.manifest import memory_told
 from cellmig.simulation import particle_count
 
 from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, disk_bytes, said_bytes
@@ -52,9 +53,8 @@ def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
 def free_memory() -> float:
     """Memory that this machine, or its container, can still give [B]; no limit where nobody tells."""
     free = float("inf")
-    with suppress(OSError, StopIteration):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        free = 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    with suppress(OSError, KeyError):
+        free = memory_told()["MemAvailable"]
     for limit in _LIMITS:
         with suppress(OSError, ValueError):
             free = min(free, float(Path(limit).read_text()))

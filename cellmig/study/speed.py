@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,7 +22,7 @@ from cellmig.output.manifest import environment, processor
 from cellmig.simulation import discretise
 
 from .baseline import Baseline
-from .batch import outside_mpi
+from .batch import on_ranks, outside_mpi
 from .paper import FOLDER
 from .probe import Scene
 from .run import DONE
@@ -73,7 +72,7 @@ def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = Fa
     asked = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
     command = [sys.executable, "-m", "cellmig.study.probe", asked]
     if ranks > 1:
-        command = [shutil.which("mpiexec.openmpi") or "mpiexec", "-q", "-n", str(ranks), *command]
+        command = on_ranks(ranks, command)
     return json.loads(_done(command))
 
 
