@@ -141,7 +141,7 @@ class Simulation:
             case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
         self.scene, self.terms = parts or (discretise(case), find_terms(case, prune))
-        owner = partition(self.scene.X, self.scene.cell, comm.size)
+        owner = partition(self.scene.X, self.scene.cell, self.scene.material, comm.size)
         self.swarm = Swarm(comm, self._start(np.arange(self.scene.size)[comm.rank :: comm.size]))
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()

@@ -16,7 +16,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from cellmig.case.registry import laws
-from cellmig.meshfree.compile import VECTORS, compiled
+from cellmig.meshfree.compile import VECTORS
+from cellmig.meshfree.compiler import compiled
 from cellmig.meshfree.translate import SHAPES, Translator
 from cellmig.model.director import STARTS, start_angle
 from cellmig.output.sample import pointwise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 
@@ -12,6 +13,7 @@ from scenes import built, case
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.parallel import shared
 from cellmig.parallel.ghosts import GhostedField
 from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
@@ -88,16 +90,39 @@ def test_parts_are_cut_across_the_longer_side() -> None:
     assert X[owner == 0, 0].max() <= X[owner > 0, 0].min()
 
 
-def test_cells_stay_whole_where_the_ranks_are_then_as_full() -> None:
-    rng = np.random.default_rng(1)
-    cell = np.repeat(np.arange(40), rng.integers(90, 110, 40))
+def cells(sizes: np.ndarray, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, cells and materials of particles, a seventh of them of each cell's second material, by height."""
+    rng = np.random.default_rng(seed)
+    cell = np.repeat(np.arange(len(sizes)), sizes)
+    material = np.concatenate([np.arange(n) >= 6 * n // 7 for n in sizes]).astype(int)
     X = rng.uniform(0, 1, (len(cell), 2)) + np.column_stack([2.0 * (cell % 8), 2.0 * (cell // 8)])
-    owner = partition(X, cell, 4)
+    return X[np.lexsort((X[:, 1], material, cell))], cell, material
+
+
+def test_cells_stay_whole_where_the_ranks_are_then_as_full() -> None:
+    X, cell, material = cells(np.random.default_rng(1).integers(90, 110, 40))
+    owner = partition(X, cell, material, 4)
     assert all(np.ptp(owner[cell == c]) == 0 for c in range(40))
     assert np.bincount(owner).max() <= (1.0 + BALANCE) * len(X) / 4
-    few = cell < 3  # three cells on two ranks: one of them is cut
-    owner = partition(X[few], cell[few], 2)
+
+
+@pytest.mark.parametrize(("ranks", "team"), [(2, 2), (4, 4), (6, 2), (8, 8)])
+def test_else_teams_of_ranks_share_whole_cells_cut_alike(ranks: int, team: int) -> None:
+    X, cell, material = cells(np.full(3, 7 * 2100))
+    owner = partition(X, cell, material, ranks)
+    assert np.ptp(np.bincount(owner)) <= 0.001 * len(X)
+    for c in range(3):
+        own = owner[cell == c]
+        assert len(np.unique(own)) == team
+        assert np.array_equal(own % team, owner[cell == 0] % team)  # the same slice of every cell
+        assert all((np.diff(own[material[cell == c] == m]) >= 0).all() for m in (0, 1))  # slices, by height
+
+
+def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
+    X, cell, material = cells(np.full(3, 400))
+    owner = partition(X, cell, material, 2)
     assert np.ptp(np.bincount(owner)) <= 1
+    assert X[owner == 0, 0].max() <= X[owner == 1, 0].min()
 
 
 def test_random_numbers_belong_to_seed_purpose_and_cell(comm: MPI.Comm) -> None:
@@ -130,17 +155,32 @@ def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
     swarm.destroy()
 
 
-def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm) -> None:
-    n = 4  # particles of each rank, with the neighbours' first and last as ghosts
+WAYS = pytest.mark.parametrize("near", [True, False], ids=["shared memory", "messages"])
+
+
+@WAYS
+def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near: bool, monkeypatch) -> None:
+    monkeypatch.setattr(shared, "on_one_machine", lambda ranks: near and ranks.size > 1)
+    n = 40  # particles of each rank, with the neighbours' first and last as ghosts
     around = sorted({(comm.rank - 1) % comm.size, (comm.rank + 1) % comm.size} - {comm.rank})
-    ghosts = np.array([r * n + i for r in around for i in (0, n - 1)], int)
-    memory = np.full((n + len(ghosts) + 3, 2), -1.0)
-    field = GhostedField(comm, memory, n, ghosts)
-    for turn in range(2):
-        field.owned[:] = np.column_stack([comm.rank * n + np.arange(n), np.full(n, turn)])
-        field.exchange()
-        assert np.array_equal(field.array[n:, 0], ghosts.astype(float))
-        assert (field.array[n:, 1] == turn).all()
+    memory = np.full((n * comm.size + 3, 4), -1.0)
+    field = GhostedField(comm, memory, n, np.zeros(0, int), n)
+    begin, end = (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(f)
+                  for f in field.exchange_functions)
+    for turn in range(12):
+        if turn % 4 == 0:  # other copies are asked for, in the end some of this rank alone
+            which = ((0, n - 1), range(n), (3,) if comm.rank == 0 else ())[turn // 4]
+            ghosts = np.array([r * n + i for r in around for i in which], int)
+            memory[n:] = -1.0
+            field.bring(ghosts)
+        field.owned[:] = (comm.rank * n + np.arange(n))[:, None] + 0.1 * np.arange(4) + 1e3 * turn
+        if turn % 4 == 3:
+            field.exchange()
+        else:
+            assert begin(field.handle, 1, 0) == 0
+            field.owned[:] += 0.5  # what is on its way is what it was
+            assert end(field.handle, 1, 0) == 0
+        assert np.array_equal(field.array[n:], ghosts[:, None] + 0.1 * np.arange(4) + 1e3 * turn)
         assert (memory[n + len(ghosts):] == -1.0).all()
     field.destroy()
 
@@ -186,6 +226,28 @@ def test_a_run_has_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, name: st
     if prune:  # without pruning, terms that are zero are summed, too
         assert together[1:] == alone[1:]
     assert len(set(comm.allgather(alone[0]))) == 1
+
+
+def same_as_alone(comm: MPI.Comm, name: str) -> bool:
+    """Whether a run has the bits that it has on one rank."""
+    hashes = []
+    for ranks in (MPI.COMM_SELF, comm):
+        with built(RUNS[name](), ranks) as sim:
+            sim.go(AS_LONG)
+            hashes.append(sim.state_hash())
+    return hashes[0] == hashes[1]
+
+
+@pytest.mark.parametrize("name", ["three cells", "relaxing director"])
+def test_it_has_them_when_copies_are_sent_in_messages(comm: MPI.Comm, name: str, monkeypatch) -> None:
+    monkeypatch.setattr(shared, "on_one_machine", lambda ranks: False)
+    assert same_as_alone(comm, name)
+
+
+@pytest.mark.parametrize("name", ["two cells", "frozen director"])
+def test_it_has_them_when_every_rank_has_a_slice_of_all_cells(comm: MPI.Comm, name: str, monkeypatch) -> None:
+    monkeypatch.setattr("cellmig.parallel.partition.THICK", 2.0)
+    assert same_as_alone(comm, name)
 
 
 @pytest.mark.parametrize("name", ["paper", "director_radial"])

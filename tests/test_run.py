@@ -229,6 +229,20 @@ def test_without_a_compiler_the_message_says_what_to_install(alone, tmp_path):
     refused(alone(PAPER, *SHORT, "--out", tmp_path / "run", env=lacks), 3, "apt install gcc libc6-dev")
 
 
+def test_without_a_compiler_of_the_system_that_of_ziglang_is_taken(alone, tmp_path):
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/orted").symlink_to(shutil.which("orted"))
+    (tmp_path / "ziglang").mkdir()
+    (tmp_path / "ziglang/__main__.py").write_text(
+        "import os, pathlib, sys\npathlib.Path(__file__).with_name('called').touch()\n"
+        "call = [a.replace('x86_64_', 'x86-64-') for a in sys.argv[2:]]\n"  # as Zig spells it, and no other compiler
+        f"os.environ['PATH'] = '{os.environ['PATH']}'\nos.execvp(sys.argv[1], [sys.argv[1], *call])\n")
+    env = {"PATH": str(tmp_path / "bin"), "OMPI_MCA_plm": "isolated", "CELLMIG_CACHE": str(tmp_path / "cache"),
+           "PYTHONPATH": str(tmp_path)}
+    done = alone(PAPER, *SHORT, "--out", tmp_path / "run", env=env)
+    assert (done.returncode, done.stderr) == (0, "") and (tmp_path / "ziglang/called").exists()
+
+
 def test_a_compiler_that_is_not_there_is_named(on_ranks, tmp_path):
     lacks = {"CC": "/nonexistent", "CELLMIG_CACHE": str(tmp_path / "cache")}
     refused(on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path / "run", env=lacks), 3, "/nonexistent")

@@ -1,24 +1,18 @@
-"""The kernel of a scene: its laws and types written in front of kernel.c, compiled once, kept in a cache."""
+"""The kernel of a scene: its laws and types written in front of kernel.c, compiled once."""
 
 from __future__ import annotations
 
-import atexit
 import ctypes
-import hashlib
-import os
-import shutil
-import subprocess
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .compiler import compiled
 from .terms import Terms
 from .translate import Translator
 
 VECTORS, STEP = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c"))
-FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 _POINTERS = {f"{kind} *": ctypes.c_void_p for kind in ("double", "coefficient", "uint32_t", "int32_t", "long", "void")}
 _TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
 _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int32, "long *": np.int64}
@@ -249,62 +243,3 @@ static inline void material_director_flux(const Scene *s, int material, const v4
 {flux}
 }}
 """
-
-
-class CompilerError(RuntimeError):
-    """There is no working C compiler; the message says what would mend it."""
-
-
-def cache_directory() -> Path:
-    """Where compiled kernels are kept: $CELLMIG_CACHE, else the user's cache directory."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(os.environ.get("CELLMIG_CACHE") or Path(base) / "cellmig")
-
-
-def _architecture() -> list[str]:
-    """The newest level of x86-64 that the processor has: vectors of four on all, more registers on some; same bits."""
-    try:
-        flags = set(Path("/proc/cpuinfo").read_text().split())
-    except OSError:
-        flags = set()
-    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "fma", "bmi2"} <= flags:
-        return ["-march=x86-64-v4", "-mprefer-vector-width=256"]
-    return ["-march=x86-64-v3"] if {"avx2", "fma", "bmi2"} <= flags else []
-
-
-def compiled(source: str) -> Path:
-    """Shared library of `source`, from the cache or compiled now; safe when many processes ask at once."""
-    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if not compiler:
-        raise CompilerError("no C compiler found: install one (Debian: apt install gcc libc6-dev), or set CC")
-    flags = FLAGS + _architecture()
-    key = hashlib.sha256("\0".join([source, compiler, *flags]).encode()).hexdigest()[:24]
-    library = cache_directory() / f"{key}.so"
-    if library.exists():
-        return library
-    with tempfile.TemporaryDirectory() as scratch:
-        code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
-        code.write_text(source)
-        try:
-            done = subprocess.run([compiler, *flags, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
-        except OSError as error:
-            raise CompilerError(f"the C compiler '{compiler}' cannot be started: install one (Debian: apt install gcc "
-                                "libc6-dev), or set CC") from error
-        if done.returncode:
-            raise CompilerError(f"the C compiler '{compiler}' could not compile the kernel:\n{done.stderr}")
-        return _kept(made, library)
-
-
-def _kept(made: Path, library: Path) -> Path:
-    """The library in the cache, there whole or not at all; where there is no room for it, in a file of this process."""
-    try:
-        library.parent.mkdir(parents=True, exist_ok=True)
-        part = library.with_suffix(f".{os.getpid()}")
-        shutil.copyfile(made, part)
-        part.replace(library)
-        return library
-    except OSError:
-        with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as own:
-            shutil.copyfileobj(made.open("rb"), own)
-        atexit.register(Path(own.name).unlink, missing_ok=True)
-        return Path(own.name)

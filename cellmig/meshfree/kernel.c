@@ -128,7 +128,7 @@ static inline v4 power_of_forces(const Scene *s, long row, const v4 f[2])
 {
     const double *v = s->state + 4 * row + 2;
     const v4 low = f[0] * halves(twice(v), twice(v + 4)), high = f[1] * halves(twice(v + 8), twice(v + 12));
-    const v4 x = __builtin_shuffle(low, high, (i4){0, 2, 4, 6}), y = __builtin_shuffle(low, high, (i4){1, 3, 5, 7});
+    const v4 x = SHUFFLE(low, high, 0, 2, 4, 6), y = SHUFFLE(low, high, 1, 3, 5, 7);
     return x + y;
 }
 
@@ -283,8 +283,8 @@ INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
     for (int m = 0; m < n; m++) {
         const Kept *kept = (const Kept *)s->kept + b + m;
         for (int i = 0; i < 2; i++) {
-            const v4 low = __builtin_shuffle(acc[m][2 * i], acc[m][2 * i + 1], (i4){0, 1, 4, 5});
-            const v4 high = __builtin_shuffle(acc[m][2 * i], acc[m][2 * i + 1], (i4){2, 3, 6, 7});
+            const v4 low = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 0, 1, 4, 5);
+            const v4 high = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 2, 3, 6, 7);
             f[m][i] = (low + high) - load(kept->stabilising + 4 * i);
 #ifdef STIFFENED
             f[m][i] -= load(kept->elastic + 4 * i);
@@ -308,12 +308,12 @@ INLINED void kick_and_drift_blocks(const Scene *s, long b, const int n, double k
     divergence(s, b, n, f);
     for (int m = 0; m < n; m++) {
         const v4 rows[4] = {
-            __builtin_shuffle(f[m][0], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[m][0], none, (i4){4, 4, 2, 3}),
-            __builtin_shuffle(f[m][1], none, (i4){4, 4, 0, 1}), __builtin_shuffle(f[m][1], none, (i4){4, 4, 2, 3})};
+            SHUFFLE(f[m][0], none, 4, 4, 0, 1), SHUFFLE(f[m][0], none, 4, 4, 2, 3),
+            SHUFFLE(f[m][1], none, 4, 4, 0, 1), SHUFFLE(f[m][1], none, 4, 4, 2, 3)};
         for (int i = 0; i < block->lanes; i++) {
             double *z = s->state + 4L * (block[m].row + i);
             v4 x = load(z) + kick * per_mass[i] * rows[i] + pull;
-            x += dt * __builtin_shuffle(x, none, (i4){2, 3, 4, 4});
+            x += dt * SHUFFLE(x, none, 2, 3, 4, 4);
             store(z, x);
         }
     }

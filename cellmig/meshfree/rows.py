@@ -74,16 +74,14 @@ class Blocks:
     """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
 
     table : (b, 5) int -- first row, number of rows, home, shift, material: of one home are the blocks whose neighbours'
-    local numbers are the same but for the shift;  n_lent, n_owned : number of blocks that others may have copies of,
-    which are first, and of all blocks of owned particles;  lead : (h,) -- a block of each home;
-    whole : (h,) bool -- whether the local numbers of the home are those of the template.
+    local numbers are those of its lead but for the shift;  n_lent, n_owned : number of blocks that others may have
+    copies of, which are first, and of all blocks of owned particles;  lead : (h,) -- the first block of each home.
     """
 
     table: np.ndarray
     n_lent: int
     n_owned: int
     lead: np.ndarray
-    whole: np.ndarray
 
     @cached_property
     def lanes_of(self) -> tuple[np.ndarray, np.ndarray]:
@@ -104,29 +102,28 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     count = -(-length // 4)
     within = 4 * (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count))
     row, lanes = np.repeat(start, count) + within, np.minimum(np.repeat(length, count) - within, 4)
-    at = ids[row] - scene.offset[cell[row]]
-    shift = _shifts(scene, numbering, terms)
-    same = np.logical_and.reduceat(shift == np.repeat(shift[row], lanes), row) if len(row) else np.zeros(0, bool)
+    at, kind = ids[row] - scene.offset[cell[row]], scene.kind[cell[row]]
+    lane = np.arange(len(ids)) - np.repeat(row, lanes)
+    pattern = _mixed(_patterns(scene, numbering, terms) + lane)
+    pattern = np.add.reduceat(pattern, row) if len(row) else pattern
     lent = np.logical_or.reduceat(lent, row) if len(row) else np.zeros(0, bool)
-    whole = same & (shift[row] != ABSENT) & ~ghost[row]
-    kind = scene.kind[cell[row]]
     _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
-    order = np.lexsort((number, lanes, whole, at, kind, number // GROUP, ~lent, ghost[row]))
-    row, lanes, at, kind, whole = row[order], lanes[order], at[order], kind[order], whole[order]
-    key = np.where(whole, at, scene.size + np.arange(len(row)))
-    _, lead, home = np.unique(np.column_stack([kind, key, lanes]), axis=0, return_index=True, return_inverse=True)
+    order = np.lexsort((number, pattern, lanes, at, kind, number // GROUP, ~lent, ghost[row]))
+    row, lanes, at, kind, pattern = row[order], lanes[order], at[order], kind[order], pattern[order]
+    at = np.where(ghost[row], -1 - np.arange(len(row)), at)  # those of copies share nothing
+    key = np.column_stack([kind, at, lanes, pattern])
+    _, lead, home = np.unique(key, axis=0, return_index=True, return_inverse=True)
     first = np.argsort(lead)  # homes by their first use
-    home = np.argsort(first)[home]
-    table = np.column_stack([row, lanes, home, np.where(whole, shift[row], 0), material[row]])
-    return Blocks(table, int(lent.sum()), int((~ghost[row]).sum()), lead[first], whole[lead[first]])
+    lead, home = lead[first], np.argsort(first)[home]
+    table = np.column_stack([row, lanes, home, row - row[lead[home]], material[row]])
+    return Blocks(table, int(lent.sum()), int((~ghost[row]).sum()), lead)
 
 
 GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them
-ABSENT = np.iinfo(np.int64).min
 
 
-def _shifts(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
-    """By how much the local numbers of a row's neighbours exceed those in the template (n_rows,); ABSENT if unequal."""
+def _patterns(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
+    """Hash of each row's place in its template, and of its neighbours' local numbers less its own (n_rows,)."""
     place, out = numbering.places(scene.size), np.empty(numbering.n_rows, np.int64)
     ids = numbering.ids[: numbering.n_rows]
     own = np.argsort(ids, kind="stable")
@@ -134,16 +131,25 @@ def _shifts(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
     reach_of = lru_cache(lambda k: _reach_of(scene.templates[k], terms))
     for c in np.flatnonzero(np.diff(bounds)):
         rows = own[bounds[c] : bounds[c + 1]]
+        at = ids[rows] - scene.offset[c]
         local = place[scene.offset[c] : scene.offset[c + 1]]
-        beyond = np.where(local < 0, ABSENT, local - np.arange(len(local)))
-        if (beyond == beyond[0]).all():
-            out[rows] = beyond[0]
-            continue
+        out[rows] = _mixed(at)
+        if (np.diff(local) == 1).all():
+            continue  # as in the template
         pattern = reach_of(scene.kind[c])
-        of_neighbours = beyond[pattern.indices]
-        low, high = (f.reduceat(of_neighbours, pattern.indptr[:-1]) for f in (np.minimum, np.maximum))
-        out[rows] = np.where(low == high, low, ABSENT)[ids[rows] - scene.offset[c]]
+        row = np.repeat(np.arange(len(local)), np.diff(pattern.indptr))
+        further = local[pattern.indices] - local[row] - pattern.indices + row
+        hashed = np.where(further, _mixed(_mixed(pattern.indices) + further), 0)
+        out[rows] += np.add.reduceat(hashed, pattern.indptr[:-1])[at]
     return out
+
+
+def _mixed(x: np.ndarray) -> np.ndarray:
+    """Numbers that look like chance, by what they are made of (Steele, Lea & Flood 2014, SplitMix64)."""
+    z = x.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
+    return (z ^ (z >> np.uint64(31))).view(np.int64)
 
 
 def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
@@ -194,10 +200,10 @@ class Homes:
         self._ids = numbering.ids[row[self._home] + self._lane]
         cell = scene.cell[self._ids]
         self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
-        self._whole, self._owned = blocks.whole[self._home], row[self._home] < numbering.n_owned
+        self._owned = row[self._home] < numbering.n_owned
         self._place = numbering.places(scene.size)
         self._lead = np.flatnonzero(self._lane == 0)
-        self._itself = np.where(self._whole, self._ids - self._offset, self._place[self._ids])[self._lead]
+        self._itself = self._place[self._ids[self._lead]]
 
     def by_lane(self, values: np.ndarray) -> np.ndarray:
         """Values of the particles (size,) as (homes, 4), with zeros where there is no lane."""
@@ -215,14 +221,13 @@ class Homes:
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
         for k, m in enumerate(matrices):
             columns[kind == k] = m.indices[at[kind == k]]
-        local = self._place[self._offset[lanes] + columns]
         count = np.bincount(lanes, minlength=len(self._ids))
         longest = np.maximum.reduceat(count, self._lead) if len(count) else count
         first, home = np.append(0, np.cumsum(longest)), self._home[lanes]
         group = first[home] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
         lane = self._lane[lanes]
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
-        neighbours[group, lane] = np.where(self._whole[lanes], columns, local)
+        neighbours[group, lane] = self._place[self._offset[lanes] + columns]
         return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
 
     def scalars(self, name: str, matrices: list) -> dict[str, np.ndarray]:

@@ -13,6 +13,13 @@ static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 
 #define INLINED static inline __attribute__((always_inline))
 
+/* The elements of a and b, together numbered from 0 to 7, that make a new vector. */
+#ifdef __clang__
+#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (i4){__VA_ARGS__})
+#endif
+
 #ifdef __AVX2__
 #include <immintrin.h>
 static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
@@ -44,19 +51,19 @@ typedef double coefficient;
 static inline v4 even_of(const double *a) { v4 x; __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
 static inline v4 odd_of(const double *a) { v4 x; __asm__("vpermilpd $15, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
 #else
-static inline v4 even_of(const double *a) { return __builtin_shuffle(load(a), (i4){0, 0, 2, 2}); }
-static inline v4 odd_of(const double *a) { return __builtin_shuffle(load(a), (i4){1, 1, 3, 3}); }
+static inline v4 even_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 0, 0, 2, 2); }
+static inline v4 odd_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 1, 1, 3, 3); }
 #endif
 #endif
 
 static inline void transpose(const v4 a[4], v4 b[4])
 {
-    const v4 x = __builtin_shuffle(a[0], a[1], (i4){0, 4, 2, 6}), y = __builtin_shuffle(a[0], a[1], (i4){1, 5, 3, 7});
-    const v4 z = __builtin_shuffle(a[2], a[3], (i4){0, 4, 2, 6}), w = __builtin_shuffle(a[2], a[3], (i4){1, 5, 3, 7});
-    b[0] = __builtin_shuffle(x, z, (i4){0, 1, 4, 5});
-    b[1] = __builtin_shuffle(y, w, (i4){0, 1, 4, 5});
-    b[2] = __builtin_shuffle(x, z, (i4){2, 3, 6, 7});
-    b[3] = __builtin_shuffle(y, w, (i4){2, 3, 6, 7});
+    const v4 x = SHUFFLE(a[0], a[1], 0, 4, 2, 6), y = SHUFFLE(a[0], a[1], 1, 5, 3, 7);
+    const v4 z = SHUFFLE(a[2], a[3], 0, 4, 2, 6), w = SHUFFLE(a[2], a[3], 1, 5, 3, 7);
+    b[0] = SHUFFLE(x, z, 0, 1, 4, 5);
+    b[1] = SHUFFLE(y, w, 0, 1, 4, 5);
+    b[2] = SHUFFLE(x, z, 2, 3, 6, 7);
+    b[3] = SHUFFLE(y, w, 2, 3, 6, 7);
 }
 
 /* Σ c_k x^k of 16 terms by Estrin's scheme: short chains, for the processor to overlap. */

@@ -7,7 +7,10 @@ from functools import cache
 
 import numpy as np
 
+from mpi4py import MPI
 from petsc4py import PETSc
+
+from . import shared
 
 
 class GhostedField:
@@ -16,13 +19,24 @@ class GhostedField:
     The memory is the caller's and stays where it is when other copies are asked for.
     """
 
-    def __init__(self, comm: PETSc.Comm, memory: np.ndarray, n_owned: int, ghosts: np.ndarray):
-        """`memory` : (>= n_owned + n_ghosts, width);  `ghosts` : (n_ghosts,) -- their numbers in PETSc's order."""
-        n_local, width = n_owned + len(ghosts), memory.shape[1]
-        self.array = memory[:n_local]
-        self.owned = memory[:n_owned]
-        self.vec = PETSc.Vec().createGhostWithArray(
-            ghosts.astype(PETSc.IntType), self.array.ravel(), size=(n_owned * width, None), bsize=width, comm=comm)
+    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, ghosts: np.ndarray, lent: int):
+        """`ghosts` : (n_ghosts,) as for `bring`;  `lent` : how many own particles others may ask for; collective."""
+        self._comm, self._memory, self._n_owned = comm, memory, n_owned
+        self._copies = shared.SharedCopies(comm, memory, n_owned, lent) if shared.on_one_machine(comm) else None
+        self.vec: PETSc.Vec | None = None
+        self.bring(ghosts)
+
+    def bring(self, ghosts: np.ndarray) -> None:
+        """Copies are of these particles from now on, by their numbers in PETSc's order (n_ghosts,); collective."""
+        if self.vec is not None:
+            self.vec.destroy()
+        n_owned, width = self._n_owned, self._memory.shape[1]
+        self.array = self._memory[: n_owned + len(ghosts)]
+        self.owned = self._memory[:n_owned]
+        self.vec = PETSc.Vec().createGhostWithArray(ghosts.astype(PETSc.IntType), self.array.ravel(),
+                                                    size=(n_owned * width, None), bsize=width, comm=self._comm)
+        if self._copies is not None:
+            self._copies.connect(ghosts)
 
     def exchange(self) -> None:
         """Bring the copies up to date; collective."""
@@ -30,17 +44,24 @@ class GhostedField:
 
     @property
     def handle(self) -> int:
-        """Address of the Vec, for C."""
-        return self.vec.handle
+        """What `exchange_functions` work on, for C."""
+        return self.vec.handle if self._copies is None else self._copies.handle
+
+    @property
+    def exchange_functions(self) -> tuple[int, int]:
+        """Addresses of the two halves of `exchange`, so that steps in C can overlap it with work."""
+        return _petsc_functions() if self._copies is None else shared.exchange_functions()
 
     def destroy(self) -> None:
-        """Free the PETSc object."""
+        """Free what is PETSc's and MPI's; collective."""
         self.vec.destroy()
+        if self._copies is not None:
+            self._copies.destroy()
 
 
 @cache
-def exchange_functions() -> tuple[int, int]:
-    """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd, so that steps in C can exchange ghosts."""
+def _petsc_functions() -> tuple[int, int]:
+    """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd."""
     library = ctypes.CDLL(petsc_library())
     return tuple(ctypes.cast(getattr(library, name), ctypes.c_void_p).value
                  for name in ("VecGhostUpdateBegin", "VecGhostUpdateEnd"))

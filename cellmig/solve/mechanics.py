@@ -15,7 +15,7 @@ from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces, contact_lists
 from ..meshfree.rows import home_arrays, make_blocks, number
 from ..meshfree.terms import Terms
-from ..parallel.ghosts import GhostedField, exchange_functions
+from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
 from .director import Director
@@ -74,18 +74,20 @@ class Mechanics:
         self._X = aligned_zeros((self._capacity, 2))
         self.solution = PETSc.Vec().createWithArray(self._memory[: self.n_owned].ravel(),
                                                     size=(4 * self.n_owned, None), bsize=4, comm=self.comm)
-        self.state: GhostedField | None = None
+        ghosts, lent = self._in_petsc(self.base), self.base.lent.sum()
+        self.state = GhostedField(self.comm, self._memory, self.n_owned, ghosts, lent)
         self._set_ghosts(self.base)
 
     def _set_ghosts(self, numbering: Any) -> None:
         """Copies of these particles from now on; collective."""
-        if self.state is not None:
-            self.state.destroy()
         self.numbering = numbering
         self._X[: len(numbering.ids)] = self.scene.X[numbering.ids]
-        ghosts = self.place_in_petsc[numbering.ids[self.n_owned :]]
-        self.state = GhostedField(self.comm, self._memory, self.n_owned, ghosts)
+        self.state.bring(self._in_petsc(numbering))
         self.state.exchange()
+
+    def _in_petsc(self, numbering: Any) -> np.ndarray:
+        """Ghosts by their numbers in PETSc's order (n_ghosts,)."""
+        return self.place_in_petsc[numbering.ids[self.n_owned :]]
 
     def _fill_rows(self) -> None:
         k, scene, n_rows = self.kernel, self.scene, self.base.n_rows
@@ -108,7 +110,7 @@ class Mechanics:
         k["acceleration"] = self.terms.acceleration or (0.0, 0.0)
         k["X"] = self._X
         if self.comm.size > 1:
-            k["ghost_begin"], k["ghost_end"] = exchange_functions()
+            k["ghost_begin"], k["ghost_end"] = self.state.exchange_functions
 
     def _fill_surfaces(self, seed: int, protruding: np.ndarray) -> None:
         """Segments with an end of this rank, in global order, and α β N σ/2 at all surface particles."""
@@ -148,8 +150,8 @@ class Mechanics:
         """The director field, if its gradient or its axis matters."""
         if self.terms.director == "none" and not self.terms.active:
             return None
-        ghosts = self.place_in_petsc[self.base.ids[self.n_owned :]]
-        return Director(self.comm, self.scene, self.surfaces, self.base, ghosts, self._capacity, self.kernel, self.law)
+        return Director(self.comm, self.scene, self.surfaces, self.base, self._in_petsc(self.base), self._capacity,
+                        self.kernel, self.law)
 
     def _load(self, swarm: Swarm) -> None:
         """State and accounts from the swarm, whose particles stand by id."""

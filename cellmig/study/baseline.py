@@ -15,7 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from cellmig.meshfree.body import Scene
-from cellmig.meshfree.compile import VECTORS, compiled
+from cellmig.meshfree.compile import VECTORS
+from cellmig.meshfree.compiler import compiled
 from cellmig.meshfree.translate import Translator
 
 _LEAST = 0.2  # s that are timed at a time

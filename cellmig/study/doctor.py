@@ -95,18 +95,18 @@ def _mpi() -> Iterator[Finding]:
 
 
 def _compiler() -> str:
-    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if not compiler:
-        raise FileNotFoundError("neither cc nor gcc")
+    from cellmig.meshfree.compiler import compiler
+
+    command = compiler()
     with tempfile.TemporaryDirectory() as directory:
         source = Path(directory) / "try.c"
         source.write_text("#include <math.h>\n#include <stdint.h>\ndouble f(double x) { return sqrt(x); }\n")
-        _output(compiler, "-shared", "-fPIC", str(source), "-o", str(source.with_suffix(".so")), "-lm")
-    return compiler
+        _output(*command, "-shared", "-fPIC", str(source), "-o", str(source.with_suffix(".so")), "-lm")
+    return " ".join(command)
 
 
 def _cache() -> str:
-    from cellmig.meshfree.compile import cache_directory
+    from cellmig.meshfree.compiler import cache_directory
 
     directory = cache_directory()
     directory.mkdir(parents=True, exist_ok=True)

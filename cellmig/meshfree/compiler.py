@@ -1,0 +1,86 @@
+"""Compiles C with what there is, and keeps the libraries in a cache."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+MENDS = "apt install gcc libc6-dev, or without root: pip install ziglang"
+
+
+class CompilerError(RuntimeError):
+    """There is no working C compiler; the message says what would mend it."""
+
+
+def cache_directory() -> Path:
+    """Where compiled kernels are kept: $CELLMIG_CACHE, else the user's cache directory."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("CELLMIG_CACHE") or Path(base) / "cellmig")
+
+
+def _architecture(zig: bool) -> list[str]:
+    """The newest level of x86-64 that the processor has: vectors of four on all, more registers on some; same bits."""
+    try:
+        flags = set(Path("/proc/cpuinfo").read_text().split())
+    except OSError:
+        flags = set()
+    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "fma", "bmi2"} <= flags:
+        chosen = ["-march=x86-64-v4", "-mprefer-vector-width=256"]
+    else:
+        chosen = ["-march=x86-64-v3"] if {"avx2", "fma", "bmi2"} <= flags else []
+    return [flag.replace("x86-64-", "x86_64_") for flag in chosen] if zig else chosen  # Zig spells it so
+
+
+def compiler() -> list[str]:
+    """Command of the C compiler: $CC, else the system's, else that of the Python package ziglang, which is Clang."""
+    if os.environ.get("CC"):
+        return shlex.split(os.environ["CC"])
+    if found := next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None):
+        return [found]
+    if find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise CompilerError(f"no C compiler found: {MENDS}; or set CC")
+
+
+def compiled(source: str) -> Path:
+    """Shared library of `source`, from the cache or compiled now; safe when many processes ask at once."""
+    command = compiler()
+    command += [*FLAGS, *_architecture("ziglang" in command)]
+    key = hashlib.sha256("\0".join([source, *command]).encode()).hexdigest()[:24]
+    library = cache_directory() / f"{key}.so"
+    if library.exists():
+        return library
+    with tempfile.TemporaryDirectory() as scratch:
+        code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
+        code.write_text(source)
+        try:
+            done = subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
+        except OSError as error:
+            raise CompilerError(f"the C compiler '{command[0]}' cannot be started: {MENDS}; or set CC") from error
+        if done.returncode:
+            raise CompilerError(f"the C compiler '{command[0]}' could not compile the kernel:\n{done.stderr}")
+        return _kept(made, library)
+
+
+def _kept(made: Path, library: Path) -> Path:
+    """The library in the cache, there whole or not at all; where there is no room for it, in a file of this process."""
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        part = library.with_suffix(f".{os.getpid()}")
+        shutil.copyfile(made, part)
+        part.replace(library)
+        return library
+    except OSError:
+        with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as own:
+            shutil.copyfileobj(made.open("rb"), own)
+        atexit.register(Path(own.name).unlink, missing_ok=True)
+        return Path(own.name)
