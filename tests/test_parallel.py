@@ -13,12 +13,14 @@ from scenes import built, case
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.meshfree.contact import Surfaces, contact_lists
 from cellmig.parallel import shared
 from cellmig.parallel.ghosts import GhostedField
 from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, extreme
 from cellmig.parallel.swarm import FIELDS, Swarm
+from cellmig.simulation import discretise
 
 # ----------------------------------------------------------------------------------------------------------- sums
 
@@ -183,6 +185,23 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
         assert np.array_equal(field.array[n:], ghosts[:, None] + 0.1 * np.arange(4) + 1e3 * turn)
         assert (memory[n + len(ghosts):] == -1.0).all()
     field.destroy()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rank_lists_all_contacts_of_its_particles(seed: int) -> None:
+    rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'))
+    surfaces = Surfaces.of(scene)
+    x = scene.X[surfaces.ids] + rng.uniform(-0.3, 0.3, (len(surfaces.ids), 2))
+    own = (surfaces.cell == seed) | (surfaces.cell == 5) & (rng.uniform(size=len(x)) < 0.5)
+    all_of_them = np.ones(len(x), bool)
+    found = []
+    for looked_at in (own, all_of_them):
+        lists = contact_lists(surfaces, x, 0.8, 0.1, looked_at)
+        pair, particle = lists.involved(surfaces)
+        found.append(lists.of_pairs(np.unique(pair[own[particle]])))
+    assert len(found[0].node) > 20
+    for name in ("node", "pair", "first", "candidate", "segment"):
+        assert np.array_equal(*(getattr(lists, name) for lists in found)), name
 
 
 # ------------------------------------------------------------------------------------------------------- same bits

@@ -70,19 +70,23 @@ class ContactLists:
         return np.concatenate([self.pair, *[owner] * 4]), np.concatenate([self.node, *ends, *around])
 
 
-def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float) -> ContactLists:
+def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, own: np.ndarray) -> ContactLists:
     """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them.
 
     They hold until a distance changes by `change` [µm]: a segment further away by twice that cannot become the closest.
+    Pairs of cells are left out of which neither has a particle in `own` (m,) bool, but for a few.
     """
-    longest = np.linalg.norm(x[surfaces.after] - x, axis=1).max()
-    pairs = cKDTree(x).query_pairs(reach + 0.5 * longest, output_type="ndarray")
-    pairs = pairs[(surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]) & surfaces.outer[pairs].all(axis=1)]
+    reach += 0.5 * np.linalg.norm(x[surfaces.after] - x, axis=1).max()
+    looked_at = np.flatnonzero(surfaces.outer & around(surfaces, x, own, reach))
+    pairs = looked_at[cKDTree(x[looked_at]).query_pairs(reach, output_type="ndarray")]
+    pairs = pairs[surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]]
     near = np.concatenate([pairs, pairs[:, ::-1]])  # (particle, particle of another cell)
     segments = np.concatenate([near, np.column_stack([near[:, 0], surfaces.before[near[:, 1]]])])
     n_cells = surfaces.cell.max() + 1
     own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
-    unique = np.unique(np.column_stack([own * n_cells + other, segments]), axis=0)
+    unique = np.column_stack([own * n_cells + other, segments])
+    unique = unique[np.lexsort(unique.T[::-1])]
+    unique = unique[np.append(True, (np.diff(unique, axis=0) != 0).any(axis=1))[: len(unique)]]
     away = _distances(x[unique[:, 1]], x[unique[:, 2]], x[surfaces.after[unique[:, 2]]])
     start = np.flatnonzero(_fresh(unique))
     least = np.minimum.reduceat(away, start) if len(start) else away
@@ -99,6 +103,18 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     own, other = np.divmod(directed, n_cells)
     pair = np.minimum(own, other) * n_cells + np.maximum(own, other)
     return ContactLists(node, pair, first, candidate, segment)
+
+
+def around(surfaces: Surfaces, x: np.ndarray, own: np.ndarray, reach: float) -> np.ndarray:
+    """Surface particles of cells (m,) bool that may come within `reach` [µm] of one that has a particle in `own`."""
+    if own.all() or not own.any():
+        return own
+    start = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
+    low, high = (f.reduceat(x, start[:-1]) for f in (np.minimum, np.maximum))
+    centre, wide = 0.5 * (low + high), np.linalg.norm(high - low, axis=1).max()
+    mine = np.unique(surfaces.cell[own])
+    away, _ = cKDTree(centre[mine]).query(centre)
+    return np.repeat(away <= reach + wide, np.diff(start))
 
 
 def _fresh(listed: np.ndarray) -> np.ndarray:

@@ -212,9 +212,9 @@ class Mechanics:
     def _renew_contact(self, x: np.ndarray) -> None:
         s, k = self.surfaces, self.kernel
         longest = 1.2 * np.linalg.norm(x[s.after] - x, axis=1).max()  # a segment may stretch until the next renewal
-        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + self.skin, self.skin)
         own = np.zeros(len(s.ids), bool)
         own[self._mine] = True
+        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + self.skin, self.skin, own)
         pair, particle = lists.involved(s)
         lists = lists.of_pairs(np.unique(pair[own[particle]]))
         particle = lists.involved(s)[1]
