@@ -189,7 +189,8 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rank_lists_all_contacts_of_its_particles(seed: int) -> None:
-    rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'))
+    grid = 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'
+    rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", grid))
     surfaces = Surfaces.of(scene)
     x = scene.X[surfaces.ids] + rng.uniform(-0.3, 0.3, (len(surfaces.ids), 2))
     own = (surfaces.cell == seed) | (surfaces.cell == 5) & (rng.uniform(size=len(x)) < 0.5)
