@@ -178,6 +178,10 @@ def bench(options: argparse.Namespace) -> int:
         from .study.error import bench_error
 
         return bench_error(out, options.quick)
+    if options.scaling:
+        from .study.scaling import bench_scaling
+
+        return bench_scaling(out)
     from .study.speed import bench_speed
 
     return bench_speed(out, options.quick)

@@ -149,6 +149,8 @@ def _looks(commands: Any) -> None:
     what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
                       "integrator, step and modulus: the Pareto sets, and what the defaults should be")
     what.add_argument("--modulus", action="store_true", help="only what the reduced bulk modulus costs, half a minute")
+    what.add_argument("--scaling", action="store_true", help="what steps cost on many ranks: a model whose constants "
+                      "are measured here, three minutes")
     bench.add_argument("--quick", action="store_true", help="in half a minute, with --error in two, to try it out")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")

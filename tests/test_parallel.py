@@ -21,6 +21,7 @@ from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, extreme
 from cellmig.parallel.swarm import FIELDS, Swarm
 from cellmig.simulation import discretise
+from cellmig.solve.places import SurfacePlaces
 
 # ----------------------------------------------------------------------------------------------------------- sums
 
@@ -188,18 +189,23 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_rank_lists_all_contacts_of_its_particles(seed: int) -> None:
+def test_a_rank_knows_where_surfaces_near_its_own_are_and_lists_all_their_contacts(comm: MPI.Comm, seed: int) -> None:
     grid = 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'
     rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", grid))
     surfaces = Surfaces.of(scene)
     x = scene.X[surfaces.ids] + rng.uniform(-0.3, 0.3, (len(surfaces.ids), 2))
-    own = (surfaces.cell == seed) | (surfaces.cell == 5) & (rng.uniform(size=len(x)) < 0.5)
-    all_of_them = np.ones(len(x), bool)
+    owner = partition(scene.X, scene.cell, scene.material, comm.size)[surfaces.ids]
+    owner[surfaces.cell == 5] = rng.integers(0, comm.size, np.count_nonzero(surfaces.cell == 5))
+    mine = np.flatnonzero(owner == comm.rank)
+    places = SurfacePlaces(comm, surfaces, owner, mine)
+    assert np.array_equal(places.everywhere(x[mine]), x)
+    known, near = places.near(x[mine], 0.8)
+    assert np.array_equal(known[near], x[near]) and set(places.on) <= set(near)
+    everything = contact_lists(surfaces, x, 0.8, 0.1, np.arange(len(x)))
     found = []
-    for looked_at in (own, all_of_them):
-        lists = contact_lists(surfaces, x, 0.8, 0.1, looked_at)
+    for lists in (contact_lists(surfaces, known, 0.8, 0.1, near), everything):
         pair, particle = lists.involved(surfaces)
-        found.append(lists.of_pairs(np.unique(pair[own[particle]])))
+        found.append(lists.of_pairs(np.unique(pair[owner[particle] == comm.rank])))
     assert len(found[0].node) > 20
     for name in ("node", "pair", "first", "candidate", "segment"):
         assert np.array_equal(*(getattr(lists, name) for lists in found)), name

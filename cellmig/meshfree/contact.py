@@ -70,15 +70,14 @@ class ContactLists:
         return np.concatenate([self.pair, *[owner] * 4]), np.concatenate([self.node, *ends, *around])
 
 
-def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, own: np.ndarray) -> ContactLists:
+def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, among: np.ndarray) -> ContactLists:
     """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them.
 
     They hold until a distance changes by `change` [µm]: a segment further away by twice that cannot become the closest.
-    Pairs of cells are left out of which neither has a particle in `own` (m,) bool, but for a few.
+    Looked at are the particles `among` (k,), of whole cells, ascending; half of the longest segment is within `reach`.
     """
-    reach += 0.5 * np.linalg.norm(x[surfaces.after] - x, axis=1).max()
-    looked_at = np.flatnonzero(surfaces.outer & around(surfaces, x, own, reach))
-    pairs = looked_at[cKDTree(x[looked_at]).query_pairs(reach, output_type="ndarray")]
+    among = among[surfaces.outer[among]]
+    pairs = among[cKDTree(x[among]).query_pairs(reach, output_type="ndarray")]
     pairs = pairs[surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]]
     near = np.concatenate([pairs, pairs[:, ::-1]])  # (particle, particle of another cell)
     segments = np.concatenate([near, np.column_stack([near[:, 0], surfaces.before[near[:, 1]]])])
@@ -105,16 +104,13 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     return ContactLists(node, pair, first, candidate, segment)
 
 
-def around(surfaces: Surfaces, x: np.ndarray, own: np.ndarray, reach: float) -> np.ndarray:
-    """Surface particles of cells (m,) bool that may come within `reach` [µm] of one that has a particle in `own`."""
-    if own.all() or not own.any():
-        return own
-    start = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
-    low, high = (f.reduceat(x, start[:-1]) for f in (np.minimum, np.maximum))
+def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: float) -> np.ndarray:
+    """Cells, ascending, that may be within `reach` [µm] of some, `mine`; boxes are from low to high (c, 2) [µm]."""
+    if len(mine) in (0, len(low)):
+        return mine
     centre, wide = 0.5 * (low + high), np.linalg.norm(high - low, axis=1).max()
-    mine = np.unique(surfaces.cell[own])
-    away, _ = cKDTree(centre[mine]).query(centre)
-    return np.repeat(away <= reach + wide, np.diff(start))
+    away, _ = cKDTree(centre[mine]).query(centre, distance_upper_bound=reach + wide)
+    return np.flatnonzero(np.isfinite(away))
 
 
 def _fresh(listed: np.ndarray) -> np.ndarray:

@@ -747,6 +747,9 @@ static inline int exchange(const Scene *s, void *vec)
     return s->ghost_begin(vec, 1, 0) || s->ghost_end(vec, 1, 0);
 }
 
+/* That of the state alone, to be timed. */
+int exchange_state(const Scene *s) { return exchange(s, s->state_vec); }
+
 static int surface_forces(const Scene *s, double elapsed, double dt)
 {
     memset(s->force + 2 * s->n_owned, 0, sizeof(double) * 2 * (size_t)(s->n_local - s->n_owned)); /* for their owners */

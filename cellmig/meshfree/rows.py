@@ -28,10 +28,14 @@ class Numbering:
 
     def local(self, ids: np.ndarray) -> np.ndarray:
         """Local numbers of global ids; -1 where this rank does not hold them."""
-        order = np.argsort(self.ids, kind="stable")
+        order = self._order
         at = np.minimum(np.searchsorted(self.ids, ids, sorter=order), len(order) - 1)
         found = order[at] if len(order) else np.zeros_like(ids)
         return np.where(self.ids[found] == ids, found, -1) if len(order) else np.full(np.shape(ids), -1)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.ids, kind="stable")
 
     def places(self, size: int) -> np.ndarray:
         """Local numbers of all `size` particles of the scene (size,); -1 where this rank does not hold them."""

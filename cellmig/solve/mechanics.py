@@ -12,13 +12,14 @@ from petsc4py import PETSc
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.compile import Kernel, aligned_zeros
-from ..meshfree.contact import Surfaces, contact_lists
+from ..meshfree.contact import ContactLists, Surfaces, contact_lists
 from ..meshfree.rows import home_arrays, make_blocks, number
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
 from .director import Director
+from .places import SurfacePlaces
 from .roughness import roughness
 
 SKIN = 0.2  # µm by which surfaces may approach each other before the search lists are made anew
@@ -38,6 +39,7 @@ class Mechanics:
         """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool."""
         self.scene, self.terms, self.boundary, self.comm, self.law = scene, terms, boundary, comm, director
         self.surfaces = Surfaces.of(scene)
+        self._owner = owner
         self.place_in_petsc = np.empty(scene.size, np.int64)
         self.place_in_petsc[np.lexsort((np.arange(scene.size), owner))] = np.arange(scene.size)
         self._number(swarm["id"])
@@ -117,7 +119,9 @@ class Mechanics:
         k, s = self.kernel, self.surfaces
         own = self.base.local(s.ids)
         own = (own >= 0) & (own < self.n_owned)
-        self._mine = np.flatnonzero(own)  # my surface particles
+        self._is_mine, self._mine = own, np.flatnonzero(own)
+        self._at = self.base.local(s.ids[self._mine])
+        self.places = SurfacePlaces(self.comm, s, self._owner[s.ids], self._mine)
         self._segments = np.flatnonzero(own | own[s.after])
         ends = np.column_stack([self._segments, s.after[self._segments]])
         k["segment"] = self.base.local(s.ids[ends])
@@ -174,49 +178,47 @@ class Mechanics:
 
     # ------------------------------------------------------------ search lists
 
+    def _own_surfaces(self) -> np.ndarray:
+        """Current positions of this rank's surface particles [µm]."""
+        return self._X[self._at] + self._memory[self._at, :2]
+
     def surface_positions(self) -> np.ndarray:
         """Current positions of all surface particles of the scene (m, 2) [µm]; collective."""
-        s, local = self.surfaces, self.base.local(self.surfaces.ids[self._mine])
-        own = self._X[local] + self._memory[local, :2]
-        counts = np.array(self.comm.allgather(len(local)))
-        x, where = np.empty((len(s.ids), 2)), np.empty(len(s.ids), np.int64)
-        self.comm.Allgatherv(self._mine, (where, counts))
-        everything = np.empty_like(x)
-        self.comm.Allgatherv(own, (everything, 2 * counts))
-        x[where] = everything
-        return x
+        return self.places.everywhere(self._own_surfaces())
 
     def renew_lists(self) -> None:
         """Search lists, ghosts of cells in reach and the front halves, for the positions as they are; collective."""
         s, k, t = self.surfaces, self.kernel, self.terms
         self.rebuilds += 1
-        self._renewed_at = self._memory[self.base.local(s.ids[self._mine]), :2].copy()
+        self._renewed_at = self._memory[self._at, :2].copy()
         if t.substrate is None and t.contact is None:
             self._point_to_memory()
             return
-        x = self.surface_positions()
+        x2 = self.segments()[1]
+        longest = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1).max(initial=0.0)
+        longest = float(extreme(self.comm, np.array([longest]))[0])
+        # A segment may stretch by a fifth until the next renewal.
+        reach = t.contact.cutoff + 1.2 * longest + self.skin if t.contact is not None else 0.0
+        x, around = self.places.near(self._own_surfaces(), reach + 0.5 * longest)
+        ends = np.column_stack([self._segments, s.after[self._segments]])
         if t.substrate is not None:
-            reach = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
-            ends = np.column_stack([self._segments, s.after[self._segments]])
-            near = np.flatnonzero((x[ends, 1].min(axis=1) < reach + self.skin) & s.outer[self._segments])
+            depth = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
+            near = np.flatnonzero((x[ends, 1].min(axis=1) < depth + self.skin) & s.outer[self._segments])
             k["near"], k["n_near"] = near, len(near)
         if t.protrusion is not None:
-            mean = np.bincount(s.cell[s.outer], x[s.outer, 0]) / np.bincount(s.cell[s.outer])
-            push = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha
-            push *= t.protrusion.front(x[:, 0] - mean[s.cell])
-            k["push"][:] = push[ends]
+            on = self.places.on[s.outer[self.places.on]]
+            mean = np.bincount(s.cell[on], x[on, 0]) / np.maximum(np.bincount(s.cell[on]), 1)
+            front = t.protrusion.front(x[ends, 0] - mean[s.cell[ends]])
+            k["push"][:] = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha[ends] * front
         if t.contact is not None:
-            self._renew_contact(x)
+            self._renew_contact(contact_lists(s, x, reach + 0.5 * longest, self.skin, around))
         self._point_to_memory()
 
-    def _renew_contact(self, x: np.ndarray) -> None:
+    def _renew_contact(self, lists: ContactLists) -> None:
+        """Those of pairs in which this rank has a part, of all that are near."""
         s, k = self.surfaces, self.kernel
-        longest = 1.2 * np.linalg.norm(x[s.after] - x, axis=1).max()  # a segment may stretch until the next renewal
-        own = np.zeros(len(s.ids), bool)
-        own[self._mine] = True
-        lists = contact_lists(s, x, self.terms.contact.cutoff + longest + self.skin, self.skin, own)
         pair, particle = lists.involved(s)
-        lists = lists.of_pairs(np.unique(pair[own[particle]]))
+        lists = lists.of_pairs(np.unique(pair[self._is_mine[particle]]))
         particle = lists.involved(s)[1]
         numbering = self.base.extended(s.ids[particle])
         same = np.array_equal(numbering.ids, self.numbering.ids)
@@ -245,10 +247,7 @@ class Mechanics:
 
     def displaced(self) -> float:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""
-        if not len(self._mine):
-            return 0.0
-        now = self._memory[self.base.local(self.surfaces.ids[self._mine]), :2]
-        return float(np.linalg.norm(now - self._renewed_at, axis=1).max())
+        return float(np.linalg.norm(self._memory[self._at, :2] - self._renewed_at, axis=1).max(initial=0.0))
 
     def lists_are_late(self) -> bool:
         """Whether surfaces moved further than the search lists allow; collective."""

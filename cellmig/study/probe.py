@@ -103,8 +103,9 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     Returns
     -------
     dict -- `ns` : by what was timed, lists of "wall" and "cpu" nanoseconds per particle and step, the whole "step",
-    its "internal force", which is "stress" and "divergence", and terms of surfaces; `us` : microseconds of an
-    "exchange" of ghosts, a "look" of the step control, "lists", "sample", "frame"; sizes and bytes.
+    its internal force, which is "stress" and "divergence", and terms of surfaces; `us` : microseconds of an "exchange"
+    of ghosts as steps do it and of one by "messages", a "look" of the step control, "lists", "sample", "frame"; sizes
+    and bytes.
     """
     case, begin = scene.case(), perf_counter()
     built, terms = discretise(case), find_terms(case)
@@ -126,13 +127,15 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     us = {"look": watch.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": watch.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
     if comm.size > 1:
-        us["exchange"] = watch.seconds(lambda n: [m.state.exchange() for _ in range(n)])[0]
+        us["messages"] = watch.seconds(lambda n: [m.state.exchange() for _ in range(n)])[0]
+        us["exchange"] = watch.seconds(lambda n: k.repeated(n, "exchange_state"))[0]
     if output:
         us |= _output(sim, watch)
     found = {
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
         "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
-        "owned": comm.allgather(m.n_owned), "ghosts": comm.allgather(len(m.numbering.ids) - m.n_owned),
+        "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.base.n_rows),
+        "ghosts": comm.allgather(len(m.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
         "neighbours": float(np.mean([t.G.nnz / t.G.shape[0] for t in sim.scene.templates])),
         "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
         "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,

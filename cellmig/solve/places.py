@@ -1,0 +1,68 @@
+"""Where the surfaces of other ranks are: a rank asks for those near its own, whoever has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpi4py import MPI
+
+from ..meshfree.contact import Surfaces, cells_around
+
+
+class SurfacePlaces:
+    """Positions of surface particles, of which each rank knows its own.
+
+    mine : (n,) int -- this rank's surface particles, ascending;  cells : cells that have some;  on : (m,) int -- all
+    surface particles of these cells.
+    """
+
+    def __init__(self, comm: MPI.Comm, surfaces: Surfaces, owner: np.ndarray, mine: np.ndarray):
+        """`owner` : (m,) -- ranks of the surface particles."""
+        self.comm, self.mine, self._owner = comm, mine, owner
+        self._first = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
+        self.cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
+        self.on = self.of_cells(self.cells)
+        self._x = np.empty((len(owner), 2))  # of the scene's size, but only what is near is ever touched
+
+    def of_cells(self, cells: np.ndarray) -> np.ndarray:
+        """Surface particles of some cells."""
+        return np.concatenate([np.arange(*self._first[c : c + 2]) for c in cells] or [np.zeros(0, int)])
+
+    def everywhere(self, own: np.ndarray) -> np.ndarray:
+        """Positions of all (m, 2), from this rank's (n, 2) [µm]; collective."""
+        counts = np.array(self.comm.allgather(len(own)))
+        x, where = np.empty_like(self._x), np.empty(len(self._x), np.int64)
+        self.comm.Allgatherv(self.mine, (where, counts))
+        everything = np.empty_like(x)
+        self.comm.Allgatherv(own, (everything, 2 * counts))
+        x[where] = everything
+        return x
+
+    def near(self, own: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (m, 2) [µm] of the surface particles (k,) of cells within `reach` of this rank's, and these.
+
+        This rank's are `own` (n, 2); collective.
+        """
+        box = np.full((len(self._first) - 1, 4), np.inf)
+        if len(own):
+            box[self.cells] = np.minimum.reduceat(np.hstack([own, -own]), self._start)
+        self.comm.Allreduce(MPI.IN_PLACE, box, MPI.MIN)
+        around = self.of_cells(cells_around(box[:, :2], -box[:, 2:], self.cells, reach))
+        self._x[self.mine] = own
+        others = around[self._owner[around] != self.comm.rank]
+        self._x[others] = self._fetched(others)
+        return self._x, around
+
+    def _fetched(self, wanted: np.ndarray) -> np.ndarray:
+        """Positions (k, 2) of other ranks' surface particles (k,); collective."""
+        order = np.argsort(self._owner[wanted], kind="stable")
+        count = np.bincount(self._owner[wanted], minlength=self.comm.size).astype(np.int64)
+        asked = np.empty_like(count)
+        self.comm.Alltoall(count, asked)
+        names = np.empty(asked.sum(), np.int64)
+        self.comm.Alltoallv((wanted[order].astype(np.int64), count), (names, asked))
+        places = np.empty((len(wanted), 2))
+        self.comm.Alltoallv((self._x[names], 2 * asked), (places, 2 * count))
+        out = np.empty_like(places)
+        out[order] = places
+        return out
