@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from cellmig.__main__ import sweep as command
 from cellmig.case.messages import CaseError
+from cellmig.output.manifest import read_manifest
 from cellmig.study.sweep import Sweep, array_script, sweep, variation
 from cellmig.usage import UsageError, parse
 
@@ -24,6 +27,7 @@ COARSE = ("particles.per_cell=60", "time.end=1 us", "time.samples=2", "time.fram
     ("a.b=0.5, 1e-3", "a.b", (0.5, 1e-3)),
     ("a.b=1,2,4 kPa", "a.b", ("1 kPa", "2 kPa", "4 kPa")),
     ("a.b=900 Pa, 2 kPa", "a.b", ("900 Pa", "2 kPa")),
+    ("a.b=7,1.5,1e-3,many", "a.b", (7, 1.5, 1e-3, "many")),
     ("seed=1:3", "seed", (1, 2, 3)),
     ("time.integrator=leapfrog,rk", "time.integrator", ("leapfrog", "rk")),
     ('cells=["Cell-1"],["Cell-1","Cell-2"]', "cells", (["Cell-1"], ["Cell-1", "Cell-2"])),
@@ -43,11 +47,21 @@ def test_a_key_that_is_varied_twice_is_a_wrong_call():
         command(parse(["sweep", str(ONE), "--vary", "seed=1:2", "--vary", "seed=5"]))
 
 
-def test_a_value_that_does_not_suit_is_told_before_anything_runs(tmp_path):
-    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"]}, tmp_path / "out")
+def test_a_value_that_does_not_suit_is_told_with_its_option_before_anything_runs(tmp_path):
+    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"], "seed": [1, 2]}, tmp_path / "out",
+                 ("particles.per_cel=60",))
     with pytest.raises(CaseError) as error:
         sweep(plan)
-    assert len(error.value.mistakes) == 2
+    said = [str(mistake).split(": ")[:2] for mistake in error.value.mistakes]
+    assert sorted(said) == [["--set particles.per_cel=60", "particles.per_cel"],
+                            ['--vary adhesion.substrate.bonds="-1 /um^2"', "adhesion.substrate.bonds"],
+                            ['--vary adhesion.substrate.bonds="1 um"', "adhesion.substrate.bonds"]]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_column_that_a_run_will_not_have_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(CaseError, match=r"--show: history.csv has no column 'area'; did you mean 'area_um2'\?"):
+        sweep(Sweep(ONE, {"seed": [1, 2]}, tmp_path / "out", COARSE), shown=("ux_um", "area"))
     assert not (tmp_path / "out").exists()
 
 
@@ -82,6 +96,17 @@ def test_what_is_done_is_kept_and_more_values_add_runs(done, capsys):
     assert "6 runs; 4 of them are there already" in capsys.readouterr().out
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert len(list(done.out.rglob("manifest.json"))) == 6
+
+
+def test_a_run_that_was_stopped_goes_on_in_its_middle_if_it_is_of_the_same_case(tmp_path, outside_mpi):
+    plan = Sweep(ONE, {"seed": [1]}, tmp_path, COARSE)
+    job, = plan.jobs().values()
+    words = [sys.executable, "-m", "cellmig", *job.arguments(), "--wall-time", "1 s"]
+    assert subprocess.run(words, env=outside_mpi).returncode == 75
+    assert job.goes_on() and not dataclasses.replace(job, sets=(*job.sets, "seed=2")).goes_on()
+    assert sweep(plan) == 0
+    manifest = read_manifest(job.directory)
+    assert manifest["exit_status"] == 0 and len(manifest["resumed"]) == 1 and not job.goes_on()
 
 
 def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import os
@@ -18,10 +19,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cellmig.case.messages import CaseError
+from cellmig.case.messages import CaseError, Mistake, suggest
+from cellmig.case.schema import Case
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import read_table
+from cellmig.output.tables import HISTORY, further_columns, read_table
 
 from .batch import Job, run_missing, unsound, write_rows
 from .run import DONE, STOPPED, stop_requests
@@ -29,7 +31,7 @@ from .style import COLOURS, STYLE, save
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # letters of a directory's name
-_QUANTITY = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)")
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 _MANIFEST = ("exit_status", "worst_closure", "steps", "wall_seconds", "state_hash")
 
 
@@ -54,11 +56,17 @@ def variation(text: str) -> tuple[str, tuple[Any, ...]]:
     return key, tuple(values)
 
 
-def _with_unit(words: list[str]) -> list[str]:
-    """Words as they are, pure numbers among them with the unit of the last."""
+def _with_unit(words: list[str]) -> list[Any]:
+    """Words as they are, pure numbers among them with the unit of the last, or as numbers if that has none."""
     last = _QUANTITY.fullmatch(words[-1])
     unit = last[2] if last else ""
-    return [f"{word} {unit}" if unit and (m := _QUANTITY.fullmatch(word)) and not m[2] else word for word in words]
+
+    def read(word: str) -> Any:
+        if not (number := _QUANTITY.fullmatch(word)) or number[2]:
+            return word
+        return f"{word} {unit}" if unit else int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
+
+    return [read(word) for word in words]
 
 
 @dataclass(frozen=True)
@@ -78,13 +86,14 @@ class Sweep:
         """All runs by their values, the first key slowest.  Raises CaseError if a value does not suit the case."""
         short = [key.rpartition(".")[2] for key in self.vary]
         names = short if len(set(short)) == len(short) else list(self.vary)
-        jobs = {}
+        jobs, varied = {}, set()
         for number, values in enumerate(itertools.product(*self.vary.values()), 1):
             name = "_".join(f"{key}={_in_a_name(value)}" for key, value in zip(names, values, strict=True))
             name = name if len(name) <= _LONGEST else f"run{number:05d}"
             sets = [f"{key}={json.dumps(value)}" for key, value in zip(self.vary, values, strict=True)]
+            varied.update(sets)
             jobs[values] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
-        _check(jobs.values())
+        _check(jobs.values(), varied)
         return jobs
 
     def rows(self, jobs: Mapping[tuple, Job]) -> Iterator[dict[str, Any]]:
@@ -101,16 +110,26 @@ class Sweep:
                        "directory": str(job.directory)}
 
 
-def _check(jobs: Iterable[Job]) -> None:
-    """Raise the mistakes of all cases, each once."""
+def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
+    """Raise the mistakes of all cases, each once; those in what is varied under the name of its option."""
+    said = {f"--set {text}": f"--vary {text}" for text in varied}
     mistakes = []
     for job in jobs:
         try:
             job.load()
         except CaseError as error:
-            mistakes += error.mistakes
+            mistakes += [dataclasses.replace(one, file=said.get(one.file, one.file)) for one in error.mistakes]
     if mistakes:
         raise CaseError(dict.fromkeys(mistakes))
+
+
+def _check_columns(case: Case, shown: Iterable[str]) -> None:
+    """Refuse to draw what history.csv will not have."""
+    there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
+                                            (one.name for one in (*case.supports, *case.plates))))
+    if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
+                    for name in shown if name not in there]:
+        raise CaseError(mistakes)
 
 
 def _in_a_name(value: Any) -> str:
@@ -139,6 +158,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
     """
     jobs = plan.jobs()
+    _check_columns(next(iter(jobs.values())).load(), shown)
     with stop_requests() as asked:
         failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
     rows = list(plan.rows(jobs))
