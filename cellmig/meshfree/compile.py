@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from .terms import Terms
 from .translate import Translator
 
-VECTORS, STEP = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c"))
+VECTORS, STEP, ASSEMBLE = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c", "assemble.c"))
 FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 _POINTERS = {f"{kind} *": ctypes.c_void_p for kind in ("double", "coefficient", "uint32_t", "int32_t", "long", "void")}
 _TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
@@ -253,6 +254,16 @@ static inline void material_director_flux(const Scene *s, int material, const v4
 
 class CompilerError(RuntimeError):
     """There is no working C compiler; the message says what would mend it."""
+
+
+def assemble(*arguments: Any) -> None:
+    """The function of assemble.c; integers in arrays are of type long."""
+    _assembler().assemble(*[_argument(a) for a in arguments])
+
+
+@cache
+def _assembler() -> ctypes.CDLL:
+    return ctypes.CDLL(str(compiled(ASSEMBLE.read_text())))
 
 
 def cache_directory() -> Path:

@@ -22,9 +22,11 @@ from .static import DEFAULTS
 SKIN = 1.0  # µm: search lists last longer, whose cost is nothing against that of a step
 FINE, MOST_PARTS = 0.01, 20  # µm: pieces of a step's path in which its work is integrated, and most of them
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
-FORCING = "1e-3"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
+LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
+FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
+STEPS = {"snes_max_it": "10"}  # of Newton's method: what has not converged then wants a shorter step in time
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # of the modulus of sound: what rounding leaves of forces is less by far
 
@@ -82,7 +84,8 @@ class Implicit(Integrator):
         ts.setType(PETSc.Options().getString("ts_type", ts.getType()))
         modulus = max(max(l.shear_modulus, STIFF * l.density * l.sound_speed**2) for l in m.scene.materials)
         force = modulus * max(t.spacing for t in m.scene.templates) * np.sqrt(m.scene.size)
-        ts.getSNES().setTolerances(rtol=BALANCE, atol=BALANCE * force, stol=0.0)
+        balance = LOOSE if self.adaptive else BALANCE
+        ts.getSNES().setTolerances(rtol=balance, atol=balance * force, stol=0.0)
         ts.setMaxSNESFailures(-1)
         ts.setMaxStepRejections(CUTS)
 
@@ -94,13 +97,13 @@ class Implicit(Integrator):
     def _defaults(self) -> dict[str, str]:
         """Options but those that are given."""
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
-        steps = ACCURACY if self.adaptive else {"ts_adapt_type": "none"}
+        steps = STEPS | (ACCURACY if self.adaptive else {"ts_adapt_type": "none"})
         krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
         if not self.second_order:
             krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
         steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # a direction that is not exact is one all the same
         return steps | krylov | {k: v for k, v in DEFAULTS.items()
-                                 if k not in krylov and (direct or k != "pc_factor_mat_solver_type")}
+                                 if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
     def steps_said(self) -> str:
