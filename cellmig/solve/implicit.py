@@ -26,7 +26,8 @@ LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
 FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
-STEPS = {"snes_max_it": "10"}  # of Newton's method: what has not converged then wants a shorter step in time
+# Of Newton's method: what has not converged then wants a shorter step in time; without a first step slow motion stops.
+STEPS = {"snes_max_it": "10", "snes_force_iteration": "true"}
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # of the modulus of sound: what rounding leaves of forces is less by far
 
