@@ -407,7 +407,8 @@ def test_validate_says_how_far_a_step_is_from_the_stable_one(alone):
 
 def test_validate_tells_what_implicit_steps_take(alone):
     asked = ("validate", CASES["one_cell"], "--set", "particles.per_cell=93", "--set", "time.integrator=bdf")
-    given = dict(line.split("  ", 1) for line in alone(*asked, "--set", "time.step=20 ns").stdout.splitlines()[1:] if line)
+    lines = alone(*asked, "--set", "time.step=20 ns").stdout.splitlines()[1:]
+    given = dict(line.split("  ", 1) for line in lines if line)
     assert given["steps"].split()[:2] == ["20000", "to"]
     assert 0.001 < float(given["one step"].split()[0]) < 5.0  # measured 0.02
     open_ended = alone(*asked).stdout
