@@ -117,6 +117,8 @@ class Implicit(Integrator):
         """How long the steps are and how they are solved, for the log."""
         solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
         how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
+        if self.equations.matrix_free:
+            how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
         if self.adaptive:
             allowed = 1e3 * self.ts.getTolerances()[1]
             return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {how}"
