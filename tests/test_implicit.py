@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +17,7 @@ from petsc4py import PETSc
 from cellmig.case.schema import Case
 from cellmig.parallel.options import IMPLICIT
 from cellmig.simulation import Simulation
+from cellmig.solve.implicit import SETTLED
 from cellmig.study.pieces import piece
 
 SOFT_BONDS = ('adhesion.substrate.range="40 nm"', 'cells.0.centre=["0 um", "5.04 um"]')
@@ -128,6 +130,33 @@ def test_a_step_without_solution_is_cut_and_the_run_goes_on() -> None:
         assert sim.go(8.0) == 8.0
         assert sim.integrator.failures >= sum("the step is cut" in line for line in said) > 0
         assert sim.sample()[1]["closure"] < 0.01
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_what_moves_slowly_goes_on_in_long_steps(integrator: str) -> None:
+    """All that is out of balance at the start of a step is a velocity, less than Newton's method asks for."""
+    scene = stepped("nucleus", integrator, 1000, 'time.end="10 us"', per_cell=93)
+    cell = dataclasses.replace(scene.cells[0], velocity=(1e-6, 0.0), velocity_gradient=((0.0, 0.0), (0.0, 0.0)))
+    moved = after(dataclasses.replace(scene, cells=(cell,)), 10.0)[:, 0]
+    assert np.abs(moved - 1e-5).max() < 1e-8  # measured 1e-13
+
+
+def test_newton_ends_where_its_steps_lead_no_further() -> None:
+    """As where the foot of a contact jumps: forces jump between two states, neither of which is in balance."""
+    reason = PETSc.SNES.ConvergedReason
+    with built(stepped("one_cell", "bdf", "auto", per_cell=93), MPI.COMM_SELF) as sim:
+        run, snes = sim.integrator, sim.integrator.ts.getSNES()
+
+        def ended(*norms: float, moved: float) -> int:
+            return [run._converged(snes, i, (1.0, moved, norm)) for i, norm in enumerate(norms)][-1]
+
+        jump, small = 0.1 * run._rough, 0.1 * SETTLED
+        assert ended(50.0 * jump, jump, jump, moved=small) == reason.CONVERGED_SNORM_RELATIVE
+        assert ended(50.0 * jump, jump, 0.1 * jump, moved=small) == reason.ITERATING
+        assert ended(50.0 * jump, jump, jump, moved=1.0) == reason.ITERATING
+        assert ended(50.0 * jump, 20.0 * jump, 20.0 * jump, moved=small) == reason.ITERATING
+        assert ended(jump, 1e-12, moved=1.0) == reason.CONVERGED_FNORM_ABS
+        assert ended(jump, np.nan, moved=1.0) == reason.DIVERGED_FNORM_NAN
 
 
 @pytest.mark.parametrize("integrator", ["bdf", "alpha2"])

@@ -424,6 +424,16 @@ def test_validate_says_how_far_a_step_is_from_the_stable_one(alone):
     assert done.returncode == 0 and "1e+03 ns as given" in done.stdout and "TOO LARGE" in done.stdout
 
 
+def test_validate_tells_what_implicit_steps_take(alone):
+    asked = ("validate", CASES["one_cell"], "--set", "particles.per_cell=93", "--set", "time.integrator=bdf")
+    lines = alone(*asked, "--set", "time.step=20 ns").stdout.splitlines()[1:]
+    given = dict(line.split("  ", 1) for line in lines if line)
+    assert given["steps"].split()[:2] == ["20000", "to"]
+    assert 0.001 < float(given["one step"].split()[0]) < 5.0  # measured 0.02
+    open_ended = alone(*asked).stdout
+    assert "as many as the motion asks for" in open_ended and "leapfrog takes" in open_ended
+
+
 def test_validate_warns_of_bonds_that_start_pressed(alone):
     low = ("--set", 'cells.0.centre=["10.01 um", "5.004 um"]', "--set", 'cells.0.pitch=[["-10.003 um", "0 um"]]')
     assert "WARNING" not in alone("validate", PAPER, *COARSE).stdout

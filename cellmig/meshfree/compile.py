@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from .compiler import compiled
 from .terms import Terms
 from .translate import Translator
 
-VECTORS, STEP = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c"))
+VECTORS, STEP, ASSEMBLE = (Path(__file__).with_name(name) for name in ("vector.c", "kernel.c", "assemble.c"))
 _POINTERS = {f"{kind} *": ctypes.c_void_p for kind in ("double", "coefficient", "uint32_t", "int32_t", "long", "void")}
 _TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
 _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int32, "long *": np.int64}
@@ -243,3 +244,13 @@ static inline void material_director_flux(const Scene *s, int material, const v4
 {flux}
 }}
 """
+
+
+def assemble(*arguments: Any) -> None:
+    """The function of assemble.c; integers in arrays are of type long."""
+    _assembler().assemble(*[_argument(a) for a in arguments])
+
+
+@cache
+def _assembler() -> ctypes.CDLL:
+    return ctypes.CDLL(str(compiled(ASSEMBLE.read_text())))

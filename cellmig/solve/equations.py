@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
 from petsc4py import PETSc
 
@@ -12,6 +11,7 @@ from .mechanics import Mechanics
 from .stiffness import Stiffness
 
 NEAR = 1e-7  # µm by which particles move, at most, for a difference of forces
+KEPT_FROM = 1_000  # particles of the scene: beyond, a tangent is kept as a preconditioner, as its factors cost most
 SERVES, CHANGE = 12, 2.0  # iterations of Krylov methods, and change of the step, up to which a tangent is kept
 
 
@@ -19,7 +19,8 @@ class Equations:
     """M a - f(u, v, t) = 0 on a rank's particles; where a support holds, a is that of the support.
 
     evaluated : number of evaluations of forces;  assembled : of tangents;  matrix : Mat -- the last tangent;
-    matrix_free : whether tangents are applied by differences of forces and `matrix` preconditions (-matrix_free).
+    matrix_free : whether tangents are applied by differences of forces and `matrix` preconditions (-matrix_free, by
+    default in large scenes).
     """
 
     def __init__(self, mechanics: Mechanics):
@@ -32,7 +33,7 @@ class Equations:
         self.free = np.ones((m.n_owned, 2))
         if m.terms.histories is not None:
             self.free[m.kernel["held"] // 4, m.kernel["held"] % 4] = 0.0
-        self.matrix_free = PETSc.Options().getBool("matrix_free", False)
+        self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > KEPT_FROM)
         self._serves = 0.0  # by_v of the matrix, none before there is one
         self._touches = m.terms.substrate is not None or m.terms.contact is not None
 
@@ -65,14 +66,12 @@ class Equations:
             if self._serves:
                 return
         n = self.mechanics.n_owned
-        K = self.stiffness(1.0, by_v)
-        rows = np.repeat(np.arange(n), np.diff(K.indptr))
-        K.data *= self.free[rows, :, None]
-        own = np.arange(n)
-        inertia = by_a * self.mass[:, :, None] * np.eye(2)
-        K = K + sparse.bsr_matrix((inertia, own + self.stiffness.start, np.arange(n + 1)), K.shape)
-        K.sort_indices()
-        self.stiffness.store(K, self.matrix, pc)
+        bodies = self.stiffness.internal(1.0, by_v)
+        surfaces = self.stiffness.surfaces(1.0, by_v)
+        for K in (bodies, surfaces):
+            K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
+        bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(2)
+        self.stiffness.store(bodies, surfaces, self.matrix, pc)
         self.assembled, self._serves = self.assembled + 1, by_v
 
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

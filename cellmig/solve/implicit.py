@@ -22,9 +22,16 @@ from .static import DEFAULTS
 SKIN = 1.0  # µm: search lists last longer, whose cost is nothing against that of a step
 FINE, MOST_PARTS = 0.01, 20  # µm: pieces of a step's path in which its work is integrated, and most of them
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
-FORCING = "1e-3"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
+LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
+FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
+# Where the foot of a contact is as near on two segments, forces jump from one to the other and no state is in balance:
+# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean [µm,
+# µm/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
+SETTLED, ROUGH = 1e-5, 1e-4
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
+STEPS = {"snes_max_it": "10"}  # of Newton's method: what has not converged then wants a shorter step in time
+DIVERGED = 1e8  # times what was out of balance at first
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # of the modulus of sound: what rounding leaves of forces is less by far
 
@@ -82,7 +89,10 @@ class Implicit(Integrator):
         ts.setType(PETSc.Options().getString("ts_type", ts.getType()))
         modulus = max(max(l.shear_modulus, STIFF * l.density * l.sound_speed**2) for l in m.scene.materials)
         force = modulus * max(t.spacing for t in m.scene.templates) * np.sqrt(m.scene.size)
-        ts.getSNES().setTolerances(rtol=BALANCE, atol=BALANCE * force, stol=0.0)
+        balance = LOOSE if self.adaptive else BALANCE
+        ts.getSNES().setTolerances(rtol=balance, atol=balance * force, stol=0.0)
+        ts.getSNES().setConvergenceTest(self._converged)
+        self._rough = ROUGH * force
         ts.setMaxSNESFailures(-1)
         ts.setMaxStepRejections(CUTS)
 
@@ -94,24 +104,44 @@ class Implicit(Integrator):
     def _defaults(self) -> dict[str, str]:
         """Options but those that are given."""
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
-        steps = ACCURACY if self.adaptive else {"ts_adapt_type": "none"}
+        steps = STEPS | (ACCURACY if self.adaptive else {"ts_adapt_type": "none"})
         krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
         if not self.second_order:
             krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
         steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # a direction that is not exact is one all the same
         return steps | krylov | {k: v for k, v in DEFAULTS.items()
-                                 if k not in krylov and (direct or k != "pc_factor_mat_solver_type")}
+                                 if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
     def steps_said(self) -> str:
         """How long the steps are and how they are solved, for the log."""
         solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
         how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
+        if self.equations.matrix_free:
+            how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
         if self.adaptive:
             allowed = 1e3 * self.ts.getTolerances()[1]
             return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {how}"
         return (f"{1e3 * self.fixed_step:.3g} ns as given, {self.fixed_step / self._stable():.3g} times the stable one "
                 f"of leapfrog; {how}")
+
+    def _converged(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """Whether Newton's method is done, after one step at least: without it slow motion stops in long steps."""
+        reason, (_, moved, norm) = PETSc.SNES.ConvergedReason, norms
+        rtol, atol, _, _ = snes.getTolerances()
+        if iteration == 0:
+            self._norms = [norm]
+            return reason.ITERATING if np.isfinite(norm) else reason.DIVERGED_FNORM_NAN
+        first, last = self._norms[0], self._norms[-1]
+        self._norms.append(norm)
+        if not np.isfinite(norm):
+            return reason.DIVERGED_FNORM_NAN
+        if norm < max(atol, rtol * first):
+            return reason.CONVERGED_FNORM_ABS
+        if norm > DIVERGED * first:
+            return reason.DIVERGED_DTOL
+        settled = moved < SETTLED * np.sqrt(2.0 * self.mechanics.scene.size) and 0.5 * last < norm < self._rough
+        return reason.CONVERGED_SNORM_RELATIVE if settled else reason.ITERATING
 
     # ------------------------------------------------------------ equations
 

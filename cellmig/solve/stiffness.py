@@ -10,6 +10,7 @@ from scipy import sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..meshfree.compile import assemble
 from ..meshfree.rows import csr_rows
 from ..output.sample import director_fields, pointwise
 from .mechanics import Mechanics
@@ -34,16 +35,21 @@ class Stiffness:
         self.shape = 2 * n, 2 * scene.size
         self._G = self._wide([t.G for t in scene.templates], base.n_rows)
         owned = (self._G.indices >= self.start) & (self._G.indices < self.start + n)
-        row = np.repeat(np.arange(base.n_rows), np.diff(self._G.indptr))
-        self._row = row
-        left = sparse.coo_matrix((np.flatnonzero(owned), (self._G.indices[owned] - self.start, row[owned])),
+        self._row = np.repeat(np.arange(base.n_rows), np.diff(self._G.indptr))
+        left = sparse.coo_matrix((np.flatnonzero(owned), (self._G.indices[owned] - self.start, self._row[owned])),
                                  (n, base.n_rows)).tocsr()
-        g = self._G.data[left.data]
-        blocks = np.zeros((len(g), 2, 2, 2))
-        blocks[:, 0, 0], blocks[:, 1, 1] = np.column_stack([g.real, g.imag]), np.column_stack([g.real, g.imag])
-        self._left = sparse.bsr_matrix((blocks.reshape(-1, 2, 4), left.indices, left.indptr), (2 * n, 4 * base.n_rows))
-        self._elastic = self._scalar("E", m.terms.stiffened)
-        self._viscous = self._scalar("S", m.terms.stabilised)
+        parts = {"elastic": ("E", m.terms.stiffened), "viscous": ("S", m.terms.stabilised)}
+        scalars = {name: self._wide([getattr(t, matrix) for t in scene.templates], n)
+                   for name, (matrix, there) in parts.items() if there}
+        self.pattern = _pattern(left, left.shape) @ _pattern(self._G, self._G.shape)
+        self.pattern = sum((_pattern(s, s.shape) for s in scalars.values()), self.pattern).tocsr()
+        self.pattern.sort_indices()
+        places = _places(self.pattern)
+        self._scalars = {name: (np.searchsorted(places, _places(s)), s.data) for name, s in scalars.items()}
+        self.diagonal = np.searchsorted(places, np.arange(n) * (scene.size + 1) + self.start)
+        lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
+        self._lists = *(a.astype(np.int64) for a in lists), np.column_stack([self._G.data.real, self._G.data.imag])
+        self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
         self._volume = scene.field("V")[base.ids[: base.n_rows]]
         self._damping = scene.field("damping")[base.ids[: base.n_rows]] if m.terms.bulk_damped else None
         self._material = scene.material[base.ids[: base.n_rows]]
@@ -55,14 +61,6 @@ class Stiffness:
                                  (n_rows, self.mechanics.scene.size))
         wide.sort_indices()
         return wide
-
-    def _scalar(self, name: str, there: bool) -> sparse.bsr_matrix:
-        """A stabilisation, which acts on both components alike."""
-        m = self.mechanics
-        if not there:
-            return sparse.bsr_matrix(self.shape, blocksize=(2, 2))
-        wide = self._wide([getattr(t, name) for t in m.scene.templates], m.n_owned)
-        return sparse.bsr_matrix((wide.data[:, None, None] * np.eye(2), wide.indices, wide.indptr), self.shape)
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
         """V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) of the rows (2, 2, 2, 2, n_rows), for the state as it is."""
@@ -85,15 +83,15 @@ class Stiffness:
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
         """Of the stresses at the deformation gradients as they are, and of the stabilisations."""
-        n, G = self.mechanics.base.n_rows, self._G
-        A = self.moduli(by_u, by_v)
-        g = np.stack([G.data.real, G.data.imag])
-        by_column = np.einsum("ijkle,le->eijk", A[..., self._row], g).reshape(-1, 4, 2)
-        right = sparse.bsr_matrix((by_column, G.indices, G.indptr), (4 * n, self.shape[1]))
-        K = self._left @ right
-        for factor, matrix in ((by_u, self._elastic), (by_v, self._viscous)):
-            K = K + factor * matrix if factor and matrix.nnz else K
-        return K
+        A = np.ascontiguousarray(self.moduli(by_u, by_v).reshape(16, -1).T)
+        blocks = np.zeros((self.pattern.nnz, 2, 2))
+        assemble(self.mechanics.n_owned, *self._lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
+                 blocks)
+        for name, factor in (("elastic", by_u), ("viscous", by_v)):
+            if name in self._scalars:
+                place, values = self._scalars[name]
+                blocks[place] += factor * values[:, None, None] * np.eye(2)
+        return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
     def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:
         """Of all that acts on surfaces, or of some terms, with the feet of the contacts where they were found last."""
@@ -121,12 +119,9 @@ class Stiffness:
 
     def matrix(self) -> PETSc.Mat:
         """A Mat with room for all entries of bodies, which are those of neighbours of neighbours; collective."""
-        n, size = self.mechanics.n_owned, self.mechanics.scene.size
-        ones = _pattern(self._G, self._G.shape)
-        pattern = _pattern(self._left, (n, ones.shape[0])) @ ones
-        pattern = (pattern + _pattern(self._elastic, (n, size)) + _pattern(self._viscous, (n, size))).tocsr()
+        n = self.mechanics.n_owned
         mat = PETSc.Mat().createBAIJ(((2 * n, None), (2 * n, None)), 2, comm=self.mechanics.comm)
-        self._allocate(mat, pattern)
+        self._allocate(mat, self.pattern)
         return mat
 
     def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
@@ -136,19 +131,22 @@ class Stiffness:
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, 2, 2))))
 
-    def store(self, K: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
-        """Values into a Mat, with more room where contacts came that it has none for; collective.
+    def store(self, bodies: sparse.bsr_matrix, surfaces: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
+        """The sum of both into a Mat, with more room where contacts came that it has none for; collective.
 
         PETSc does not see that there is more room: `pc`, which may have factors of the Mat, is told to begin anew.
         """
         shape = self.mechanics.n_owned, self.mechanics.scene.size
-        new = _pattern(K, shape)
-        if self.mechanics.comm.allreduce(not np.isin(_places(new), self._room, assume_unique=True).all(), MPI.LOR):
+        new = _pattern(surfaces, shape)
+        wanted = _places(new)
+        at = np.searchsorted(self._room, wanted)
+        missing = (at == len(self._room)).any() or (self._room[at] != wanted).any()
+        if self.mechanics.comm.allreduce(bool(missing), MPI.LOR):
             row, column = np.divmod(self._room, shape[1])
             old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
             self._allocate(mat, (new + old).tocsr())
             pc.reset()
-        fill(mat, K)
+        fill(mat, bodies, surfaces)
 
 
 def _pattern(K: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
@@ -176,11 +174,12 @@ def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float
     return mixed(stress, {"F": (given["F"], by_u), "Fdot": (given["Fdot"], by_v)})
 
 
-def fill(mat: PETSc.Mat, values: sparse.bsr_matrix) -> None:
-    """Set the entries of a Mat to this rank's rows, the others to zero; collective."""
+def fill(mat: PETSc.Mat, *parts: sparse.bsr_matrix) -> None:
+    """Set the entries of a Mat to a sum of this rank's rows, the others to zero; collective."""
     mat.zeroEntries()
-    mat.setValuesBlockedCSR(values.indptr.astype(PETSc.IntType), values.indices.astype(PETSc.IntType),
-                            values.data)
+    for part in parts:
+        mat.setValuesBlockedCSR(part.indptr.astype(PETSc.IntType), part.indices.astype(PETSc.IntType), part.data,
+                                addv=True)
     mat.assemble()
 
 

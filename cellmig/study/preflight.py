@@ -14,12 +14,14 @@ from mpi4py import MPI
 from cellmig.case.schema import Case
 from cellmig.output.log import clock, two_columns
 from cellmig.output.sample import UNITS
+from cellmig.parallel.options import IMPLICIT, integrator_asked
 from cellmig.simulation import Simulation, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
 from .said import load_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
+TRIED, FIRST, TIMED = 5_000, 2, 4  # the same of implicit steps; those before, which differ, and those that are timed
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
 SCENE_BYTES = 1100  # per particle beside the kernel's arrays, as the scene is built (measured: 1,070 to 1,110)
@@ -69,6 +71,8 @@ def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
     if case.static:
         return _static_report(case)
+    if integrator_asked(case.time.integrator) in IMPLICIT:
+        return _implicit_report(case)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
@@ -97,6 +101,53 @@ def _static_report(case: Case) -> str:
         _disk(case, scene.size),
         *skipped_said(find_terms(case).skipped),
     ])
+
+
+def _implicit_report(case: Case) -> str:
+    """The report of a case with implicit steps: how many they will be is known if their length is given."""
+    c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
+    t = _tried(case, c.particles)
+    steps = math.ceil(case.time.end / t.step)
+    count, time = f"{steps} to {case.time.end:g} µs", f"{clock(steps * t.seconds)} on one core"
+    if case.time.step == "auto":
+        count = f"as many as the motion asks for, unknown before the run; those of the trial were {1e3 * t.step:.3g} ns"
+        time += f" if all {steps} steps to {case.time.end:g} µs were as those of the trial"
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        _particles(case, c.particles, c.spacing),
+        ("time step", t.said),
+        ("one step", f"{t.seconds:.2g} s, {t.newton:.2g} of Newton's, timed now at the start of the case"),
+        ("steps", count), ("time", time),
+        ("", f"leapfrog takes {clock(c.seconds)} in {c.steps} steps"),
+        ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        _disk(case, c.particles),
+        *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
+    ])
+
+
+class Trial(NamedTuple):
+    """Some implicit steps: seconds and steps of Newton for each, the length of the last [µs], how they are solved."""
+
+    seconds: float
+    newton: float
+    step: float
+    said: str
+
+
+def _tried(case: Case, size: int) -> Trial:
+    """The first steps of a case of `size` particles, or of some cells of it, for as many particles as it has."""
+    cells = case.cells[: max(1, TRIED * len(case.cells) // size)]
+    s = Simulation(dataclasses.replace(case, cells=cells), MPI.COMM_SELF)
+    run, seen = s.integrator, []
+    for last in (FIRST, FIRST + TIMED):
+        run.ts.setMaxSteps(last)
+        s.go(case.time.end)
+        seen.append((perf_counter(), run.newton, run.steps))
+    (begin, before, first), (end, newton, last) = seen
+    taken = max(1, last - first)
+    result = Trial((end - begin) / taken * size / s.scene.size, (newton - before) / taken,
+                   run.fixed_step or run.dt, run.steps_said)
+    s.destroy()
+    return result
 
 
 def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
