@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -81,14 +82,20 @@ def test_what_is_no_run_is_not_opened(shared_tmp):
         cellmig.open(shared_tmp / "nothing")
 
 
+def test_a_picture_shows_itself_in_a_notebook(case, shared_tmp):
+    record = cellmig.run(case, out=shared_tmp / "run", until="0.1 us", quiet=True)
+    assert record.picture([0.0])._repr_png_().startswith(b"\x89PNG")
+
+
 @pytest.fixture
 def example(tmp_path, outside_mpi):
-    """Runs an example in a directory of its own, which has the cases; returns what it prints."""
-    def run(name: str) -> str:
+    """Runs Python in a directory of a place that has the cases; returns what it prints."""
+    def run(*words: str | Path, directory: str = ".") -> str:
         (tmp_path / "cases").symlink_to(ROOT / "cases")
-        environment = outside_mpi | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-        done = subprocess.run([sys.executable, ROOT / f"examples/{name}.py"], cwd=tmp_path, text=True,
-                              env=environment, capture_output=True, timeout=120)
+        (tmp_path / directory).mkdir(exist_ok=True)
+        environment = outside_mpi | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path / directory, text=True, env=environment,
+                              capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -105,4 +112,14 @@ def example(tmp_path, outside_mpi):
 def test_an_example_runs_and_says_what_it_found(example, name, said):
     if name == "first_look":
         pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
-    assert said in example(name)
+    assert said in example(ROOT / f"examples/{name}.py")
+
+
+@pytest.mark.serial
+def test_the_cells_of_the_notebook_run_one_after_the_other(example):
+    pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
+    cells = [cell for cell in json.loads((ROOT / "examples/tour.ipynb").read_text())["cells"]
+             if cell["cell_type"] == "code"]
+    assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)
+    said = example("-c", "\n".join("".join(cell["source"]) for cell in cells), directory="examples")
+    assert "no such key; did you mean 'per_cell'?" in said and "300 particles; effective stress in the nucleus" in said

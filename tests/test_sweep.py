@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from cellmig.__main__ import sweep as command
 from cellmig.case.messages import CaseError
+from cellmig.output.manifest import read_manifest
 from cellmig.study.sweep import Sweep, array_script, sweep, variation
 from cellmig.usage import UsageError, parse
 
@@ -43,11 +46,15 @@ def test_a_key_that_is_varied_twice_is_a_wrong_call():
         command(parse(["sweep", str(ONE), "--vary", "seed=1:2", "--vary", "seed=5"]))
 
 
-def test_a_value_that_does_not_suit_is_told_before_anything_runs(tmp_path):
-    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"]}, tmp_path / "out")
+def test_a_value_that_does_not_suit_is_told_with_its_option_before_anything_runs(tmp_path):
+    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"], "seed": [1, 2]}, tmp_path / "out",
+                 ("particles.per_cel=60",))
     with pytest.raises(CaseError) as error:
         sweep(plan)
-    assert len(error.value.mistakes) == 2
+    said = [str(mistake).split(": ")[:2] for mistake in error.value.mistakes]
+    assert sorted(said) == [["--set particles.per_cel=60", "particles.per_cel"],
+                            ['--vary adhesion.substrate.bonds="-1 /um^2"', "adhesion.substrate.bonds"],
+                            ['--vary adhesion.substrate.bonds="1 um"', "adhesion.substrate.bonds"]]
     assert not (tmp_path / "out").exists()
 
 
@@ -82,6 +89,19 @@ def test_what_is_done_is_kept_and_more_values_add_runs(done, capsys):
     assert "6 runs; 4 of them are there already" in capsys.readouterr().out
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert len(list(done.out.rglob("manifest.json"))) == 6
+
+
+def test_a_run_that_was_stopped_goes_on_in_its_middle_and_another_case_begins_anew(tmp_path, outside_mpi):
+    plan = Sweep(ONE, {"seed": [1, 2]}, tmp_path, COARSE)
+    job, other = plan.jobs().values()
+    for one in (job, dataclasses.replace(job, directory=other.directory)):  # of seed 1, where seed 2 belongs
+        words = [sys.executable, "-m", "cellmig", *one.arguments(), "--wall-time", "1 s"]
+        assert subprocess.run(words, env=outside_mpi).returncode == 75
+    assert job.goes_on() and not other.goes_on()
+    assert sweep(plan) == 0
+    manifests = [read_manifest(one.directory) for one in (job, other)]
+    assert ["resumed" in manifest for manifest in manifests] == [True, False]
+    assert [manifest["seed"] for manifest in manifests] == [1, 2]
 
 
 def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):

@@ -22,7 +22,7 @@ from typing import IO, Any
 
 from tqdm import tqdm
 
-from cellmig import meshfree, model
+from cellmig import __version__, meshfree, model
 from cellmig.case.load import load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
@@ -74,8 +74,15 @@ class Job:
     def is_done(self) -> bool:
         """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
         manifest = read_manifest(self.directory)
-        if manifest.get("exit_status") != 0 or manifest["ranks"] != self.ranks:
-            return False
+        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self._is_of(manifest)
+
+    def goes_on(self) -> bool:
+        """Whether its directory holds this very run with a checkpoint, stopped or killed before its end."""
+        manifest = read_manifest(self.directory)
+        return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("version") == __version__
+                and self._is_of(manifest))
+
+    def _is_of(self, manifest: Mapping[str, Any]) -> bool:
         case = self.load()
         return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
 
@@ -90,8 +97,9 @@ class Job:
         return shlex.join([*on_ranks, "cellmig", *self.arguments()])
 
     def start(self, errors: IO[str]) -> subprocess.Popen:
-        """Start it; what it says about a failure goes to `errors`."""
-        command = [sys.executable, "-m", "cellmig", *self.arguments()]
+        """Start it, or go on with it; what it says about a failure goes to `errors`."""
+        going_on = ("--resume", "auto") if self.goes_on() else ()
+        command = [sys.executable, "-m", "cellmig", *self.arguments(), *going_on]
         if self.ranks > 1:
             command = on_ranks(self.ranks, command)
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,

@@ -110,9 +110,13 @@ class Record:
 
     def picture(self, times: Sequence[float] | None = None, field: str = "effective_stress") -> Any:
         """Shapes at some times [µs], filled with a field, as a figure of matplotlib's; a notebook shows it."""
-        from .shapes import shapes
+        import matplotlib
 
-        return shapes(self.directory, times, field)
+        from .shapes import shapes
+        from .style import STYLE
+
+        with matplotlib.rc_context(STYLE):
+            return shapes(self.directory, times, field)
 
     def __repr__(self) -> str:
         from .info import info

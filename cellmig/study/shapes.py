@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -34,6 +35,15 @@ def chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
     there = np.array([frame.time for frame in found])
     wanted = np.multiply(_PAPER_TIMES, there[-1]) if times is None else np.asarray(times)
     return [found[k] for k in sorted({int(np.argmin(np.abs(there - time))) for time in wanted})]
+
+
+class Picture(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        memory = BytesIO()
+        self.savefig(memory, format="png", dpi=_DPI, bbox_inches="tight")
+        return memory.getvalue()
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,7 @@ class View:
         width, height = self.high - self.low
         stacked = n == 1 or width > 1.3 * height
         size = (6.0, 0.6 + n * (0.25 + 4.9 * height / width)) if stacked else (7.2, 0.9 + 6.2 / n * height / width)
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Picture(figsize=size, layout="constrained")
         axes = figure.subplots(n if stacked else 1, 1 if stacked else n, sharex=True, sharey=True, squeeze=False)
         for ax in axes.flat:
             ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")

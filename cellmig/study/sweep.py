@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import os
@@ -78,13 +79,14 @@ class Sweep:
         """All runs by their values, the first key slowest.  Raises CaseError if a value does not suit the case."""
         short = [key.rpartition(".")[2] for key in self.vary]
         names = short if len(set(short)) == len(short) else list(self.vary)
-        jobs = {}
+        jobs, varied = {}, set()
         for number, values in enumerate(itertools.product(*self.vary.values()), 1):
             name = "_".join(f"{key}={_in_a_name(value)}" for key, value in zip(names, values, strict=True))
             name = name if len(name) <= _LONGEST else f"run{number:05d}"
             sets = [f"{key}={json.dumps(value)}" for key, value in zip(self.vary, values, strict=True)]
+            varied.update(sets)
             jobs[values] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
-        _check(jobs.values())
+        _check(jobs.values(), varied)
         return jobs
 
     def rows(self, jobs: Mapping[tuple, Job]) -> Iterator[dict[str, Any]]:
@@ -101,14 +103,15 @@ class Sweep:
                        "directory": str(job.directory)}
 
 
-def _check(jobs: Iterable[Job]) -> None:
-    """Raise the mistakes of all cases, each once."""
+def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
+    """Raise the mistakes of all cases, each once; those in what is varied under the name of its option."""
+    said = {f"--set {text}": f"--vary {text}" for text in varied}
     mistakes = []
     for job in jobs:
         try:
             job.load()
         except CaseError as error:
-            mistakes += error.mistakes
+            mistakes += [dataclasses.replace(one, file=said.get(one.file, one.file)) for one in error.mistakes]
     if mistakes:
         raise CaseError(dict.fromkeys(mistakes))
 
