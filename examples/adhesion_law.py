@@ -3,7 +3,7 @@
 It is written here so that the example is whole.  In a file of its own in cellmig/model it is found by its name from
 every case file, listed by `cellmig schema`, and checked by the tests that go over all laws.
 
-python examples/adhesion_law.py
+.venv/bin/python examples/adhesion_law.py
 """
 
 from numpy import where

@@ -1,6 +1,6 @@
 """Load a case, change it, run it, and look at what it left: a pandas frame, arrays, a picture.
 
-python examples/first_look.py
+.venv/bin/python examples/first_look.py
 """
 
 import numpy as np

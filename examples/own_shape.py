@@ -1,6 +1,6 @@
 """A cell of one's own shape, from an outline: points of a picture, of a CSV file or, as here, of a formula.
 
-python examples/own_shape.py
+.venv/bin/python examples/own_shape.py
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """A sweep and a plot of one's own: how far a cell spreads, against the density of bonds.  Run it again: it is kept.
 
-python examples/sweep.py
+.venv/bin/python examples/sweep.py
 """
 
 from matplotlib.figure import Figure

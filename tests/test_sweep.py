@@ -27,6 +27,7 @@ COARSE = ("particles.per_cell=60", "time.end=1 us", "time.samples=2", "time.fram
     ("a.b=0.5, 1e-3", "a.b", (0.5, 1e-3)),
     ("a.b=1,2,4 kPa", "a.b", ("1 kPa", "2 kPa", "4 kPa")),
     ("a.b=900 Pa, 2 kPa", "a.b", ("900 Pa", "2 kPa")),
+    ("a.b=7,1.5,1e-3,many", "a.b", (7, 1.5, 1e-3, "many")),
     ("seed=1:3", "seed", (1, 2, 3)),
     ("time.integrator=leapfrog,rk", "time.integrator", ("leapfrog", "rk")),
     ('cells=["Cell-1"],["Cell-1","Cell-2"]', "cells", (["Cell-1"], ["Cell-1", "Cell-2"])),
@@ -55,6 +56,12 @@ def test_a_value_that_does_not_suit_is_told_with_its_option_before_anything_runs
     assert sorted(said) == [["--set particles.per_cel=60", "particles.per_cel"],
                             ['--vary adhesion.substrate.bonds="-1 /um^2"', "adhesion.substrate.bonds"],
                             ['--vary adhesion.substrate.bonds="1 um"', "adhesion.substrate.bonds"]]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_column_that_a_run_will_not_have_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(CaseError, match=r"--show: history.csv has no column 'area'; did you mean 'area_um2'\?"):
+        sweep(Sweep(ONE, {"seed": [1, 2]}, tmp_path / "out", COARSE), shown=("ux_um", "area"))
     assert not (tmp_path / "out").exists()
 
 
@@ -91,17 +98,15 @@ def test_what_is_done_is_kept_and_more_values_add_runs(done, capsys):
     assert len(list(done.out.rglob("manifest.json"))) == 6
 
 
-def test_a_run_that_was_stopped_goes_on_in_its_middle_and_another_case_begins_anew(tmp_path, outside_mpi):
-    plan = Sweep(ONE, {"seed": [1, 2]}, tmp_path, COARSE)
-    job, other = plan.jobs().values()
-    for one in (job, dataclasses.replace(job, directory=other.directory)):  # of seed 1, where seed 2 belongs
-        words = [sys.executable, "-m", "cellmig", *one.arguments(), "--wall-time", "1 s"]
-        assert subprocess.run(words, env=outside_mpi).returncode == 75
-    assert job.goes_on() and not other.goes_on()
+def test_a_run_that_was_stopped_goes_on_in_its_middle_if_it_is_of_the_same_case(tmp_path, outside_mpi):
+    plan = Sweep(ONE, {"seed": [1]}, tmp_path, COARSE)
+    job, = plan.jobs().values()
+    words = [sys.executable, "-m", "cellmig", *job.arguments(), "--wall-time", "1 s"]
+    assert subprocess.run(words, env=outside_mpi).returncode == 75
+    assert job.goes_on() and not dataclasses.replace(job, sets=(*job.sets, "seed=2")).goes_on()
     assert sweep(plan) == 0
-    manifests = [read_manifest(one.directory) for one in (job, other)]
-    assert ["resumed" in manifest for manifest in manifests] == [True, False]
-    assert [manifest["seed"] for manifest in manifests] == [1, 2]
+    manifest = read_manifest(job.directory)
+    assert manifest["exit_status"] == 0 and len(manifest["resumed"]) == 1 and not job.goes_on()
 
 
 def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):

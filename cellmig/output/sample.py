@@ -10,6 +10,7 @@ import numpy as np
 from ..meshfree.boundary import Probes
 from ..meshfree.rows import csr_rows
 from ..parallel.reduce import exact_sum
+from .tables import further_columns
 
 STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
@@ -137,8 +138,7 @@ class Sampler:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of history beside those of every scene: of probes, then of supports and plates."""
-        return (*(f"{name}_{what}_um" for name in self.probes.names for what in ("x", "y", "ux", "uy")),
-                *(f"{name}_force_{c}_pn_per_um" for name in self.mechanics.boundary.names for c in "xy"))
+        return further_columns(self.probes.names, self.mechanics.boundary.names)
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Where the probes are and how far they moved, in the rows of their cells and of the aggregate; collective."""

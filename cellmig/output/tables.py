@@ -18,6 +18,12 @@ LEDGER = ("time_us", "kinetic", "elastic", "compression", "director", "adhesion_
           "protrusion_work", "viscous_loss", "numerical_loss", "closure")
 
 
+def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str, ...]:
+    """Columns of history.csv beside HISTORY: of probes, then of supports and plates, by their names."""
+    return (*(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
+            *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"))
+
+
 class _Table:
     """Rows at the end of a file, by rank 0; all rows of a sample leave in one call, so a killed run cuts no line."""
 

@@ -19,10 +19,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cellmig.case.messages import CaseError
+from cellmig.case.messages import CaseError, Mistake, suggest
+from cellmig.case.schema import Case
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import read_table
+from cellmig.output.tables import HISTORY, further_columns, read_table
 
 from .batch import Job, run_missing, unsound, write_rows
 from .run import DONE, STOPPED, stop_requests
@@ -30,7 +31,7 @@ from .style import COLOURS, STYLE, save
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # letters of a directory's name
-_QUANTITY = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)")
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 _MANIFEST = ("exit_status", "worst_closure", "steps", "wall_seconds", "state_hash")
 
 
@@ -55,11 +56,17 @@ def variation(text: str) -> tuple[str, tuple[Any, ...]]:
     return key, tuple(values)
 
 
-def _with_unit(words: list[str]) -> list[str]:
-    """Words as they are, pure numbers among them with the unit of the last."""
+def _with_unit(words: list[str]) -> list[Any]:
+    """Words as they are, pure numbers among them with the unit of the last, or as numbers if that has none."""
     last = _QUANTITY.fullmatch(words[-1])
     unit = last[2] if last else ""
-    return [f"{word} {unit}" if unit and (m := _QUANTITY.fullmatch(word)) and not m[2] else word for word in words]
+
+    def read(word: str) -> Any:
+        if not (number := _QUANTITY.fullmatch(word)) or number[2]:
+            return word
+        return f"{word} {unit}" if unit else int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
+
+    return [read(word) for word in words]
 
 
 @dataclass(frozen=True)
@@ -116,6 +123,15 @@ def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
         raise CaseError(dict.fromkeys(mistakes))
 
 
+def _check_columns(case: Case, shown: Iterable[str]) -> None:
+    """Refuse to draw what history.csv will not have."""
+    there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
+                                            (one.name for one in (*case.supports, *case.plates))))
+    if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
+                    for name in shown if name not in there]:
+        raise CaseError(mistakes)
+
+
 def _in_a_name(value: Any) -> str:
     """A value as part of the name of a directory."""
     return re.sub(r"[^\w.+^-]+", "_", str(value)).strip("_")
@@ -142,6 +158,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
     """
     jobs = plan.jobs()
+    _check_columns(next(iter(jobs.values())).load(), shown)
     with stop_requests() as asked:
         failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
     rows = list(plan.rows(jobs))
