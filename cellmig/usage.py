@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,13 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> None:
         """Refuse the call."""
         raise UsageError(f"{message}\n{self.format_usage().strip()}\n'{self.prog} --help' tells more")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what no option takes here, in the parser of the command, which knows what there is."""
+        found, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(_not_known(left[0], args, self._option_string_actions))
+        return found, left
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if RANK == 0:
@@ -186,13 +194,24 @@ COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schem
 def parse(words: list[str]) -> argparse.Namespace:
     """Our part of the command line; a case file as first word stands for `run`."""
     if words and words[0] not in COMMANDS and not words[0].startswith("-"):
-        if words[0].endswith(".toml") or os.path.exists(words[0]):
+        if words[0].endswith(".toml") or os.sep in words[0] or os.path.exists(words[0]):
             words = ["run", *words]
         else:
             near = difflib.get_close_matches(words[0], COMMANDS, 1)
             meant = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(COMMANDS)}"
             raise UsageError(f"'{words[0]}' is neither a case file nor a command{meant}")
     return parser().parse_args(words)
+
+
+def _not_known(word: str, words: Sequence[str], options: Iterable[str]) -> str:
+    """What is wrong with a word of the call that no option takes."""
+    before = words[words.index(word) - 1]
+    if word.startswith("-"):
+        near = difflib.get_close_matches(word.partition("=")[0], options, 1)
+        return f"unknown option '{word}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    if before[:1].isdecimal():
+        return f"'{word}' after '{before}' stands alone: put a value and its unit in quotes, \"{before} {word}\""
+    return f"'{word}' is one word too many"
 
 
 def _count(text: str) -> int:

@@ -174,8 +174,8 @@ def test_a_line_that_is_still_being_written_is_not_read(shared_tmp):
 @pytest.mark.parametrize("mark", ["manifest.json", "cells.xdmf"])
 def test_a_second_run_moves_the_first_aside_and_loses_nothing(shared_tmp, mark):
     path = shared_tmp / "run"
-    for content in ("first", "second", "third"):
-        assert fresh_directory(path, COMM) == path
+    for content, aside in (("first", None), ("second", "run.1"), ("third", "run.2")):
+        assert fresh_directory(path, COMM) == (aside and shared_tmp / aside)
         assert [file.name for file in path.iterdir()] == ["manifest.json"]
         COMM.barrier()
         if COMM.rank == 0:

@@ -150,6 +150,7 @@ def test_a_second_run_moves_the_first_aside(nucleus, alone):
     before = read_manifest(nucleus)
     assert alone(CASES["nucleus"], *SHORT, "--out", nucleus, "--quiet").stdout == ""
     assert read_manifest(nucleus.with_name("run.1")) == before
+    assert f"; what was there is now in {nucleus}.1\n" in (nucleus / "run.log").read_text()
     assert read_manifest(nucleus)["state_hash"] == before["state_hash"]
 
 
@@ -184,6 +185,10 @@ def test_a_wrong_call_gets_one_message_from_all_ranks_together(on_ranks, tmp_pat
     (["validat", "x.toml"], ["did you mean 'validate'"]),
     (["diff", "one"], ["directory", "'cellmig diff --help' tells more"]),
     ([PAPER, "--until", "3"], ["--until", "no unit"]),
+    ([PAPER, "--until", "3", "us"], ["'us' after '3' stands alone", '"3 us"']),
+    (["validate", PAPER, "--sett", "seed=1"], ["unknown option '--sett'; did you mean '--set'?"]),
+    ([PAPER.parent / "all_protrud"], ["no such file; did you mean", "all_protrude.toml"]),
+    ([PAPER.parent.parent / "nucleus.toml"], ["no such file; did you mean", "cases/nucleus.toml"]),
     ([PAPER, "--until", "0 us"], ["not after the start"]),
     ([PAPER, "--until", "2 kPa"], ["--until", "kPa"]),
     ([PAPER, "--set", "time.end='4 Pa'"], ["time.end"]),
@@ -446,6 +451,7 @@ def test_diff_finds_runs_on_other_ranks_equal_and_tells_where_others_part(alone,
 
 def test_what_is_not_a_run_or_is_damaged_is_named(alone, nucleus, tmp_path):
     refused(alone("info", tmp_path), 5, str(tmp_path), "not the directory of a run")
+    refused(alone("plot", CASES["nucleus"]), 5, "but a case: a run of it leaves 'output/nucleus'")
     broken = tmp_path / "broken"
     shutil.copytree(nucleus, broken)
     picture = broken / "rank0000/s00000000.h5"

@@ -140,6 +140,8 @@ def _near_file(file: str) -> str:
         near = nearest(name, [f for f in os.listdir(folder or ".") if f.endswith(".toml")])
     except OSError:
         return ""
+    if not near and os.path.isfile(os.path.join(folder, "cases", name)):
+        near = os.path.join("cases", name)
     return f"; did you mean '{os.path.join(folder, near)}'?" if near else ""
 
 

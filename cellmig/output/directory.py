@@ -29,6 +29,8 @@ def the_run(directory: Path) -> Path:
     beside = {path.parent.name for path in directory.parent.glob(f"*/{MANIFEST}")}
     near = nearest(directory.name, sorted(beside))
     meant = f"; did you mean '{directory.parent / near}'?" if near else ""
+    if directory.suffix == ".toml":
+        meant = f" but a case: a run of it leaves 'output/{directory.stem}'"
     raise OutputError(f"'{directory}' is not the directory of a run{meant}")
 
 
@@ -86,10 +88,11 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def fresh_directory(path: Path, comm: Any) -> Path:
-    """An empty directory for a new run, marked as a run's; collective, rank 0 does it.
+def fresh_directory(path: Path, comm: Any) -> Path | None:
+    """Make an empty directory for a new run, marked as a run's; collective, rank 0 does it.
 
-    A run that is already there is moved aside to ``path.1``, ``path.2`` …, the next number that is free.
+    A run that is already there is moved aside to ``path.1``, ``path.2`` …, the next number that is free: where it is
+    now, None if there was none.
 
     Parameters
     ----------
@@ -100,9 +103,7 @@ def fresh_directory(path: Path, comm: Any) -> Path:
     ------
     OutputError -- something that is not a run is there, or the place cannot be written.
     """
-    path = Path(path)
-    together(comm, lambda: _make(path), root_only=True)
-    return path
+    return together(comm, lambda: _make(Path(path)), root_only=True)[0]
 
 
 class Claim:
@@ -138,14 +139,16 @@ def _locked(path: Path) -> int | None:
             return handle
 
 
-def _make(path: Path) -> None:
+def _make(path: Path) -> Path | None:
+    aside = None
     try:
         if path.is_dir() and any(path.iterdir()):
             handle = _locked(path)
-            _move_aside(path)
+            aside = _move_aside(path)
             os.close(handle)
         path.mkdir(parents=True, exist_ok=True)
         (path / MANIFEST).write_text("{}\n")  # marks a run that was killed before it wrote anything
+        return aside
     except OutputError:
         raise
     except OSError as error:
@@ -153,10 +156,11 @@ def _make(path: Path) -> None:
         raise OutputError(message) from error
 
 
-def _move_aside(path: Path) -> None:
+def _move_aside(path: Path) -> Path:
     if not any((path / name).exists() for name in (MANIFEST, INDEX)):
         raise OutputError(f"'{path}' holds files that are not a run's; empty it or choose another place with --out DIR")
     number = 1
     while (aside := path.with_name(f"{path.name}.{number}")).exists():
         number += 1
     path.rename(aside)
+    return aside

@@ -47,7 +47,8 @@ class Run:
         if not state:
             require_room(case, directory, comm)
         self.case, self.comm, self.timers = case, comm, Timers()
-        self.directory = Path(directory) if state else fresh_directory(directory, comm)
+        self.directory = Path(directory)
+        self.aside = None if state else fresh_directory(self.directory, comm)
         self.claim = Claim(self.directory, comm)
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
@@ -249,7 +250,7 @@ class Run:
             *([("chosen", s.reason)] if s.reason else []),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
              run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
-            ("output", str(self.directory)),
+            ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
 
