@@ -79,7 +79,7 @@ def _displacement(directory: Path) -> Figure | None:
     axes[0].legend(loc="upper left")
     low, high = axes[0].get_ylim()
     if high - low < _LEAST_SPAN:  # nothing moves: no picture of rounding errors
-        axes[0].set_ylim(-_LEAST_SPAN, _LEAST_SPAN)
+        axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))
     if contacts:
         for _, text, line in contacts:
             axes[1].plot([], [], color="0.4", ls=line, label=text)
@@ -105,7 +105,7 @@ def _ledger(directory: Path) -> Figure | None:
                    label=name.replace("_", " "))
     lower.plot(ledger["time_us"], 100 * ledger["closure"], color="0.2")
     upper.set_ylabel("energy per thickness [pN]")
-    lower.set(ylabel="closure [%]", xlabel="time [µs]")
+    lower.set(ylabel="does not\nadd up [%]", xlabel="time [µs]")
     if entries:
         upper.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
     return figure
