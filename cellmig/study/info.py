@@ -19,7 +19,8 @@ _ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "s
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
 # What other rows say already, or what only a program asks for.
 _SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_closure", "hosts", "list_renewals",
-         "protrusion_impulse_pN_us_per_um")
+         "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
+_ROUNDING = 1e-9  # of a length [µm] or momentum [pN µs/µm]: less is none
 
 
 def info(directory: Path) -> str:
@@ -68,7 +69,7 @@ def _numbers(m: dict[str, Any]) -> Rows:
     if J := m.pop("J", None):
         yield "volume ratio J", " to ".join("unknown" if value is None else f"{value:.4f}" for value in J)
     if momentum := m.pop("momentum_pN_us_per_um", None):
-        yield "momentum", ", ".join(map(_plain, momentum)) + " pN µs/µm"
+        yield "momentum", ", ".join(map(_number, momentum)) + " pN µs/µm"
     strain = m.pop("strain", None) or {}
     if largest := strain.get("largest"):
         crossed = strain.get("crossed_at_us")
@@ -84,7 +85,7 @@ def _history_rows(path: Path) -> Rows:
     yield "last sample", f"{table['time_us'][-1]:g} µs"
     for row in np.flatnonzero(last):
         cell = table["cell"][row]
-        numbers = [f"{text} {table[name][row]:.4g} µm" for text, name in
+        numbers = [f"{text} {_number(table[name][row])} µm" for text, name in
                    (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
                    if np.isfinite(table[name][row])]
         yield f"cell {cell}" if cell else "aggregate", "  ".join(numbers)
@@ -115,6 +116,10 @@ def _rest(m: dict[str, Any]) -> Rows:
     for key, value in m.items():
         if key not in _SAID and value not in (None, "", [], {}):
             yield key.replace("_", " "), _plain(value)
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value if abs(value) > _ROUNDING else 0.0:.4g}"
 
 
 def _plain(value: Any) -> str:
