@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -229,29 +230,35 @@ RUNS: dict[str, Callable[[], Case]] = {
 AS_LONG = 0.2  # µs
 
 
+def result(name: str, comm: MPI.Comm, prune: bool) -> tuple:
+    """Bits, history and ledger of a run, and the cells that each rank has a part of."""
+    with built(RUNS[name](), comm, prune) as sim:
+        start = sim.state_hash()
+        sim.sample()
+        assert sim.go(AS_LONG) == AS_LONG
+        assert sim.integrator.steps > 20
+        hashed = sim.state_hash()
+        assert hashed != start
+        history, ledger = sim.sample()
+        return hashed, history, ledger, comm.allgather(set(sim.scene.cell[sim.mechanics.ids].tolist()))
+
+
+@cache
+def alone(name: str) -> list:
+    """The same on one rank, of what the scene needs."""
+    return list(result(name, MPI.COMM_SELF, True)[:3])
+
+
 @pytest.mark.parametrize("prune", [True, False])
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_has_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, name: str, prune: bool) -> None:
-    def result(ranks: MPI.Comm, prune: bool) -> tuple:
-        with built(RUNS[name](), ranks, prune) as sim:
-            start = sim.state_hash()
-            sim.sample()
-            assert sim.go(AS_LONG) == AS_LONG
-            assert sim.integrator.steps > 20
-            hashed = sim.state_hash()
-            assert hashed != start
-            history, ledger = sim.sample()
-            parts = comm.allgather(set(sim.scene.cell[sim.mechanics.ids].tolist()))
-        return hashed, history, ledger, parts
-
-    *alone, _ = result(MPI.COMM_SELF, True)
-    *together, parts = result(comm, prune)
+    *together, parts = result(name, comm, prune)
     cells = len(set.union(*parts))
     assert cells % comm.size == 0 or sum(map(len, parts)) > cells  # cells are cut, unless each rank gets whole ones
-    assert together[0] == alone[0]
+    assert together[0] == alone(name)[0]
     if prune:  # without pruning, terms that are zero are summed, too
-        assert together[1:] == alone[1:]
-    assert len(set(comm.allgather(alone[0]))) == 1
+        assert together[1:] == alone(name)[1:]
+    assert len(set(comm.allgather(together[0]))) == 1
 
 
 def same_as_alone(comm: MPI.Comm, name: str) -> bool:
