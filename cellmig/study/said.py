@@ -37,7 +37,7 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
             continue
         viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
         said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
-        said += f" and {law.numerical_modulus:.4g} Pa" if law.numerical_modulus else ""
+        said += f" and {law.numerical_modulus / 1e3:.3g} kPa" if law.numerical_modulus else ""
         if hasattr(law, "reduced_bulk_modulus"):
             said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
         rows.append((name, said))
