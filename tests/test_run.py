@@ -432,6 +432,8 @@ def test_validate_tells_what_implicit_steps_take(alone):
     assert 0.001 < float(given["one step"].split()[0]) < 5.0  # measured 0.02
     open_ended = alone(*asked).stdout
     assert "as many as the motion asks for" in open_ended and "leapfrog takes" in open_ended
+    chosen = alone("validate", CASES["nucleus"], *COARSE, "--set", "time.integrator=auto").stdout
+    assert "leapfrog: as a trial went, 20 µs take" in chosen and "stable step" in chosen
 
 
 def test_validate_warns_of_bonds_that_start_pressed(alone):

@@ -15,7 +15,7 @@ from cellmig.case.schema import Case
 from cellmig.output.log import clock, two_columns
 from cellmig.output.sample import UNITS
 from cellmig.parallel.options import IMPLICIT, integrator_asked
-from cellmig.simulation import Simulation, discretise, find_terms, particle_count, step_control
+from cellmig.simulation import Simulation, cheaper, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
 from .said import load_said, skipped_said, step_said
@@ -71,13 +71,17 @@ def report(case: Case) -> str:
     """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
     if case.static:
         return _static_report(case)
+    chosen: list[tuple[str, str]] = []
+    if integrator_asked(case.time.integrator) == "auto":
+        case, reason = cheaper(case, MPI.COMM_SELF)
+        chosen = [("chosen", reason)]
     if integrator_asked(case.time.integrator) in IMPLICIT:
-        return _implicit_report(case)
+        return _implicit_report(case, chosen)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        _particles(case, c.particles, c.spacing),
+        _particles(case, c.particles, c.spacing), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
@@ -103,7 +107,7 @@ def _static_report(case: Case) -> str:
     ])
 
 
-def _implicit_report(case: Case) -> str:
+def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     """The report of a case with implicit steps: how many they will be is known if their length is given."""
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
     t = _tried(case, c.particles)
@@ -113,7 +117,7 @@ def _implicit_report(case: Case) -> str:
         count = f"as many as the motion asks for, unknown before the run; those of the trial were {1e3 * t.step:.3g} ns"
         time += f" if all {steps} steps to {case.time.end:g} µs were as those of the trial"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing),
+        _particles(case, c.particles, c.spacing), *chosen,
         ("time step", t.said),
         ("one step", f"{t.seconds:.2g} s, {t.newton:.2g} of Newton's, timed now at the start of the case"),
         ("steps", count), ("time", time),
