@@ -69,6 +69,10 @@ static inline int together(const Block *block, long b, long end)
         else DO(1);                                                                                                   \
     }
 
+/* Coefficients are asked for this many neighbours before they are needed: what streams from memory takes long to come. */
+#define AHEAD 48
+#define FETCH(a) __builtin_prefetch(a)
+
 /* Adds to st the sum of field x coefficient over the neighbours of n blocks of one home, rows (0 1), (2 3). */
 INLINED void gather_scalar(const long *first, const uint32_t *column, const coefficient *values, const Block *block,
                            const int n, const double *field, v4 st[][2])
@@ -92,6 +96,8 @@ INLINED void gather(const Scene *s, const Block *block, const int n, const doubl
     v4 acc[MOST][4] = {{{0}}}, st[MOST][2] = {{{0}}};
     for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
         const coefficient *a = s->gradient + GRADIENT_WIDTH * k;
+        FETCH(a + AHEAD * GRADIENT_WIDTH);
+        FETCH(a + AHEAD * GRADIENT_WIDTH + 64 / sizeof *a);
         size_t c[4];
         neighbours(s->column + 4 * k, c);
         for (int m = 0; m < n; m++) {
@@ -270,6 +276,7 @@ INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
     v4 acc[MOST][4] = {{{0}}};
     for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
         const coefficient *h = s->adjoint + 8 * k;
+        FETCH(h + AHEAD * 8);
         size_t c[4];
         neighbours(s->column + 4 * k, c);
         for (int m = 0; m < n; m++) {
