@@ -7,7 +7,8 @@ A step of a rank with m own particles of N takes, in nanoseconds,
     + [look m + hop log2 P] / LOOK                      step control: extremes of F and gaps over all ranks
     + [near S_own + far S] / RENEW                      search lists: own surfaces, and the places of all S
 
-Cells stay whole while a rank has one or more; smaller parts have rows and copies along their cuts.
+Cells stay whole while a rank has one or more; smaller parts have rows and copies along their cuts.  Cells of a kind
+share their coefficients: few large bodies, whose coefficients stream from memory, are not what this is of.
 """
 
 from __future__ import annotations
@@ -178,13 +179,13 @@ def said(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
              f"{1e-6 * c.base_bytes:.0f} MB", ""]
     cores = len(os.sched_getaffinity(0))
     lines += table(["particles", "bodies", "ranks", "step, measured [µs]", "by the model", "ratio"],
-                   [_compared(c, p) for p in probes if p["ranks"] <= cores])
+                   [_compared(c, p) for p in probes if p["ranks"] <= cores and p["per_body"] == PER_CELL])
     head = ["particles", "ranks", "step [µs]", "ns a particle and rank", "efficiency", "exchange", "control", "lists",
             "memory of a rank"]
-    strong = [(n, p) for n in (1e5, 1e6, 1e7, 1e9) for p in RANKS if n / p >= 90]
-    for title, cases in (("Strong scaling, cells of 1,500", strong),
-                         ("Weak scaling, 100,000 particles a rank", [(1e5 * p, p) for p in RANKS])):
-        lines += ["", f"{title}:", "", *table(head, [_prediction(c, n, p) for n, p in cases])]
+    strong = [(n, p, predicted(c, n, 1)["step"] / p) for n in (1e5, 1e6, 1e7, 1e9) for p in RANKS if 90 <= n / p <= 2e6]
+    weak = [(1e5 * p, p, predicted(c, 1e5, 1)["step"]) for p in RANKS]
+    for title, cases in (("Strong scaling, cells of 1,500", strong), ("Weak scaling, 100,000 particles a rank", weak)):
+        lines += ["", f"{title}:", "", *table(head, [_prediction(c, *one) for one in cases])]
     return lines
 
 
@@ -197,10 +198,11 @@ def _compared(c: Constants, p: dict[str, Any]) -> list[str]:
             f"{model / step:.2f}"]
 
 
-def _prediction(c: Constants, particles: float, ranks: float) -> list[str]:
-    one, many = predicted(c, particles, 1), predicted(c, particles, ranks)
+def _prediction(c: Constants, particles: float, ranks: float, ideal: float) -> list[str]:
+    """A line of the tables; `ideal` : the step if nothing were lost to one rank [ns]."""
+    many = predicted(c, particles, ranks)
     share = [f"{100.0 * many[part] / many['step']:.2g} %" for part in ("exchange", "control", "lists")]
     fits = "" if many["bytes"] < MEMORY else " (more than there is)"
     return [f"{particles:.0e}", str(ranks), f"{1e-3 * many['step']:.4g}",
-            f"{many['step'] * ranks / particles:.1f}", f"{one['step'] / ranks / many['step']:.2f}", *share,
+            f"{many['step'] * ranks / particles:.1f}", f"{ideal / many['step']:.2f}", *share,
             f"{1e-9 * many['bytes']:.2g} GB{fits}"]

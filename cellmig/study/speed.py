@@ -112,7 +112,7 @@ def said(found: dict[str, Any]) -> list[str]:
                     for name, ns in found["baseline_ns"].items())]), "",
               f"{bytes_moved:.0f} B and {operations:.0f} operations a particle-step are "
               f"{1e-9 * rate * bytes_moved:.1f} GB/s, {rate * bytes_moved / width / 1e7:.0f} % of the {width:.1f} GB/s "
-              "to memory that one core reaches, "
+              "to memory that one core reaches (beyond 100 %: from caches), "
               f"and {1e-9 * rate * operations:.1f} GFlop/s, {rate * operations / peak / 1e7:.0f} % of its {peak:.1f} "
               "GFlop/s.", "",
               f"Start: {found['start_s']['first']:.2f} s with compilation, {found['start_s']['second']:.2f} s without. "
