@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 
@@ -26,3 +28,26 @@ def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, reg
     R = sparse.csr_matrix((values, pattern.indices.copy(), pattern.indptr.copy()), pattern.shape)
     R.eliminate_zeros()
     return R
+
+
+class Recovery:
+    """The matrices R of a rank's cells as one operator from its rows to its own particles, ``recovery @ values``."""
+
+    def __init__(self, scene: Any, ids: np.ndarray, n_owned: int):
+        """`ids` : (n_rows,) global ids of the rows, those of the own particles first."""
+        self.n_owned, order = n_owned, np.argsort(ids, kind="stable")
+        bounds = np.searchsorted(ids[order], scene.offset)
+        self._parts = []
+        for c in np.unique(scene.cell[ids[:n_owned]]):
+            rows = order[bounds[c] : bounds[c + 1]]
+            at, own, R = ids[rows] - scene.offset[c], rows < n_owned, scene.templates[scene.kind[c]].R
+            self._parts.append((R if own.all() and len(own) == R.shape[0] else R[at[own]], rows, at, rows[own]))
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        """Recovered values (n_owned, ...) of values of all rows (n_rows, ...)."""
+        out = np.empty((self.n_owned, *values.shape[1:]))
+        for R, rows, at, own in self._parts:
+            of_cell = np.zeros((R.shape[1], *values.shape[1:]))
+            of_cell[at] = values[rows]
+            out[own] = (R @ of_cell.reshape(len(of_cell), -1)).reshape(-1, *values.shape[1:])
+        return out

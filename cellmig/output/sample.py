@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ..meshfree.boundary import Probes
-from ..meshfree.rows import csr_rows
+from ..meshfree.recovery import Recovery
 from ..parallel.reduce import exact_sum
 from .tables import further_columns
 
 STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
+AT_A_TIME = 1 << 16  # rows whose stress is computed at a time
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
 UNITS = {"id": "1", "cell": "1", "material": "1", "surface": "1", "X": "um", "u": "um", "v": "um/us", "stress": "Pa",
          "effective_stress": "Pa", "J": "1", "pressure": "Pa", "director": "1", "adhesion_force": "pN/um",
@@ -54,7 +56,7 @@ class Sampler:
             self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
-        self._recovery = csr_rows(scene, m.base, [t.R for t in scene.templates], m.n_owned, m.base.n_rows)
+        self._recovery = Recovery(scene, m.base.ids[: m.base.n_rows], m.n_owned)
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self.start: dict[str, float] | None = None
 
@@ -71,10 +73,12 @@ class Sampler:
         stress and the pressure are those of the recovered stress; J is nodal.
         """
         nodal, J = self.nodal_stress()
-        stress = (self._recovery @ nodal.reshape(-1, 9)).reshape(-1, 3, 3)
+        stress = self._recovery @ nodal
+        del nodal
         mean = np.trace(stress, axis1=1, axis2=2) / 3.0
-        deviator = stress - mean[:, None, None] * np.eye(3)
-        effective = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+        square = stress - mean[:, None, None] * np.eye(3)  # of the deviator
+        square *= square
+        effective = np.sqrt(1.5 * square.sum(axis=(1, 2)))
         return {"stress": stress, "effective_stress": effective, "J": J[: self.mechanics.n_owned], "pressure": -mean}
 
     def nodal_stress(self) -> tuple[np.ndarray, np.ndarray]:
@@ -83,8 +87,7 @@ class Sampler:
         J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
         everything = {"F": F, "Fdot": rate, **director_fields(self.mechanics)}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
-        for i, law in enumerate(self.mechanics.scene.materials):
-            on = self._rows_material == i
+        for law, on in self._some_rows():
             local = {k: v[..., on] for k, v in everything.items()}
             P = np.array(pointwise(law, "stress", local))
             if hasattr(law, "viscous_stress"):
@@ -96,6 +99,12 @@ class Sampler:
             stress[on, :2, :2] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
             stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
         return stress, J
+
+    def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:
+        """Laws and rows that have them, not too many at a time, for the sake of memory."""
+        for i, law in enumerate(self.mechanics.scene.materials):
+            rows = np.flatnonzero(self._rows_material == i)
+            yield from ((law, rows[k : k + AT_A_TIME]) for k in range(0, len(rows), AT_A_TIME))
 
     def fields(self) -> dict[str, np.ndarray]:
         """The fields of a frame, for the owned particles, those that the scene has."""

@@ -31,12 +31,14 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     group = np.zeros(len(flat), np.intp) if group is None else group
     order = np.argsort(group, kind="stable")
     present, start = np.unique(group[order], return_index=True)
-    limbs, rest = np.zeros((3, groups, flat.shape[1]), np.int64), flat[order]
-    for i in range(3 if len(flat) else 0):
-        unit = exponent - _BITS * (i + 1)
-        whole = np.rint(rest * np.ldexp(1.0, -unit))
-        limbs[i, present] = np.add.reduceat(whole.astype(np.int64), start)
-        rest = rest - whole * np.ldexp(1.0, unit)
+    limbs = np.zeros((3, groups, flat.shape[1]), np.int64)
+    for k in range(flat.shape[1] if len(flat) else 0):  # one after the other, for the sake of memory
+        rest = flat[order, k]
+        for i in range(3):
+            unit = int(exponent[k]) - _BITS * (i + 1)
+            whole = np.rint(rest * math.ldexp(1.0, -unit))
+            limbs[i, present, k] = np.add.reduceat(whole.astype(np.int64), start)
+            rest -= whole * math.ldexp(1.0, unit)
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
     exact = [(int(a) << 2 * _BITS) + (int(b) << _BITS) + int(c) for a, b, c in limbs.reshape(3, -1).T]
     powers = np.tile(exponent - 3 * _BITS, groups)
