@@ -39,9 +39,10 @@ class SharedCopies:
         own, _ = self.window.Shared_query(comm.rank)
         np.frombuffer(own, np.int64)[0] = 0
         at = comm.rank * self.segment
-        alone = len(os.sched_getaffinity(0)) >= comm.size
+        cores = set().union(*comm.allgather(os.sched_getaffinity(0)))  # each rank may be bound to one
+        patience = PATIENCE if len(cores) >= comm.size else 0
         self._c = _Copies(rows=memory.ctypes.data, window=self.window.Shared_query(0)[0].address, width=width,
-                          n_owned=n_owned, mine=at + LINE, half=half, counter=at, patience=PATIENCE if alone else 0)
+                          n_owned=n_owned, mine=at + LINE, half=half, counter=at, patience=patience)
 
     def connect(self, ghosts: np.ndarray) -> None:
         """Copies are of these rows from now on, in PETSc's order (n_ghosts,); collective."""
