@@ -119,6 +119,7 @@ def _writable(directory: Path) -> str:
 
 
 def _memory() -> str:
-    sizes = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-    total, free = (int(sizes[name].split()[0]) / 1e6 for name in ("MemTotal", "MemAvailable"))
-    return f"{free:.3g} of {total:.3g} GB free"
+    from cellmig.output.manifest import memory_told
+
+    sizes = memory_told("/proc/meminfo")
+    return f"{1e-9 * sizes['MemAvailable']:.3g} of {1e-9 * sizes['MemTotal']:.3g} GB free"
