@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+from cellmig.parallel.options import IMPLICIT
+
 from .problems import PROBLEMS, Setting
 from .style import COLOURS, STYLE
 
@@ -134,7 +136,7 @@ def _gained(row: tuple[dict[str, Any], dict[str, float]]) -> str:
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
     """Log time against log error of each problem: all points, the front, the defaults, other codes."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.5, 4.3), layout="constrained")
+        figure = Figure(figsize=(10.5, 4.6), layout="constrained")
         axes = figure.subplots(1, len(PROBLEMS))
         for ax, (name, problem) in zip(axes, PROBLEMS.items(), strict=True):
             own = [p for p in points if p.problem == name]
@@ -145,19 +147,21 @@ def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> No
             if name == "disc":
                 _peers(ax, [p for p in own if not p.setting.changes])
         axes[0].set_ylabel("error [%]")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=5)
-        figure.get_layout_engine().set(rect=(0.0, 0.07, 1.0, 0.93))  # room for the legend
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=3)
+        figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.88))  # room for the legend
         figure.savefig(path)
 
 
 def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
     """The front is a staircase: between its points nothing that was measured is as good as a line would promise."""
     front, default = pareto(points), sorted((p for p in points if not p.setting.changes), key=lambda p: p.cost)
+    implicit = [p for p in points if p.setting.integrator in IMPLICIT]
     for some, style in ((points, {"marker": ".", "ls": "", "color": "0.65", "mew": 0, "label": "all settings"}),
                         (front, {"marker": "o", "ms": 3.5, "drawstyle": "steps-post", "color": COLOURS[0],
                                  "label": "Pareto set"}),
                         (default, {"marker": "s", "ms": 5, "ls": ":", "color": COLOURS[1],
-                                   "label": "defaults, with their particles"})):
+                                   "label": "defaults, with their particles"}),
+                        (implicit, {"marker": "^", "ms": 5, "ls": "", "color": "black", "label": "implicit steps"})):
         ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
     for p in default:
         ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (5, 4), textcoords="offset points", fontsize=7,
