@@ -64,10 +64,10 @@ PATCHES = {
 }
 # Fault: exit code, a part of the message, and how the program is started.
 FAULTS: dict[str, tuple[int, str, Callable[[Path], str]]] = {
-    "a full disk, at a frame": (5, "No space left", lambda run: disk(run, "size=700k")),
+    "a full disk, at a frame": (5, "No space left", lambda run: disk(run, "size=80m", filled_after=1.5)),
     "a full disk, at a checkpoint": (5, "No space left", lambda run: disk(run, "size=400k", "--set", "time.frames=1",
                                                                          "--checkpoint-time", "1 us")),
-    "a disk that is full at once": (5, "No space left", lambda run: disk(run, "size=4k")),
+    "a disk that is full at once": (3, "does not fit", lambda run: disk(run, "size=4k")),
     "a limit of file size": (5, "File too large", call),
     "a directory that cannot be written": (5, "Read-only file system", lambda run: disk(run, "ro")),
     "a step below the least": (4, "stable step fell", lambda run: call(
@@ -81,11 +81,13 @@ FAULTS: dict[str, tuple[int, str, Callable[[Path], str]]] = {
 }
 
 
-def disk(run: Path, how: str, *words: object) -> str:
-    """A run on a disk of its own, whose files are copied from it in the end."""
+def disk(run: Path, how: str, *words: object, filled_after: float = 0.0) -> str:
+    """A run on a disk of its own, whose files are copied from it in the end; others fill it after some seconds."""
     place = run.parent / "disk"
     keep = f"mkdir -p {run}; cp -r {place}/run/. {run} 2>/dev/null"
-    inner = f"mount -t tmpfs -o {how} none {place} && {{ {call(place / 'run', *words)}; code=$?; {keep}; exit $code; }}"
+    other = f"(sleep {filled_after}; cat /dev/zero >{place}/other 2>/dev/null) & " if filled_after else ""
+    ours = f"{call(place / 'run', *words)}; code=$?; {keep}; exit $code"
+    inner = f"mount -t tmpfs -o {how} none {place} && {{ {other}{ours}; }}"
     return f"mkdir -p {place}; unshare -m sh -c {shlex.quote(inner)}"
 
 
