@@ -43,31 +43,31 @@ class Surfaces:
 class ContactLists:
     """Particles near another cell's surface, by pair of cells; indices into `Surfaces`.
 
-    node : (n,);  pair : (n,) -- number of the unordered pair of cells;  first : (n + 1,), candidate : (k,) -- the
-    segments that may be closest, by their first particle;  segment : (e, 2) -- neighbours in `node`, both listed.
+    node : (n,);  first : (n + 1,), candidate : (k,) -- the segments that may be closest, by their first particle;
+    segment : (e, 2) -- neighbours in `node`, both listed.
     """
 
     node: np.ndarray
-    pair: np.ndarray
     first: np.ndarray
     candidate: np.ndarray
     segment: np.ndarray
 
-    def of_pairs(self, pairs: np.ndarray) -> ContactLists:
-        """The lists of some pairs alone, in the same order."""
-        keep = np.isin(self.pair, pairs)
+    def needed(self, surfaces: Surfaces, own: np.ndarray) -> ContactLists:
+        """What acts on particles in `own` (m,) bool, in the same order; with nodes whose gaps their segments need."""
+        count = np.diff(self.first)
+        touched = own[self.candidate] | own[surfaces.after[self.candidate]]
+        matters = own[self.node] | (np.bincount(np.repeat(np.arange(len(count)), count), touched, len(count)) > 0)
+        segment = self.segment[matters[self.segment].any(axis=1)]
+        keep = matters.copy()
+        keep[segment] = True
         number = np.cumsum(keep) - 1
-        count = np.diff(self.first)[keep]
-        segment = self.segment[keep[self.segment[:, 0]]] if len(self.segment) else self.segment
-        return ContactLists(self.node[keep], self.pair[keep], np.concatenate([[0], np.cumsum(count)]),
-                            self.candidate[np.repeat(keep, np.diff(self.first))], number[segment])
+        return ContactLists(self.node[keep], np.append(0, np.cumsum(count[keep])),
+                            self.candidate[np.repeat(keep, count)], number[segment])
 
-    def involved(self, surfaces: Surfaces) -> tuple[np.ndarray, np.ndarray]:
-        """(pair, surface particle) of all that the forces of a pair need or act on."""
-        owner = np.repeat(self.pair, np.diff(self.first))
+    def involved(self, surfaces: Surfaces) -> np.ndarray:
+        """Surface particles that the forces need or act on."""
         ends = self.candidate, surfaces.after[self.candidate]
-        around = surfaces.before[ends[0]], surfaces.after[ends[1]]
-        return np.concatenate([self.pair, *[owner] * 4]), np.concatenate([self.node, *ends, *around])
+        return np.concatenate([self.node, *ends, surfaces.before[ends[0]], surfaces.after[ends[1]]])
 
 
 def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, among: np.ndarray) -> ContactLists:
@@ -99,9 +99,7 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     at = np.minimum(np.searchsorted(key, following), max(len(key) - 1, 0))
     listed = key[at] == following if len(key) else np.zeros(0, bool)
     segment = np.column_stack([np.flatnonzero(listed), at[listed]])
-    own, other = np.divmod(directed, n_cells)
-    pair = np.minimum(own, other) * n_cells + np.maximum(own, other)
-    return ContactLists(node, pair, first, candidate, segment)
+    return ContactLists(node, first, candidate, segment)
 
 
 def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: float) -> np.ndarray:

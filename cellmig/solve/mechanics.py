@@ -215,12 +215,10 @@ class Mechanics:
         self._point_to_memory()
 
     def _renew_contact(self, lists: ContactLists) -> None:
-        """Those of pairs in which this rank has a part, of all that are near."""
+        """Those that act on this rank's particles, of all that are near."""
         s, k = self.surfaces, self.kernel
-        pair, particle = lists.involved(s)
-        lists = lists.of_pairs(np.unique(pair[self._is_mine[particle]]))
-        particle = lists.involved(s)[1]
-        numbering = self.base.extended(s.ids[particle])
+        lists = lists.needed(s, self._is_mine)
+        numbering = self.base.extended(s.ids[lists.involved(s)])
         same = np.array_equal(numbering.ids, self.numbering.ids)
         if not self.comm.allreduce(same, MPI.LAND):
             self._set_ghosts(numbering)
