@@ -329,3 +329,11 @@ def test_wall_time_is_told_as_people_tell_it(seconds, text):
 
 def test_columns_are_aligned():
     assert two_columns([("a", 1), ("long", "x y")]) == "a     1\nlong  x y"
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("text", ["[]", "rubbish", '{"case": 3}', '{"exit_status": 0, "strain": "much"}'])
+def test_what_is_no_manifest_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(OutputError, match="is not a manifest"):
+        read_manifest(tmp_path)

@@ -14,6 +14,7 @@ from typing import Any
 from .directory import MANIFEST, OutputError, replace
 
 _LIBRARIES = ("numpy", "numba", "h5py", "mpi4py", "petsc4py")
+_TABLES = ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoints", "sections_seconds")
 
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
@@ -28,7 +29,7 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     except (ValueError, RecursionError) as error:
         raise OutputError(f"'{path}' is not a manifest: {error}") from error
-    if not isinstance(manifest, dict):
+    if not isinstance(manifest, dict) or not all(isinstance(manifest.get(name) or {}, dict) for name in _TABLES):
         raise OutputError(f"'{path}' is not a manifest")
     return manifest
 
