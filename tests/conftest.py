@@ -48,11 +48,9 @@ def shared_tmp() -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def outside_mpi() -> dict[str, str]:
     """The environment for a program that starts ranks: what Open MPI told this process would confuse it."""
-    needed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-              "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
-    told = ("OMPI_COMM", "OMPI_APP", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix", "PMIX_", "ORTE_",
-            "CELLMIG_TERMINAL")
-    return needed | {key: value for key, value in os.environ.items() if not key.startswith(told)}
+    from cellmig.study import batch
+
+    return batch.outside_mpi()
 
 
 @pytest.fixture(scope="session")

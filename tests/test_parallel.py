@@ -168,7 +168,7 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
     n = 40  # particles of each rank, with the neighbours' first and last as ghosts
     around = sorted({(comm.rank - 1) % comm.size, (comm.rank + 1) % comm.size} - {comm.rank})
     memory = np.full((n * comm.size + 3, 4), -1.0)
-    field = GhostedField(comm, memory, n, np.zeros(0, int), n)
+    field = GhostedField(comm, memory, n, n)
     begin, end = (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(f)
                   for f in field.exchange_functions)
     for turn in range(12):

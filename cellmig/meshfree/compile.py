@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .compiler import compiled
+from .compiler import compiled, library
 from .terms import Terms
 from .translate import Translator
 
@@ -248,9 +247,4 @@ static inline void material_director_flux(const Scene *s, int material, const v4
 
 def assemble(*arguments: Any) -> None:
     """The function of assemble.c; integers in arrays are of type long."""
-    _assembler().assemble(*[_argument(a) for a in arguments])
-
-
-@cache
-def _assembler() -> ctypes.CDLL:
-    return ctypes.CDLL(str(compiled(ASSEMBLE.read_text())))
+    library(ASSEMBLE).assemble(*[_argument(a) for a in arguments])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import hashlib
 import os
 import shlex
@@ -10,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -69,6 +71,12 @@ def compiled(source: str) -> Path:
         if done.returncode:
             raise CompilerError(f"the C compiler '{command[0]}' could not compile the kernel:\n{done.stderr}")
         return _kept(made, library)
+
+
+@cache
+def library(source: Path) -> ctypes.CDLL:
+    """A file of C, compiled and loaded once a process."""
+    return ctypes.CDLL(str(compiled(source.read_text())))
 
 
 def _kept(made: Path, library: Path) -> Path:

@@ -85,13 +85,13 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
     unique = np.column_stack([own * n_cells + other, segments])
     unique = unique[np.lexsort(unique.T[::-1])]
-    unique = unique[np.append(True, (np.diff(unique, axis=0) != 0).any(axis=1))[: len(unique)]]
+    unique = unique[_fresh(unique)]
     away = _distances(x[unique[:, 1]], x[unique[:, 2]], x[surfaces.after[unique[:, 2]]])
-    start = np.flatnonzero(_fresh(unique))
+    start = np.flatnonzero(_fresh(unique[:, :2]))
     least = np.minimum.reduceat(away, start) if len(start) else away
     unique = unique[away <= np.repeat(least, np.diff(np.append(start, len(unique)))) + 2.0 * change]
     directed, node, candidate = unique.T
-    fresh = _fresh(unique)
+    fresh = _fresh(unique[:, :2])
     first = np.append(np.flatnonzero(fresh), len(unique))
     directed, node = directed[fresh], node[fresh]
     key = directed * len(x) + node  # ascending
@@ -112,8 +112,8 @@ def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: flo
 
 
 def _fresh(listed: np.ndarray) -> np.ndarray:
-    """Where another particle begins in rows of (directed pair, particle, segment) (k,) bool."""
-    return np.append(True, (np.diff(listed[:, :2], axis=0) != 0).any(axis=1))[: len(listed)]
+    """Which of sorted rows (k, …) are not as the one before (k,) bool."""
+    return np.append(True, (np.diff(listed, axis=0) != 0).any(axis=1))[: len(listed)]
 
 
 def _distances(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -14,17 +14,16 @@ from . import shared
 
 
 class GhostedField:
-    """A field of some numbers a particle: this rank's particles first, then copies, current after `exchange`.
+    """A field of some numbers a particle: this rank's particles first, then the copies asked for by `bring`.
 
-    The memory is the caller's and stays where it is when other copies are asked for.
+    They are current after `exchange`.  The memory is the caller's and stays where it is, whatever copies are asked for.
     """
 
-    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, ghosts: np.ndarray, lent: int):
-        """`ghosts` : (n_ghosts,) as for `bring`;  `lent` : how many own particles others may ask for; collective."""
+    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, lent: int):
+        """`memory` : (>= n_local, width);  `lent` : how many own particles others may ask for; collective."""
         self._comm, self._memory, self._n_owned = comm, memory, n_owned
         self._copies = shared.SharedCopies(comm, memory, n_owned, lent) if shared.on_one_machine(comm) else None
-        self.vec: PETSc.Vec | None = None
-        self.bring(ghosts)
+        self.owned, self.vec = memory[:n_owned], None
 
     def bring(self, ghosts: np.ndarray) -> None:
         """Copies are of these particles from now on, by their numbers in PETSc's order (n_ghosts,); collective."""
@@ -32,7 +31,6 @@ class GhostedField:
             self.vec.destroy()
         n_owned, width = self._n_owned, self._memory.shape[1]
         self.array = self._memory[: n_owned + len(ghosts)]
-        self.owned = self._memory[:n_owned]
         self.vec = PETSc.Vec().createGhostWithArray(ghosts.astype(PETSc.IntType), self.array.ravel(),
                                                     size=(n_owned * width, None), bsize=width, comm=self._comm)
         if self._copies is not None:
@@ -62,9 +60,7 @@ class GhostedField:
 @cache
 def _petsc_functions() -> tuple[int, int]:
     """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd."""
-    library = ctypes.CDLL(petsc_library())
-    return tuple(ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-                 for name in ("VecGhostUpdateBegin", "VecGhostUpdateEnd"))
+    return shared.addresses(ctypes.CDLL(petsc_library()), "VecGhostUpdateBegin", "VecGhostUpdateEnd")
 
 
 def petsc_library() -> str:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import os
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from mpi4py import MPI
 
-from ..meshfree.compiler import compiled
+from ..meshfree.compiler import library
 
 SOURCE = Path(__file__).with_name("shared.c")
 LINE = 8  # doubles of a cache line
@@ -78,8 +77,11 @@ def on_one_machine(comm: MPI.Comm) -> bool:
     return found
 
 
-@cache
-def exchange_functions() -> tuple[int, int]:
+def exchange_functions() -> tuple[int, ...]:
     """Addresses of functions that do for `SharedCopies` what those of PETSc do for a Vec with ghosts."""
-    library = ctypes.CDLL(str(compiled(SOURCE.read_text())))
-    return tuple(ctypes.cast(getattr(library, name), ctypes.c_void_p).value for name in ("copies_begin", "copies_end"))
+    return addresses(library(SOURCE), "copies_begin", "copies_end")
+
+
+def addresses(of: ctypes.CDLL, *names: str) -> tuple[int, ...]:
+    """Where functions of a library are, for C to call."""
+    return tuple(ctypes.cast(getattr(of, name), ctypes.c_void_p).value for name in names)

@@ -76,8 +76,7 @@ class Mechanics:
         self._X = aligned_zeros((self._capacity, 2))
         self.solution = PETSc.Vec().createWithArray(self._memory[: self.n_owned].ravel(),
                                                     size=(4 * self.n_owned, None), bsize=4, comm=self.comm)
-        ghosts, lent = self._in_petsc(self.base), self.base.lent.sum()
-        self.state = GhostedField(self.comm, self._memory, self.n_owned, ghosts, lent)
+        self.state = GhostedField(self.comm, self._memory, self.n_owned, self.base.lent.sum())
         self._set_ghosts(self.base)
 
     def _set_ghosts(self, numbering: Any) -> None:

@@ -35,7 +35,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
     own = m._mine
     # Lists are made of the positions of that time; ghosts of what touches come with them.
-    m._memory[m.base.local(m.surfaces.ids[own]), :2] = surface["renewed"][own]
+    m._memory[m._at, :2] = surface["renewed"][own]
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():

@@ -14,26 +14,21 @@ share their coefficients: few large bodies, whose coefficients stream from memor
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 from collections.abc import Sequence
-from datetime import date
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from mpi4py import MPI
-
-from cellmig.output.directory import replace
 from cellmig.output.log import table
-from cellmig.output.manifest import environment, processor
+from cellmig.output.manifest import processor
 
 from .probe import SURFACE, Scene
 from .run import DONE
-from .speed import measured
+from .speed import keep, measured
 
 PER_CELL = 1500
 ROWS = tuple(Scene(cells, PER_CELL) for cells in (1, 3, 12, 67))  # whole cells, each also on 2 and 4 ranks
@@ -152,15 +147,8 @@ def bench_scaling(out: Path) -> int:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks))
     c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1])
-    text = "\n".join(said(c, probes))
-    print(f"\n{text}")
-    out.mkdir(parents=True, exist_ok=True)
-    origin = {"command": "cellmig bench --scaling", "date": date.today().isoformat(), "processor": processor(),
-              **environment(MPI.COMM_SELF)}
-    found = {"origin": origin, "constants": dataclasses.asdict(c), "probes": probes}
-    replace(out / "scaling.json", json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    replace(out / "scaling.md", text + "\n")
-    print(out / "scaling.json", out / "scaling.md", sep="\n")
+    keep(out / "scaling", "cellmig bench --scaling", {"constants": dataclasses.asdict(c), "probes": probes},
+         said(c, probes))
     return DONE
 
 

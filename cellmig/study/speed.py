@@ -55,16 +55,21 @@ def bench_speed(out: Path, quick: bool = False) -> int:
         for ranks in on:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks, output=scene == PAPER))
-    found = {"origin": {"command": f"cellmig bench{' --quick' * quick}", "date": date.today().isoformat(),
-                        "processor": processor(), **environment(MPI.COMM_SELF)},
-             "limits": limits, "baseline_ns": plain, "start_s": starts(), "probes": probes}
-    text = "\n".join(said(found))
-    print(f"\n{text}")
-    out.mkdir(parents=True, exist_ok=True)
-    replace(out / "speed.json", json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    replace(out / "speed.md", text + "\n")
-    print(out / "speed.json", out / "speed.md", sep="\n")
+    found = {"limits": limits, "baseline_ns": plain, "start_s": starts(), "probes": probes}
+    keep(out / "speed", f"cellmig bench{' --quick' * quick}", found, said(found))
     return DONE
+
+
+def keep(place: Path, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
+    """Print what is said, and write it as Markdown, and what a command found as JSON, to `place` with suffixes."""
+    origin = {"command": command, "date": date.today().isoformat(), "processor": processor(),
+              **environment(MPI.COMM_SELF)}
+    data, text = place.with_suffix(".json"), place.with_suffix(".md")
+    print("", *lines, sep="\n")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    replace(data, json.dumps({"origin": origin} | found, indent=1, ensure_ascii=False) + "\n")
+    replace(text, "\n".join(lines) + "\n")
+    print(data, text, sep="\n")
 
 
 def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = False) -> dict[str, Any]:
@@ -99,7 +104,7 @@ def _done(command: Sequence[str], more: dict[str, str] | None = None) -> str:
 def said(found: dict[str, Any]) -> list[str]:
     """The tables in Markdown: medians, and how far quarters of the measurements lie apart."""
     probes, first = found["probes"], found["probes"][0]
-    lines = [f"{found['origin']['processor']}; medians of {REPEATS}; ns per particle-step of wall time unless said", "",
+    lines = [f"{processor()}; medians of {REPEATS}; ns per particle-step of wall time unless said", "",
              *table(["particles", "bodies", "coefficients", "ranks", "step", "CPU, all ranks", "internal force", *TERMS,
                      "exchange [µs]", "kernel [B]", "peak [B]"], [_line(p) for p in probes]), ""]
     rate = 1e9 / internal(first)
