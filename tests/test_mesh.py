@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from time import process_time
 
 import meshio
 import numpy as np
@@ -30,7 +32,8 @@ FOOT = [(k, k + 1) for k in range(6)]
 
 def written(path: Path, points: np.ndarray = POINTS, cells: list | None = None, **more) -> Path:
     """A file of triangles, by meshio."""
-    meshio.Mesh(points, cells or [("triangle", np.array(TRIANGLES))], **more).write(path)
+    form = {"file_format": more.pop("file_format")} if "file_format" in more else {}
+    meshio.Mesh(points, cells or [("triangle", np.array(TRIANGLES))], **more).write(path, **form)
     return path
 
 
@@ -96,13 +99,144 @@ def test_a_nucleus_is_a_set_of_cells_or_where_an_array_has_a_value(tmp_path: Pat
     assert polygons.area(np.array(table["regions"][name][0])) == pytest.approx(2.0)
 
 
-def test_squares_and_triangles_of_second_order_are_divided(tmp_path: Path) -> None:
-    squares = [("quad", np.array([(a, a + 1, a + 8, a + 7) for i, j in SQUARES for a in [7 * j + i]]))]
-    six = np.array([[0, 0], [2, 0], [0, 2], [1, -0.2], [1, 1], [0, 1.0]])
-    curved = [("triangle6", np.array([[0, 1, 2, 3, 4, 5]]))]
-    for points, cells, area in ((POINTS, squares, 23.0), (six, curved, 2.2)):
-        found = boundary(str(written(tmp_path / "cell.vtk", np.column_stack([points, 0 * points[:, :1]]), cells)))
-        assert sum(polygons.area(np.array(loop)) for loop in found["loops"]) == pytest.approx(area, rel=1e-12)
+# A square of 2 x 2, its left half elements of one kind, its right half two triangles of that order; and what may curve.
+GRID = np.array([(x, y, 0.0) for y in (0.0, 0.5, 1.0, 1.5, 2.0) for x in (0.0, 0.5, 1.0, 1.5, 2.0)])
+SECOND = np.array([(2, 4, 14, 3, 9, 8), (2, 14, 12, 8, 13, 7), (12, 14, 24, 13, 19, 18), (12, 24, 22, 18, 23, 17)])
+FIRST, QUADS = SECOND[:, :3], np.array([(0, 2, 12, 10), (10, 12, 22, 20)])
+MIDDLES = np.array([(1, 7, 11, 5), (11, 17, 21, 15)])
+MIXED = {"quad": [("quad", QUADS), ("triangle", FIRST)],
+         "polygon": [("polygon", QUADS), ("polygon", FIRST)],
+         "polygon of six": [("polygon", np.array([(0, 2, 12, 22, 20, 10)])), ("triangle", FIRST)],
+         "quad8": [("quad8", np.column_stack([QUADS, MIDDLES])), ("triangle6", SECOND)],
+         "quad9": [("triangle6", SECOND), ("quad9", np.column_stack([QUADS, MIDDLES, [6, 16]]))],
+         "flat triangle": [("quad", QUADS), ("triangle", np.concatenate([FIRST, [(0, 2, 4), (5, 5, 6)]]))]}
+
+
+def area_of(path: Path) -> float:
+    """Area within the outline in a file, less its holes."""
+    return sum(polygons.area(np.array(loop)) for loop in boundary(str(path))["loops"])
+
+
+@pytest.mark.parametrize("kinds", MIXED)
+def test_elements_of_all_kinds_side_by_side_leave_no_hole(tmp_path: Path, kinds: str) -> None:
+    found = boundary(str(written(tmp_path / "cell.vtu", GRID, MIXED[kinds])))
+    assert [polygons.area(np.array(loop)) for loop in found["loops"]] == pytest.approx([4.0], rel=1e-12)
+
+
+@pytest.mark.parametrize(("middle", "size"), [(0, 2.0), (-0.2, 2.0 + 0.8 / 3), (0.2, 2.0 - 0.8 / 3)])
+def test_a_side_of_second_order_is_a_parabola_through_its_middle(tmp_path: Path, middle: float, size: float) -> None:
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [1, middle, 0], [1, 1, 0], [0, 1.0, 0]])
+    mesh = written(tmp_path / "cell.vtk", points, [("triangle6", np.arange(6)[None])])
+    assert area_of(mesh) == pytest.approx(2.0 + (size - 2.0) * (1 - 1 / 256), rel=1e-12)  # 16 pieces each
+
+
+def test_bent_elements_share_the_sides_between_them_and_name_the_lines_along_them(tmp_path: Path) -> None:
+    points = GRID + np.sin(2.0 * GRID[:, [1, 0, 2]]) * [0.1, 0.1, 0.0]
+    tags = [np.array([1, 1]), np.full(4, 2), np.array([3])]
+    mesh = meshio.Mesh(points, [*MIXED["quad8"], ("line3", np.array([(4, 2, 3)]))],
+                       cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+                       field_data={"left": np.array([1, 2]), "right": np.array([2, 2]), "foot": np.array([3, 1])})
+    meshio.write(tmp_path / "cell.msh", mesh, "gmsh22", binary=False)
+    found = boundary(str(tmp_path / "cell.msh"))
+    whole, *holes = (polygons.area(np.array(loop)) for loop in found["loops"])
+    left, right = (polygons.area(np.array(found["regions"][name][0])) for name in ("left", "right"))
+    assert not holes and left + right == pytest.approx(whole, rel=1e-12) and abs(whole - 4.0) > 0.001
+    loop, foot = np.array(found["loops"][0]), found["lines"]["foot"]
+    assert len(foot) == 16 and np.linalg.norm(polygons.sides(loop)[foot].sum()) == pytest.approx(1.0, abs=0.02)
+
+
+def refused(path: Path) -> str:
+    """What is said of a file that holds no cell."""
+    with pytest.raises(ValueError, match=re.escape(str(path))) as error:
+        boundary(str(path))
+    return str(error.value)
+
+
+@pytest.mark.parametrize(("kind", "corners"), [("triangle10", 10), ("quad16", 16), ("tetra", 4), ("line4", 4)])
+def test_elements_that_are_not_read_are_named_and_counted(tmp_path: Path, kind: str, corners: int) -> None:
+    others = np.array([np.arange(corners), np.arange(corners)])
+    path = written(tmp_path / "cell.msh", GRID, [("triangle", FIRST), (kind, others)], file_format="gmsh22")
+    assert f"elements that are not read: 2 of type {kind}; a cell is made of triangles" in refused(path)
+
+
+def test_elements_that_meshio_leaves_out_with_a_warning_are_refused(tmp_path: Path) -> None:
+    mesh = meshio.Mesh(GRID, [("triangle", FIRST), ("quad", QUADS)])
+    meshio.write(tmp_path / "cell.vtu", mesh, "vtu", binary=False)
+    text = (tmp_path / "cell.vtu").read_text()
+    assert text.count("\n9\n9") == 1
+    (tmp_path / "cell.vtu").write_text(text.replace("\n9\n9", "\n6\n6"))  # which are triangle strips
+    assert "cells that meshio cannot handle (type 6)" in refused(tmp_path / "cell.vtu")
+
+
+@pytest.mark.parametrize(("kind", "points", "message"), [
+    ("quad", (0, 2, 10, 12), "an element that crosses itself, at (0.5, 0.5)"),
+    ("triangle", (0, 2, 4), "has no triangles with an area"), ("triangle", (0, 0, 0), "no triangles with an area")])
+def test_elements_without_a_sound_area_are_refused(tmp_path: Path, kind: str, points: tuple, message: str) -> None:
+    assert message in refused(written(tmp_path / "cell.vtk", GRID, [(kind, np.array([points]))]))
+
+
+@pytest.mark.parametrize("ending", ["vtk", "vtu", "xdmf"])
+@pytest.mark.parametrize("dtype", ["uint8", "uint32", "uint64", "int8", "int32"])
+def test_numbers_of_points_may_have_any_type_of_integer(tmp_path: Path, dtype: str, ending: str) -> None:
+    cells = [("triangle", FIRST.astype(dtype)), ("quad", QUADS.astype(dtype)), ("line", np.array([(0, 2)], dtype))]
+    assert area_of(written(tmp_path / f"cell.{ending}", GRID, cells)) == pytest.approx(4.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("version", ["2.2", "4.1"])
+def test_an_element_of_two_groups_is_one_element_in_both(tmp_path: Path, version: str) -> None:
+    names = '$PhysicalNames\n3\n2 1 "all"\n2 2 "left"\n2 3 "also left"\n$EndPhysicalNames\n'
+    quads, triangles = ([" ".join(map(str, row + 1)) for row in rows] for rows in (QUADS, FIRST))
+    places = [f"{x} {y} 0" for x, y, _ in GRID]
+    if version == "2.2":  # an element for each group
+        rows = [f"3 2 {tag} 1 {q}" for tag in (1, 2, 3) for q in quads] + [f"2 2 1 2 {t}" for t in triangles]
+        nodes = ["25", *(f"{n} {place}" for n, place in enumerate(places, 1))]
+        found = [str(len(rows)), *(f"{n} {row}" for n, row in enumerate(rows, 1))]
+        entities = []
+    else:  # groups of entities
+        entities = ["$Entities", "0 0 2 0", "1 0 0 0 1 2 0 3 1 2 3 0", "2 1 0 0 2 2 0 1 1 0", "$EndEntities"]
+        nodes = ["1 25 1 25", "2 1 0 25", *map(str, range(1, 26)), *places]
+        found = ["2 6 1 6", "2 1 3 2", *(f"{n} {q}" for n, q in enumerate(quads, 1)), "2 2 2 4",
+                 *(f"{n} {t}" for n, t in enumerate(triangles, 3))]
+    text = "\n".join(["$MeshFormat", f"{version} 0 8", "$EndMeshFormat", names.strip(), *entities, "$Nodes", *nodes,
+                      "$EndNodes", "$Elements", *found, "$EndElements", ""])
+    (tmp_path / "cell.msh").write_text(text)
+    found = boundary(str(tmp_path / "cell.msh"))
+    assert area_of(tmp_path / "cell.msh") == pytest.approx(4.0, rel=1e-12)
+    sizes = {name: polygons.area(np.array(loops[0])) for name, loops in found["regions"].items()}
+    assert sizes["all"] == pytest.approx(4.0) and sizes["left"] == sizes["also left"] == pytest.approx(2.0)
+
+
+FAN = [(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 3000, endpoint=False)]
+
+
+def tin(blank: str = " ", end: str = "", z: str = "") -> str:
+    """A disc of 3,000 triangles in well-known text, with numbers of 17 digits and exponents."""
+    rows = [f"(({blank}0 0{z},{blank}{a!r} {b!r}{z}, {c!r} {d!r}{z},0 0{z}{blank}))"
+            for (a, b), (c, d) in zip(FAN, FAN[1:] + FAN[:1], strict=True)]
+    return f"TIN{' Z' * bool(z)}{blank}({f',{blank}'.join(rows)}{end})"
+
+
+@pytest.mark.parametrize("text", [tin(), tin("", z=" 1e-3"), "SRID=4326;" + tin("\n  ")], ids=["2D", "3D", "lines"])
+def test_well_known_text_is_read_in_a_time_that_goes_with_its_length(tmp_path: Path, text: str) -> None:
+    (tmp_path / "cell.wkt").write_text(text)
+    begin = process_time()
+    assert area_of(tmp_path / "cell.wkt") == pytest.approx(1500 * np.sin(2 * np.pi / 3000), rel=1e-9)
+    assert process_time() - begin < 3.0  # measured 0.1 s; by a pattern that tries all ways to part the digits, no end
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    (tin(end=", ((0 0, 1 0"), "does not end with ')))'"), (tin(end=")"), "does not end"),
+    (tin(end="))"), "triangle 3001 "),
+    (tin().replace("0 0,", "0 0 0,", 1), "triangle 1 is not written as ((x y, x y, x y, x y)), closed"),
+    (tin().replace("1.0 0.0", "1.0 O.0", 1), "triangle 1: could not convert"),
+    ("POLYGON ((0 0, 1 0, 0 1, 0 0))", "it holds 'POLYGON', not TIN"), ("TIN EMPTY", "it holds 'TIN EMPTY'"),
+    ("TIN (((0 0, 1 0, 0 1, 1 1)))", "closed"), ("TIN (" + "( " * 20000, "does not end"),
+    ("TIN" + " " * 200000 + "x", "not TIN"), ("1" * 100000, "not TIN")], ids=range(11))
+def test_malformed_well_known_text_is_refused_at_once(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "cell.WKT").write_text(text)
+    begin = process_time()
+    assert message in refused(tmp_path / "cell.WKT")
+    assert process_time() - begin < 3.0  # measured 0.05 s at most
 
 
 def broken(path: Path, what: str) -> None:

@@ -1,4 +1,4 @@
-"""The shape of a mesh: what the triangles of a file cover, with a nucleus and parts of the surface by their names."""
+"""The shape of a mesh: what the elements of a file cover, with a nucleus and parts of the surface by their names."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from .outlines import Outlined
 
 @law("shape", "mesh")
 class Mesh(Outlined):
-    """What the triangles of a file cover, about the cell's centre: any format that meshio reads, in a plane z = const.
+    """What the elements of a file cover, about the cell's centre: any format that meshio reads, in a plane z = const.
 
+    They may be triangles and quadrilaterals of first or second order, whose bent sides are parabolas, and polygons, side
+    by side; others are refused.
     The file gives the outline, holes, the nucleus and names; particles are laid out anew, as many as the case asks for.
     Parts of its surface: the file's groups of lines, outline, and hole-1, hole-2 ….
     """

@@ -1,10 +1,11 @@
-"""Triangulated shapes from files: their boundary, and those of what they name, by meshio."""
+"""Meshed shapes from files: their boundary, and those of what they name, by meshio."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,19 +15,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..case.messages import show
-from . import polygons
+from . import elements, polygons, wkt
+from .elements import TINY
 
-# Triangles, ordered as they are written, of what covers an area, and the pieces of lines.
-TRIANGLES = {"triangle": [(0, 1, 2)], "quad": [(0, 1, 2), (0, 2, 3)],
-             "triangle6": [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]}
-LINES = {"line": [(0, 1)], "line3": [(0, 2), (2, 1)]}
+_LOST = re.compile("cannot handle|not parse")  # in what meshio warns of: it goes on without those elements
 MOST_VALUES = 50  # of an array of numbers that names groups: one with more names every triangle, or none
-TINY = 1e-9  # of the size: points closer than this are one
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Closed loops around the triangles of a file, in its own unit of length, and what it has names for.
+    """Closed loops around the elements of a file, in its own unit of length, and what it has names for.
 
     loops : tuple of loops of points (x, y), the outer one counterclockwise, then holes, clockwise.
     regions : tuple of (name, loops) -- around the triangles of each named group, parity tells what is inside.
@@ -71,31 +69,35 @@ def boundary(path: str) -> dict:
     Raises ValueError; its text is for the user.
     """
     mesh = _read(path)
-    points, triangles, lines = _pieces(mesh, path)
-    used = np.unique(triangles[:, :3])
+    elements.refuse_others(mesh, path)
+    areas, lines = elements.rings(mesh, path)
+    points = np.asarray(mesh.points, float)
+    used = np.unique(np.concatenate([ring.ravel() for _, _, ring in areas]))
+    if not np.isfinite(points[used]).all():
+        raise ValueError(f"'{path}' has points whose coordinates are no finite numbers")
     if points.shape[1] > 2 and (depth := np.ptp(points[used, 2])) > TINY * np.ptp(points[used], axis=0).max():
         raise ValueError(f"'{path}' is not flat: z differs by {depth:.4g} among its triangles")
     points = points[:, :2]
-    if not np.isfinite(points[used]).all():
-        raise ValueError(f"'{path}' has points whose coordinates are no finite numbers")
     same = _coincident(points, used)
-    tri, of = _counterclockwise(points, same[triangles[:, :3]], triangles[:, 3])
-    edges = _edges(tri, points, path)
-    loops = sorted(_chain(edges), key=lambda loop: -polygons.area(points[loop]))
+    areas, lines = ([(order, number, same[ring]) for order, number, ring in part] for part in (areas, lines))
+    stands = _stands(mesh, areas)
+    areas = [(order, number[own], ring[own]) for order, number, ring in areas for own in [stands[number] == number]]
+    around, of, along, line, points = elements.edges(areas, lines, points, path)
+    loops = sorted(_chain(_edges(around, points, path)), key=lambda loop: -polygons.area(points[loop]))
     starts = np.concatenate([np.array(loop) for loop in loops])
     ends = np.concatenate([np.roll(loop, -1) for loop in loops])
     place = {frozenset(pair): k for k, pair in enumerate(zip(starts.tolist(), ends.tolist(), strict=True))}
-    found = Boundary(tuple(_points(points, loop) for loop in loops))
     regions, parts = {}, {}
-    for name, (areas, curves) in _groups(mesh).items():
-        inside = np.isin(of, areas)
-        regions[name] = [_points(points, loop) for loop in _chain(_edges(tri[inside], points, path))]
-        of_group = same[lines[np.isin(lines[:, 2], curves), :2]].tolist()
+    for name, (wide, thin) in _groups(mesh).items():
+        inside = np.isin(of, stands[wide])
+        regions[name] = [_points(points, loop) for loop in _chain(_edges(around[inside], points, path))]
+        of_group = along[np.isin(line, thin)].tolist()
         at = sorted({place[pair] for pair in map(frozenset, of_group) if pair in place})
         parts |= {name: at} if at else {}
         if not inside.any() and at:
             del regions[name]
-    return Boundary(found.loops, tuple(regions.items()), tuple(parts.items())).written()
+    outlines = tuple(_points(points, loop) for loop in loops)
+    return Boundary(outlines, tuple(regions.items()), tuple(parts.items())).written()
 
 
 def _read(path: str) -> Any:
@@ -106,30 +108,21 @@ def _read(path: str) -> Any:
         import meshio
 
         try:
-            return meshio.read(path)
+            mesh = wkt.read(path) if path.lower().endswith(".wkt") else meshio.read(path)
+            lost = " ".join(said.getvalue().split())
+            if not _LOST.search(lost):
+                return mesh
+            lines = [lost]
         except (Exception, SystemExit) as error:  # its readers raise whatever a broken file leads to
             lines = [line.strip() for line in (*said.getvalue().splitlines(), str(error)) if line.strip(" .01")]
     raise ValueError(f"'{path}' cannot be read: {lines[0] if lines else 'meshio knows no reason'}") from None
 
 
-def _pieces(mesh: Any, path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (n, 2 or 3), triangles (k, 4) and lines (l, 3): their corners, and which cell of the file they are of."""
-    found: dict[str, list] = {"areas": [np.zeros((0, 4), int)], "lines": [np.zeros((0, 3), int)]}
-    first = 0
-    for block in mesh.cells:
-        number = first + np.arange(len(block.data))
-        first += len(block.data)
-        for kind, table in (("areas", TRIANGLES), ("lines", LINES)):
-            found[kind] += [np.column_stack([block.data[:, corners], number]) for corners in table.get(block.type, ())]
-    points = np.asarray(mesh.points, float)
-    triangles, lines = np.concatenate(found["areas"]), np.concatenate(found["lines"])
-    if not len(triangles):
-        kinds = sorted({block.type for block in mesh.cells})
-        raise ValueError(f"'{path}' has no triangles{': only ' + ', '.join(kinds) if kinds else ''}")
-    for part in (triangles[:, :3], lines[:, :2]):
-        if part.size and (part.min() < 0 or part.max() >= len(points)):
-            raise ValueError(f"'{path}' cannot be read: it names points that it does not have")
-    return points, triangles, lines
+def _stands(mesh: Any, areas: list[tuple]) -> np.ndarray:
+    """Number of the element that stands for each of the file's cells: Gmsh 2.2 lists those of two groups twice."""
+    tags = mesh.cell_data.get("gmsh:physical")
+    sizes = [len(block.data) for block in mesh.cells]
+    return elements.twins(areas, np.zeros(sum(sizes), int) if tags is None else np.concatenate(tags))
 
 
 def _coincident(points: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -143,18 +136,8 @@ def _coincident(points: np.ndarray, used: np.ndarray) -> np.ndarray:
     return same
 
 
-def _counterclockwise(points: np.ndarray, tri: np.ndarray, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles turned counterclockwise, and the cells that they are of; without slivers that have no area."""
-    a, b = points[tri[:, 1]] - points[tri[:, 0]], points[tri[:, 2]] - points[tri[:, 0]]
-    area, longest = polygons.cross(a, b), np.maximum((a**2).sum(1), (b**2).sum(1))
-    tri = np.where((area < 0)[:, None], tri[:, ::-1], tri)
-    whole = np.abs(area) > TINY * longest
-    return tri[whole], of[whole]
-
-
-def _edges(tri: np.ndarray, points: np.ndarray, path: str) -> np.ndarray:
-    """Edges (k, 2) of counterclockwise triangles that have one on their left only."""
-    edges = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
+def _edges(edges: np.ndarray, points: np.ndarray, path: str) -> np.ndarray:
+    """Edges (k, 2) around counterclockwise elements that have one on their left only."""
     key, back = edges @ [len(points), 1], edges @ [1, len(points)]
     once, number = np.unique(key, return_counts=True)
     if len(twice := once[number > 1]):
@@ -190,7 +173,7 @@ def _groups(mesh: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """
     sizes = [len(block.data) for block in mesh.cells]
     first = np.concatenate([[0], np.cumsum(sizes)])
-    wide = np.repeat([block.type in TRIANGLES for block in mesh.cells], sizes)
+    wide = np.repeat([block.type in elements.AREAS for block in mesh.cells], sizes)
     tags = np.concatenate([np.zeros(0, int), *mesh.cell_data.get("gmsh:physical", ())])
     groups = {name: np.flatnonzero((tags == data[0]) & (wide == (data[1] == 2))) if len(tags) else np.zeros(0, int)
               for name, data in mesh.field_data.items() if np.size(data) == 2}
