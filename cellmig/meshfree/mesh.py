@@ -17,8 +17,8 @@ from .outlines import Outlined
 class Mesh(Outlined):
     """What the elements of a file cover, about the cell's centre: any format that meshio reads, in a plane z = const.
 
-    They may be triangles and quadrilaterals of first or second order, whose bent sides are parabolas, and polygons, side
-    by side; others are refused.
+    They may be triangles and quadrilaterals of first or second order, whose bent sides are parabolas, and polygons;
+    others are refused.
     The file gives the outline, holes, the nucleus and names; particles are laid out anew, as many as the case asks for.
     Parts of its surface: the file's groups of lines, outline, and hole-1, hole-2 ….
     """
