@@ -25,30 +25,34 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     """Run a case on all ranks."""
     until = _time(options.until, "--until") if options.until else None
     case = load_together(options.case, options.sets, comm)
+    from .output.directory import Claim
     from .study.keep import check_identity, is_done, look
 
-    directory, prune, state = options.out or Path("output") / case.name, not options.no_prune, None
+    directory, prune, state, claim = options.out or Path("output") / case.name, not options.no_prune, None, None
     end = case.time.end if until is None else until
     if options.resume:
-        manifest, state = look(directory, comm, options.quiet)
+        claim = Claim(directory, comm, make=True)
+        manifest, state = look(claim, comm, options.quiet)
         if state:
             check_identity(state.about["run"], case, end, prune)
         elif is_done(manifest):
             check_identity(manifest, case, end, prune)
             return _done_already(directory, options)
-    return _go(options, comm, case, directory, end, prune, state)
+    return _go(options, comm, case, directory, end, prune, state, claim)
 
 
 def resume(options: argparse.Namespace, comm: Any) -> int:
     """Go on with the run in a directory on all ranks."""
     _discover()
+    from .output.directory import Claim
     from .study.keep import is_done, look, origin
 
-    manifest, state = look(options.directory, comm, options.quiet)
+    claim = Claim(options.directory, comm)
+    manifest, state = look(claim, comm, options.quiet)
     if is_done(manifest):
         return _done_already(options.directory, options)
     case, end, prune = origin(options.directory, manifest, state)
-    return _go(options, comm, case, options.directory, end, prune, state)
+    return _go(options, comm, case, options.directory, end, prune, state, claim)
 
 
 def _done_already(directory: Path, options: argparse.Namespace) -> int:
@@ -58,7 +62,7 @@ def _done_already(directory: Path, options: argparse.Namespace) -> int:
 
 
 def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end: float, prune: bool,
-        state: Any) -> int:
+        state: Any, claim: Any) -> int:
     from .study.keep import Intervals
     from .study.run import Run, stop_requests
 
@@ -67,7 +71,7 @@ def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end:
     simulated = _time(options.checkpoint_time, "--checkpoint-time") if options.checkpoint_time else None
     with stop_requests() as asked:
         return Run(case, directory, comm, until=end, prune=prune, quiet=options.quiet, state=state,
-                   intervals=Intervals(**wall, simulated=simulated)).go(asked)
+                   intervals=Intervals(**wall, simulated=simulated), claim=claim).go(asked)
 
 
 def validate(options: argparse.Namespace) -> int:

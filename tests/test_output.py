@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+import types
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,7 +19,7 @@ import pytest
 
 from mpi4py import MPI
 
-from cellmig.output.directory import OutputError, fresh_directory, together
+from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log, Progress, Timers, clock, two_columns
 from cellmig.output.manifest import environment, read_manifest, write_manifest
 from cellmig.output.tables import HISTORY, LEDGER, History, Ledger, read_table
@@ -175,7 +177,8 @@ def test_a_line_that_is_still_being_written_is_not_read(shared_tmp):
 def test_a_second_run_moves_the_first_aside_and_loses_nothing(shared_tmp, mark):
     path = shared_tmp / "run"
     for content, aside in (("first", None), ("second", "run.1"), ("third", "run.2")):
-        assert fresh_directory(path, COMM) == (aside and shared_tmp / aside)
+        with Claim(path, COMM, make=True) as claim:
+            assert claim.clear() == (aside and shared_tmp / aside)
         assert [file.name for file in path.iterdir()] == ["manifest.json"]
         COMM.barrier()
         if COMM.rank == 0:
@@ -191,7 +194,7 @@ def test_a_directory_with_other_files_is_refused_and_left_as_it_is(shared_tmp):
         (shared_tmp / "thesis.tex").write_text("years of work")
     COMM.barrier()
     with pytest.raises(OutputError, match=r"not a run's.*--out"):
-        fresh_directory(shared_tmp, COMM)
+        Claim(shared_tmp, COMM, make=True).clear()
     assert (shared_tmp / "thesis.tex").read_text() == "years of work"
 
 
@@ -200,7 +203,64 @@ def test_a_place_that_cannot_be_written_is_named_with_a_way_out(shared_tmp):
         (shared_tmp / "file").write_text("")
     COMM.barrier()
     with pytest.raises(OutputError, match=r"cannot write in .*file/run.*--out"):
-        fresh_directory(shared_tmp / "file" / "run", COMM)
+        Claim(shared_tmp / "file" / "run", COMM, make=True)
+
+
+def begin_a_run(path: Path, content: str, comm=COMM) -> Path | None:
+    """Claim a directory and write in it as a run does; where what was there is now."""
+    with Claim(path, comm, make=True) as claim:
+        aside = claim.clear()
+        if comm.rank == 0:
+            for _ in range(3):
+                with open(path / "history.csv", "a") as file:
+                    file.write(content)
+    return aside
+
+
+def test_of_runs_that_begin_at_once_each_has_a_directory_of_its_own(tmp_path):
+    """Threads stand for processes: a lock is of an open directory, not of a process."""
+    alone = types.SimpleNamespace(rank=0, size=1, allgather=lambda value: [value])
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda n: begin_a_run(tmp_path / "run", chr(97 + n % 26), alone), range(200)))
+    contents = [(path / "history.csv").read_text() for path in tmp_path.iterdir()]
+    assert len(contents) == 200 and all(len(text) == 3 and len(set(text)) == 1 for text in contents)
+
+
+def test_a_directory_that_a_claim_made_and_left_empty_goes_again(shared_tmp):
+    with Claim(shared_tmp / "run", COMM, make=True):
+        assert (shared_tmp / "run").is_dir()
+        COMM.barrier()
+    COMM.barrier()
+    assert not (shared_tmp / "run").exists()
+    COMM.barrier()
+    begin_a_run(shared_tmp / "run", "a")
+    COMM.barrier()
+    assert (shared_tmp / "run" / "history.csv").exists()
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["to a run", "to nothing yet"])
+def test_a_run_is_written_where_a_link_points_to_and_the_link_stays(shared_tmp, there):
+    link, disk = shared_tmp / "link", shared_tmp / "disk" / "run"
+    if COMM.rank == 0:
+        link.symlink_to(disk)
+    COMM.barrier()
+    if there:
+        assert begin_a_run(link, "a") is None
+    begin_a_run(link, "b")
+    COMM.barrier()
+    assert link.is_symlink() and (disk / "history.csv").read_text() == "bbb"
+    assert sorted(path.name for path in shared_tmp.iterdir()) == ["disk", "link"]
+    assert not there or (shared_tmp / "disk" / "run.1" / "history.csv").read_text() == "aaa"
+
+
+def test_the_directory_where_the_user_is_takes_one_run_after_the_other(shared_tmp, monkeypatch):
+    (shared_tmp / "here").mkdir(exist_ok=True)
+    COMM.barrier()
+    monkeypatch.chdir(shared_tmp / "here")
+    assert [begin_a_run(Path(), text) for text in "abc"] == [None, Path("../here.1"), Path("../here.2")]
+    COMM.barrier()
+    found = [Path(place, "history.csv").read_text() for place in ("../here.1", "../here.2", ".")]
+    assert found == ["aaa", "bbb", "ccc"]
 
 
 def test_an_error_of_one_rank_is_raised_on_all_of_them():

@@ -255,6 +255,26 @@ def test_two_runs_do_not_write_in_one_directory(cellmig, copy, tmp_path):
     ended(cellmig(1, "resume", copy, "--quiet", *A_BATCH, env=env), 75)
 
 
+@pytest.mark.parametrize("lines", [
+    [("run",), ("run",), ("run",)], [("run",), ("resume",)], [("resume",), ("resume",)], [("auto",), ("auto",)]],
+    ids=["three runs", "a run and resume", "twice resume", "twice auto"])
+def test_of_two_that_start_at_once_in_one_directory_none_writes_in_the_files_of_the_other(
+        outside_mpi, whole, copy, lines):
+    if lines[0] == ("auto",):
+        shutil.rmtree(copy)
+    words = {"run": [*PAPER, "--out", copy], "resume": ["resume", copy],
+             "auto": [*PAPER, "--out", copy, "--resume", "auto"]}
+    started = [subprocess.Popen([sys.executable, "-m", "cellmig", *map(str, words[line]), "--quiet"], env=outside_mpi,
+                                stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for line, in lines]
+    for process in started:
+        process.communicate(timeout=60)
+    codes = [process.returncode for process in started]
+    assert set(codes) <= {0, 5} and 0 in codes, codes
+    tables = [(path / "history.csv").read_bytes() for path in copy.parent.glob("run*")
+              if read_manifest(path).get("exit_status") == 0]
+    assert tables and set(tables) == {(whole["paper"] / "history.csv").read_bytes()}
+
+
 def test_what_a_checkpoint_has_of_the_run_is_json_and_nothing_to_execute(stopped):
     import h5py
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
@@ -65,7 +66,7 @@ def replace(path: Path, content: str | bytes, lasting: bool = False) -> None:
 
     `lasting` : it is on the disk when this returns, and outlives a power cut.
     """
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")  # of this process alone
     try:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
         if lasting:
@@ -88,79 +89,129 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def fresh_directory(path: Path, comm: Any) -> Path | None:
-    """Make an empty directory for a new run, marked as a run's; collective, rank 0 does it.
-
-    A run that is already there is moved aside to ``path.1``, ``path.2`` …, the next number that is free: where it is
-    now, None if there was none.
-
-    Parameters
-    ----------
-    path : Path -- where the run is to leave its files.
-    comm : mpi4py communicator.
-
-    Raises
-    ------
-    OutputError -- something that is not a run is there, or the place cannot be written.
-    """
-    return together(comm, lambda: _make(Path(path)), root_only=True)[0]
-
-
 class Claim:
-    """A directory that this run alone writes in, until it is released or the process ends, however that is.
+    """A directory that one run, or one command that does many, has for itself, until released or the process ends.
 
     It leaves no trace in the directory; file systems that know no locks grant every claim.
     """
 
-    def __init__(self, path: Path, comm: Any) -> None:
-        """Wait for a run that is dying; collective, rank 0 does it.  Raises OutputError if another run stays there."""
-        handle = together(comm, lambda: _locked(Path(path)), root_only=True)[comm.rank]
-        self.release = weakref.finalize(self, os.close, handle) if handle is not None else lambda: None
+    def __init__(self, path: Path, comm: Any, make: bool = False) -> None:
+        """Wait for a run that is dying; collective, rank 0 does it.  Raises OutputError if another run stays there.
+
+        `make` : the directory where there is none; it goes again if it is left empty.
+        """
+        self.path, self._comm = Path(path), comm
+        handle, made = together(comm, lambda: _locked(self.path, make), root_only=True)[comm.rank] or (None, False)
+        self.release = weakref.finalize(self, _let_go, self.path, handle, made) if handle is not None else lambda: None
+
+    def __enter__(self) -> Claim:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def clear(self) -> Path | None:
+        """Empty it for a new run and mark it as a run's; collective, rank 0 does it.
+
+        What is there is moved to ``path.1``, ``path.2`` …, the next number that is free: where it is now, None if
+        there was nothing.  The directory itself stays: it may be where the user is, or a link points to it.
+
+        Raises
+        ------
+        OutputError -- something that is not a run is there, or the place cannot be written.
+        """
+        return together(self._comm, lambda: _clear(self.path), root_only=True)[0]
 
 
-def _locked(path: Path) -> int | None:
-    """Handle of a directory that is locked; None if it is not there."""
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    give_up = monotonic() + PATIENCE
+def _locked(path: Path, make: bool) -> tuple[int, bool] | None:
+    """Handle of a directory that is locked, and whether it was made here; None if it is not there."""
+    give_up, made = monotonic() + PATIENCE, False
     while True:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return handle
-        except BlockingIOError:
-            if monotonic() > give_up:
-                os.close(handle)
-                raise OutputError(f"another run is at work in '{path}'; wait for its end, or choose another place with "
-                                  "--out DIR") from None
+            if make and not path.is_dir():
+                Path(os.path.realpath(path)).mkdir(parents=True, exist_ok=True)  # a link may point to what is not there
+                made = True
+            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        except OSError as error:
+            if not make and isinstance(error, FileNotFoundError | NotADirectoryError):
+                return None
+            if monotonic() > give_up or not isinstance(error, FileNotFoundError):  # another may have taken it away
+                raise _cannot_write(path, error) from error
             sleep(0.05)
-        except OSError:
-            return handle
-
-
-def _make(path: Path) -> Path | None:
-    aside = None
-    try:
-        if path.is_dir() and any(path.iterdir()):
-            handle = _locked(path)
-            aside = _move_aside(path)
+            continue
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
             os.close(handle)
-        path.mkdir(parents=True, exist_ok=True)
-        (path / MANIFEST).write_text("{}\n")  # marks a run that was killed before it wrote anything
+            if monotonic() > give_up:
+                raise _at_work(path) from None
+            sleep(0.05)
+            continue
+        except OSError:
+            return handle, made
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(handle), os.stat(path)):
+                return handle, made
+        os.close(handle)  # another directory is there now
+
+
+def _let_go(path: Path, handle: int, made: bool) -> None:
+    if made:
+        with suppress(OSError):
+            path.rmdir()
+    os.close(handle)
+
+
+def _at_work(path: Path) -> OutputError:
+    return OutputError(f"another run is at work in '{path}'; wait for its end, or choose another place with --out DIR")
+
+
+def _cannot_write(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"cannot write in '{path}' ({error.strerror}); choose another place with --out DIR")
+
+
+def _clear(path: Path) -> Path | None:
+    try:
+        aside = _move_aside(path) if any(path.iterdir()) else None
+        with open(path / MANIFEST, "x", encoding="utf-8") as manifest:
+            manifest.write("{}\n")  # marks a run that was killed before it wrote anything
         return aside
     except OutputError:
         raise
+    except FileExistsError as error:  # where there are no locks
+        raise _at_work(path) from error
     except OSError as error:
-        message = f"cannot write in '{path}' ({error.strerror}); choose another place with --out DIR"
-        raise OutputError(message) from error
+        raise _cannot_write(path, error) from error
 
 
 def _move_aside(path: Path) -> Path:
-    if not any((path / name).exists() for name in (MANIFEST, INDEX)):
+    # Its list of frames first and its manifest last: if this is killed, either part is still known for a run.
+    names = sorted(os.listdir(path), key=lambda name: (name == MANIFEST, name != INDEX))
+    if not {MANIFEST, INDEX} & set(names):
         raise OutputError(f"'{path}' holds files that are not a run's; empty it or choose another place with --out DIR")
+    aside = _numbered(Path(os.path.realpath(path)))
+    try:
+        shutil.copymode(path, aside)
+        for name in names:
+            os.rename(path / name, aside / name)
+    except OSError as error:
+        with suppress(OSError):
+            aside.rmdir()
+        raise OutputError(f"the run in '{path}' cannot be moved to '{aside}' ({error.strerror}); choose another place "
+                          "with --out DIR") from error
+    return aside if path.is_absolute() else Path(os.path.relpath(aside))
+
+
+def _numbered(path: Path) -> Path:
+    """A new directory beside another, with the next number that is free."""
     number = 1
-    while (aside := path.with_name(f"{path.name}.{number}")).exists():
-        number += 1
-    path.rename(aside)
-    return aside
+    while True:
+        aside = path.with_name(f"{path.name}.{number}")
+        try:
+            aside.mkdir()
+            return aside
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise OutputError(f"the run in '{path}' cannot be moved to '{aside}' ({error.strerror}); choose another "
+                              "place with --out DIR") from error

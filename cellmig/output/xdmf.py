@@ -146,9 +146,11 @@ def cut_frames(directory: Path, comm: Any, count: int) -> None:
         for path in directory.glob("rank*.xdmf"):
             kept = [grid for grid in _grids(path) if int(_FILE.search(grid)[1]) < count]
             replace(path, _HEAD.format(path.stem) + "".join(kept) + _TAIL)
-        for path in directory.glob("rank*/s*.h5*"):
-            if path.suffix == ".part" or int(path.stem[1:]) >= count:
+        for path in directory.glob("rank*/s*.h5"):
+            if int(path.stem[1:]) >= count:
                 path.unlink()
+        for path in directory.glob("**/*.part"):
+            path.unlink()
 
     together(comm, act, root_only=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import json
 import math
 import os
@@ -22,11 +23,13 @@ from typing import IO, Any
 
 from tqdm import tqdm
 
+from mpi4py import MPI
+
 from cellmig import __version__, meshfree, model
 from cellmig.case.load import load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import Claim, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 
@@ -146,13 +149,19 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
                 process.wait()
 
 
-def run_missing(jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
+def run_missing(out: Path, jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
                 ) -> dict[Job, Ended]:
     """Run the jobs that are not done, in order or the longest first, and show how many have ended; those that failed.
 
+    `out` : where they are, which one command at a time works in.
     Ranks wait for each other and want the cores for themselves: by length, runs on several of them come last.
     """
-    load, jobs = os.getloadavg()[0], list(jobs)
+    with Claim(out, MPI.COMM_SELF, make=True):
+        return _run_missing(list(jobs), at_once, asked, longest_first)
+
+
+def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longest_first: bool) -> dict[Job, Ended]:
+    load = os.getloadavg()[0]
     missing = [job for job in jobs if not job.is_done()]
     print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already", flush=True)
     if not missing:
@@ -213,14 +222,12 @@ def counting(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, Ended]]
 def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Rows as CSV; a column for each name that is in any of them."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}' ({error.strerror})") from error
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace(path, text.getvalue())
 
 
 def _kill(process: subprocess.Popen) -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from .claims import ADHESION, CASES, PROTRUSION, Results, study
 from .shapes import shapes
-from .style import COLOURS, STYLE
+from .style import COLOURS, STYLE, save
 
 _SIZE = (4.2, 3.0)  # inches
 
@@ -35,11 +35,7 @@ def draw(results: Results, out: Path) -> list[Path]:
                    "fig4": _who(results), "fig5": _snapshots(results, "one_three", (24.0, 292.0, 388.0)),
                    "fig6": _strengths(results, "adhesion", ADHESION, "cell-cell adhesion"),
                    "protrusion": _strengths(results, "protrusion", PROTRUSION, "protrusion")}
-        made = [(figure, out / f"{name}.{kind}")
-                for name, figure in figures.items() if figure for kind in ("png", "pdf")]
-        for figure, path in made:
-            figure.savefig(path)
-    return [path for _, path in made]
+        return [path for name, figure in figures.items() if figure for path in save(figure, out, name, ("png", "pdf"))]
 
 
 def _snapshots(results: Results, name: str, times: Sequence[float]) -> Figure | None:

@@ -134,17 +134,16 @@ def _differences(a: Any, b: Any, path: str = "") -> Any:
         yield path
 
 
-def look(directory: Path, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, Any], Checkpoint | None]:
+def look(claim: Claim, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, Any], Checkpoint | None]:
     """The manifest of the run in a directory and its newest whole checkpoint, as far as there are; collective.
 
-    A run that is done needs none.
+    Who looks has claimed it before, and keeps it.  A run that is done needs no checkpoint.
     """
-    claim = Claim(directory, comm)  # what a run that is dying still writes comes before
+    directory = claim.path
     manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
     state = None
     if not is_done(manifest):
         state = checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
-    claim.release()
     return manifest, state
 
 

@@ -77,7 +77,7 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     jobs = plan(out, seeds, quick, given)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     with stop_requests() as asked:
-        failed = run_missing(wanted, at_once or len(os.sched_getaffinity(0)), asked)
+        failed = run_missing(out, wanted, at_once or len(os.sched_getaffinity(0)), asked)
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED

@@ -16,7 +16,7 @@ from matplotlib.ticker import LogLocator
 from cellmig.parallel.options import IMPLICIT
 
 from .problems import PROBLEMS, Setting
-from .style import COLOURS, STYLE
+from .style import COLOURS, STYLE, save
 
 # Nanoseconds of CPU per particle and evaluation of forces of other codes, at 4,500 particles in 2D on one core.
 PEERS = {"SPHinXsys": 504.0, "mfree_iwf": 4800.0}
@@ -149,7 +149,7 @@ def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> No
         axes[0].set_ylabel("error [%]")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=3)
         figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.88))  # room for the legend
-        figure.savefig(path)
+        save(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
 def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:

@@ -18,7 +18,7 @@ from cellmig.case.schema import Case
 from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
-from cellmig.output.directory import Claim, OutputError, fresh_directory, together
+from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
@@ -41,15 +41,19 @@ class Run:
     """A simulation with its directory: samples and frames as it goes, a manifest before and after."""
 
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
-                 quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None):
-        """Make the directory and build the simulation; with a `state`, go on from there; collective."""
+                 quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None,
+                 claim: Claim | None = None):
+        """Make the directory and build the simulation; with a `state`, go on from there; collective.
+
+        `claim` : of the directory, where that was looked into before.
+        """
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         if not state:
             require_room(case, directory, comm)
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = Path(directory)
-        self.aside = None if state else fresh_directory(self.directory, comm)
-        self.claim = Claim(self.directory, comm)
+        self.claim = claim or Claim(self.directory, comm, make=True)
+        self.aside = None if state else self.claim.clear()
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until

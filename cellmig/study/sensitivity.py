@@ -102,7 +102,7 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     """
     jobs = plan(out, quick)
     with stop_requests() as asked:
-        failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked, longest_first=True)
+        failed = run_missing(out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked, True)
     if asked:
         print("stopped; the same command goes on from here")
         return STOPPED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -138,13 +139,16 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
     figure, (ax,) = view.panels(1)
     pen = writer(fps=min(_MOST_PER_SECOND, max(1.0, len(found) / _SECONDS)))
     try:
-        # All pictures of a film are of one size: nothing is cut off at the edges.
-        with matplotlib.rc_context({"savefig.bbox": None}), pen.saving(figure, str(path), _DPI):
-            for frame in found:
-                view.draw(ax, frame)
-                pen.grab_frame()
-                for artist in [*ax.collections, *ax.lines]:
-                    artist.remove()
+        with tempfile.TemporaryDirectory(dir=out) as scratch:
+            part = Path(scratch) / path.name
+            # All pictures of a film are of one size: nothing is cut off at the edges.
+            with matplotlib.rc_context({"savefig.bbox": None}), pen.saving(figure, str(part), _DPI):
+                for frame in found:
+                    view.draw(ax, frame)
+                    pen.grab_frame()
+                    for artist in [*ax.collections, *ax.lines]:
+                        artist.remove()
+            part.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write '{path}' ({error.strerror or error})") from error
     return path

@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from mpi4py import MPI
+
 from cellmig import meshfree, model
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
 from cellmig.meshfree import polygons
+from cellmig.output.directory import Claim, replace
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
@@ -59,7 +62,7 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
     discover(meshfree)
     jobs = [prepare(out, seed, number, tuple(sets)) for number in range(count)]
     verdicts, progress = [], Count(count)
-    with stop_requests() as asked:
+    with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as asked:
         for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), asked, LIMIT):
             verdicts.append(judge(ended, *measure(ended)))
             progress(Ended(ended.job, 0))
@@ -68,7 +71,7 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
         return STOPPED
     verdicts.sort(key=lambda v: v.name)
     said = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
-    (out / "stress.json").write_text(json.dumps(said, indent=1, ensure_ascii=False))
+    replace(out / "stress.json", json.dumps(said, indent=1, ensure_ascii=False))
     print("\n".join([*table(verdicts), str(out / "stress.json")]))
     return UNSOUND if any(v.ended == "bad" for v in verdicts) else DONE
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import replace
 
 STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
          "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
@@ -20,8 +21,7 @@ def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[P
     """Write a figure in each format; the paths."""
     paths = [out / f"{name}.{kind}" for kind in formats]
     for path in paths:
-        try:
-            figure.savefig(path)
-        except OSError as error:
-            raise OutputError(f"cannot write '{path}' ({error.strerror or error})") from error
+        picture = io.BytesIO()
+        figure.savefig(picture, format=path.suffix[1:])
+        replace(path, picture.getvalue())
     return paths

@@ -160,7 +160,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     jobs = plan.jobs()
     _check_columns(next(iter(jobs.values())).load(), shown)
     with stop_requests() as asked:
-        failed = run_missing(jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
+        failed = run_missing(plan.out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
     rows = list(plan.rows(jobs))
     failed |= unsound(job for job in jobs.values() if job.is_done())
     if rows:

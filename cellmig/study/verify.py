@@ -32,7 +32,7 @@ from typing import Any
 from mpi4py import MPI
 
 from cellmig.case.registry import discover
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import environment
 
@@ -247,12 +247,9 @@ def write(out: Path, chosen: Sequence[Reference], verdicts: Sequence[Verdict], q
     rows = [_entries(r, v) for r in chosen for v in verdicts if v.reference == r.name]
     write_rows(out / "verify.csv", [row | {name: " ".join(map(repr, row[name])) for name in row
                                            if isinstance(row[name], tuple)} for row in rows])
-    try:
-        text = json.dumps({"made_with": made, "quick": quick, "verdicts": rows}, indent=1, ensure_ascii=False)
-        (out / "verify.json").write_text(text.replace("NaN", "null") + "\n", encoding="utf-8")
-        (out / "verify.md").write_text(markdown(chosen, verdicts), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write '{error.filename}' ({error.strerror})") from error
+    text = json.dumps({"made_with": made, "quick": quick, "verdicts": rows}, indent=1, ensure_ascii=False)
+    replace(out / "verify.json", text.replace("NaN", "null") + "\n")
+    replace(out / "verify.md", markdown(chosen, verdicts))
 
 
 def _entries(r: Reference, v: Verdict) -> dict[str, Any]:
