@@ -441,7 +441,7 @@ def test_validate_warns_of_bonds_that_start_pressed(alone):
     assert "WARNING" not in alone("validate", PAPER, *COARSE).stdout
     said = [line for line in alone("validate", PAPER, *low).stdout.splitlines() if "WARNING" in line]
     assert "set the centre of the lowest cell higher by 6 nm" in said[0]
-    assert "set the cells apart by a further 6" in said[1] and len(said) == 2
+    assert "set the cells apart by a further 7 nm" in said[1] and len(said) == 2
 
 
 def test_info_tells_what_a_run_was(alone, runs):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from . import units
+from .gaps import OUTLINE, near, overlap
 from .messages import show, suggest
 from .schema import Cell, Particles
 from .source import Source
@@ -18,7 +18,6 @@ from .values import declared
 
 MOST_CELLS, MOST_PARTICLES = 100_000, 1e9
 MOST_TOLD = 20  # overlaps that are told: when all cells overlap, so do all pairs
-OUTLINE = 720  # points of an outline: a disc of 5 µm is then round to 0.05 nm
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("range", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
@@ -40,19 +39,28 @@ def _numbered(name: str, total: int) -> list[str]:
     return [pattern.replace("{}", str(k + 1)) for k in range(total)]
 
 
-def expand(source: Source, cells: list[tuple[Cell, tuple]]) -> list[tuple[Cell, tuple]]:
-    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest."""
+def expand(source: Source, cells: list[tuple[Cell, tuple]], floor: float | None) -> list[tuple[Cell, tuple]]:
+    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest.
+
+    `floor` : height at which cells rest on the substrate [µm], None without one.
+    """
     if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
         source.wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
         return []
     found = []
     for cell, path in cells:
         total = math.prod(cell.repeat)
+        if cell.rest and floor is None:
+            source.wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
+        elif cell.rest:
+            cell = dataclasses.replace(cell, centre=(cell.centre[0], floor - cell.shape.lowest()))
         if len(cell.pitch) != len(cell.repeat) and total > 1:
             source.wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
             continue
         for k, name in enumerate(_numbered(cell.name, total)):
-            copy = dataclasses.replace(cell, name=name, centre=_centre(cell, k), repeat=(1,), pitch=())
+            centre = _centre(cell, k)
+            copy = dataclasses.replace(cell, name=name, centre=centre, repeat=(1,), pitch=(),
+                                       rest=cell.rest and centre[1] == _centre(cell, 0)[1])
             found.append((copy, path))
     return found
 
@@ -202,7 +210,8 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
         bottom = cell.centre[1] + cell.shape.lowest()
         if bottom < 0 and path not in told:
             told.add(path)
-            source.wrong((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0")
+            source.wrong((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0; "
+                                            "rest = true puts it there")
 
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
@@ -211,53 +220,10 @@ def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     outlines = [shapes[cell.shape] for cell, _ in cells]
     centres = np.array([cell.centre for cell, _ in cells])
     told = set()
-    for i, j in _near(outlines, centres):
+    for i, j in near(outlines, centres):
         (a, here), (b, there) = cells[i], cells[j]
-        if (here, there) not in told and (depth := _depth(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
+        if (here, there) not in told and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
             told.add((here, there))
             source.wrong((*there, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
             if len(told) == MOST_TOLD:
                 return
-
-
-def _near(outlines: list[np.ndarray], centres: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Pairs i < j of cells whose boxes overlap."""
-    if len(outlines) < 2:
-        return
-    boxes = {id(o): (o.min(axis=0), o.max(axis=0)) for o in outlines}
-    low, high = (np.array([boxes[id(o)][side] for o in outlines]) + centres for side in (0, 1))
-    order = np.argsort(low[:, 0], kind="stable")
-    ends = np.searchsorted(low[order, 0], high[order, 0])
-    for n, i in enumerate(order):
-        others = order[n + 1:ends[n]]
-        for j in others[(low[others, 1] < high[i, 1]) & (high[others, 1] > low[i, 1])]:
-            yield min(i, j), max(i, j)
-
-
-def _depth(a: np.ndarray, b: np.ndarray) -> float:
-    """How deep a corner or the middle of one polygon (n, 2) lies inside the other [µm], 0 if none does."""
-    axis = b.mean(axis=0) - a.mean(axis=0)
-    if (a @ axis).max() < (b @ axis).min():
-        return 0.0  # a line parts them: most neighbours go no further
-    return max(_inside(_probes(a), b), _inside(_probes(b), a))
-
-
-def _probes(polygon: np.ndarray) -> np.ndarray:
-    """Corners of a polygon and its middle, if that is inside it: the corners of two like polygons may coincide."""
-    middle = polygon.mean(axis=0, keepdims=True)
-    return np.concatenate([polygon, middle]) if _inside(middle, polygon) > 0 else polygon
-
-
-@np.errstate(all="ignore")  # edges along x cross no such ray; shapes may be absurdly small
-def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
-    """Largest distance from the outline of `polygon` among the points inside it, by crossings of a ray along x."""
-    p, q = polygon, np.roll(polygon, -1, axis=0)
-    x, y = points[:, :1], points[:, 1:]
-    crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
-        x < p[:, 0] + (y - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
-    inside = points[crosses.sum(axis=1) % 2 == 1]
-    if not len(inside):
-        return 0.0
-    edge = q - p
-    along = np.clip(((inside[:, None] - p) * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
-    return float(np.linalg.norm(inside[:, None] - p - along[..., None] * edge, axis=-1).min(axis=1).max())

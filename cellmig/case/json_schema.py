@@ -90,7 +90,7 @@ def _value(f: Any) -> dict:
     if "choices" in meta:
         leaf["enum"] = list(meta["choices"])
     for n in reversed(meta.get("shape") or ((None,) if "items" in meta else ())):
-        leaf = {"type": "array", "items": leaf} | ({"minItems": n, "maxItems": n} if n else {})
+        leaf = {"type": "array", "items": leaf} | ({"minItems": meta.get("least", n), "maxItems": n} if n else {})
     if "reader" in meta:
         leaf = {"type": "object"}
     if meta.get("or_file"):

@@ -78,10 +78,12 @@ class _Reader:
         data, fields = self.source.data, case_fields()
         self.known_keys(data, (), {case_path(f) for f in fields.values()})
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
-        found["cells"] = expand(self.source, found["cells"])
+        on_substrate = self.find(("adhesion", "substrate")) is not None
+        floor = getattr(found["substrate"], "range", 0.0) if on_substrate else None
+        found["cells"] = expand(self.source, found["cells"], floor)
         if not self.partial:
             resolution(self.source)
-        check(self.source, found, on_substrate=self.find(("adhesion", "substrate")) is not None)
+        check(self.source, found, on_substrate)
         for name in [name for name, f in fields.items() if "items_of" in f.metadata]:
             found[name] = tuple(item for item, _ in found[name])
         return found
@@ -154,6 +156,8 @@ class _Reader:
         extra = set(declared(shape_class)) - set(own) if shape_class else None
         if not isinstance(data, dict):
             return self.record(Cell, data, path)
+        if data.get("rest") is True and isinstance(data.get("centre"), list) and len(data["centre"]) == 1:
+            data = {**data, "centre": [*data["centre"], "0 um"]}  # its height follows
         shape = shape_class and self.record(shape_class, {k: v for k, v in data.items() if k in extra}, path, own)
         return self.record(Cell, data, path, extra, shape=shape)
 

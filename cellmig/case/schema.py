@@ -63,7 +63,10 @@ class Cell:
 
     name: str = parameter("name; \"{}\" in it is the number of a repeated cell")
     shape: Any = parameter("registered shape", kind="shape", inline=True)
-    centre: tuple = quantity("um", "position of the centre", minimum=-1e6, maximum=1e6, shape=(2,))
+    centre: tuple = parameter("position of the centre; of a cell with `rest`, x alone is enough", unit="um",
+                              minimum=-1e6, maximum=1e6, shape=(2,), least=1)
+    rest: bool = parameter("whether it rests on the substrate: its lowest point is at the range of the bonds of "
+                           "adhesion.substrate, whatever y `centre` has; of a repeated cell the first copy", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
     displacement: tuple = quantity("um", "displacement at the start, may be formulas of x and y from the centre",

@@ -18,7 +18,7 @@ from cellmig.parallel.options import IMPLICIT, integrator_asked
 from cellmig.simulation import Simulation, cheaper, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
-from .said import load_said, skipped_said, step_said
+from .said import load_said, place_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 TRIED, FIRST, TIMED = 5_000, 2, 4  # the same of implicit steps; those before, which differ, and those that are timed
@@ -33,8 +33,7 @@ class Cost(NamedTuple):
 
     particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
     step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
-    memory : float -- bytes in all, beside RANK_BYTES on each rank;  gap : float -- the least between cells at the
-    start [um];  skipped : dict -- terms that are, and why.
+    memory : float -- bytes in all, beside RANK_BYTES on each rank;  skipped : dict -- terms that are, and why.
     """
 
     particles: int
@@ -44,7 +43,6 @@ class Cost(NamedTuple):
     steps: int
     per_step: float
     memory: float
-    gap: float
     skipped: dict[str, str]
 
     @property
@@ -60,11 +58,11 @@ def cost(case: Case) -> Cost:
     scene, terms = discretise(part), find_terms(case)
     stable = step_control(case, scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
-    per_step, row_bytes, gap = _timed(part)
+    per_step, row_bytes = _timed(part)
     kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
     memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
     return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                memory, gap, terms.skipped)
+                memory, terms.skipped)
 
 
 def report(case: Case) -> str:
@@ -81,7 +79,7 @@ def report(case: Case) -> str:
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        _particles(case, c.particles, c.spacing), *chosen,
+        _particles(case, c.particles, c.spacing), *place_said(case), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
@@ -89,7 +87,7 @@ def report(case: Case) -> str:
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
         ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
-        *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
+        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
     ])
 
 
@@ -97,7 +95,7 @@ def _static_report(case: Case) -> str:
     """The report of a static case, which has no steps in time."""
     scene = discretise(case)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, scene.size, max(t.spacing for t in scene.templates)),
+        _particles(case, scene.size, max(t.spacing for t in scene.templates)), *place_said(case),
         ("load steps", load_said(case)),
         ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
                  "measured elsewhere with a direct solver"),
@@ -117,14 +115,14 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
         count = f"as many as the motion asks for, unknown before the run; those of the trial were {1e3 * t.step:.3g} ns"
         time += f" if all {steps} steps to {case.time.end:g} µs were as those of the trial"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing), *chosen,
+        _particles(case, c.particles, c.spacing), *place_said(case), *chosen,
         ("time step", t.said),
         ("one step", f"{t.seconds:.2g} s, {t.newton:.2g} of Newton's, timed now at the start of the case"),
         ("steps", count), ("time", time),
         ("", f"leapfrog takes {clock(c.seconds)} in {c.steps} steps"),
         ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
-        *_modulus(case), *_resolved(case, c), *_pressed(case, c), *skipped_said(c.skipped),
+        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
     ])
 
 
@@ -170,15 +168,14 @@ def disk_bytes(case: Case, count: int) -> int:
     return (case.time.frames + 1) * count * _frame_bytes(case)
 
 
-def _timed(case: Case) -> tuple[float, float, float]:
-    """Seconds per particle-step on this core, bytes per particle of the kernel's arrays, least gap between cells."""
+def _timed(case: Case) -> tuple[float, float]:
+    """Seconds per particle-step on this core, and bytes per particle of the kernel's arrays."""
     s = Simulation(case, MPI.COMM_SELF)
     m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-    gap = float(m.least_gaps()[1])
     n = max(5, round(2e6 / s.scene.size))
     m.advance(3, dt)
     spent = min(_seconds(m, n, dt) for _ in range(3))
-    result = spent / (n * s.scene.size), m.kernel.bytes / s.scene.size, gap
+    result = spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
     s.destroy()
     return result
 
@@ -206,20 +203,6 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     if "protrusion" not in c.skipped:
         rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
                                    "spacings"))
-    return rows
-
-
-def _pressed(case: Case, c: Cost) -> list[tuple[str, str]]:
-    """Bonds that start compressed: they fling the cells apart, which no scene means."""
-    rows = []
-    bottom = min(cell.centre[1] + cell.shape.lowest() for cell in case.cells)
-    for law, gap, term, remedy in (
-            (case.substrate, bottom, "adhesion to the substrate", "set the centre of the lowest cell higher by"),
-            (case.contact, c.gap, "adhesion between cells", "set the cells apart by a further")):
-        if term not in c.skipped and gap < law.cap:
-            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
-                                    "nm: its first steps are finer, and 1 % of the energy may be lost; "
-                                    f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
     return rows
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from cellmig.case.gaps import Lie, lie
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
+
+FLOATING = 5  # cells that are named
 
 
 def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
@@ -27,6 +30,54 @@ def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
     """What the scene does not need, a row each."""
     rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
+
+
+def place_said(case: Case) -> list[tuple[str, str]]:
+    """Where the cells lie at the start and how far apart, and which of them float: rows."""
+    found = lie(case)
+    (left, bottom), (right, top) = found.box
+    rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
+    lowest, gaps = int(found.heights.argmin()), []
+    if case.substrate is not None:
+        gaps.append(f"{length(found.heights[lowest])} to the substrate ({case.cells[lowest].name})")
+    if found.gap is not None:
+        names = " and ".join(case.cells[n].name for n in found.pair)
+        gaps.append(f"{length(found.gap)} between cells ({names})")
+    if gaps:
+        rows.append(("least gaps", ", ".join(gaps)))
+    return [*rows, *_floating(case, found), *_pressed(case, found)]
+
+
+def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
+    """Cells that no adhesion holds, which few scenes mean."""
+    number = len(found.floating)
+    if not number:
+        return []
+    cells, it = ("a cell floats", "it") if number == 1 else (f"{number} cells float", "them")
+    names = [f"'{case.cells[n].name}' by {length(found.heights[n])}" for n in found.floating[:FLOATING]]
+    names += [f"{number - FLOATING} more"] if number > FLOATING else []
+    reach = length(case.substrate.cutoff)
+    return [("WARNING", f"{cells} above the substrate, beyond the {reach} that its bonds reach: no adhesion "
+                        f"holds {it}: {', '.join(names)}; rest = true in the table of a cell sets it down")]
+
+
+def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
+    """Bonds that start compressed: they fling the cells apart, which no scene means."""
+    rows = []
+    for law, gap, term, remedy in (
+            (case.substrate, found.heights.min(), "adhesion to the substrate",
+             "rest = true sets a cell down at their range, or set the centre of the lowest cell higher by"),
+            (case.contact, found.gap, "adhesion between cells", "set the cells apart by a further")):
+        if law is not None and law.work and gap is not None and gap < law.cap:
+            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
+                                    "nm: its first steps are finer, and 1 % of the energy may be lost; "
+                                    f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
+    return rows
+
+
+def length(value: float) -> str:
+    """A length [µm] for people: 10 nm, 1.2 µm."""
+    return f"{1e3 * value:.3g} nm" if abs(value) < 0.1 else f"{value:.4g} µm"
 
 
 def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:

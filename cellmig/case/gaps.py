@@ -1,0 +1,158 @@
+"""How cells lie at the start: how far from the substrate y = 0, how far from one another, and which of them float."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from .expression import evaluate
+from .schema import Case
+
+OUTLINE = 720  # points of an outline: a disc of 5 µm is then round to 0.05 nm
+
+
+class Lie(NamedTuple):
+    """How the cells of a case lie at the start, by their outlines and displacements.
+
+    box : (2, 2) -- lower left and upper right corner of all [µm];  heights : (cells,) -- of their lowest points [µm];
+    gap, pair : the least between two cells [µm], and which; None of one cell;
+    floating : numbers of the cells that bonds tie to the substrate neither themselves nor through others.
+    """
+
+    box: np.ndarray
+    heights: np.ndarray
+    gap: float | None
+    pair: tuple[int, int] | None
+    floating: np.ndarray
+
+
+def lie(case: Case) -> Lie:
+    """How the cells of a case lie at the start; bonds reach as far as their cutoff."""
+    shared = {key: _outline(*key) for key in {(c.shape, c.displacement) for c in case.cells}}
+    outlines = [shared[c.shape, c.displacement] for c in case.cells]
+    centres = np.array([c.centre for c in case.cells])
+    low, high = _boxes(outlines, centres)
+    reach, measure = case.contact.cutoff if case.contact else 0.0, _Measure(outlines, centres)
+    gaps = {pair: gap for pair in near(outlines, centres, reach) if (gap := measure(*pair, reach)) < reach}
+    least = min(gaps.items(), key=lambda item: item[1], default=None) or _nearest(outlines, centres, measure)
+    floating = np.zeros(0, int)
+    if case.substrate is not None:
+        ties = [*gaps, *((i, len(outlines)) for i in np.flatnonzero(low[:, 1] < case.substrate.cutoff))]
+        group = _groups(ties, len(outlines) + 1)
+        floating = np.flatnonzero(group[:-1] != group[-1])
+    return Lie(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
+               floating)
+
+
+def _outline(shape: Any, displacement: tuple) -> np.ndarray:
+    """Outline about the centre, displaced as at the start (n, 2) [µm]."""
+    points = shape.outline(OUTLINE)
+    return points + np.column_stack([evaluate(value, points) for value in displacement])
+
+
+def _groups(ties: list[tuple[int, int]], n: int) -> np.ndarray:
+    """The group of each of `n` things of which pairs are tied (n,)."""
+    i, j = np.array(ties, int).reshape(-1, 2).T
+    return connected_components(sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n)), directed=False)[1]
+
+
+def _nearest(outlines: list[np.ndarray], centres: np.ndarray, measure: _Measure) -> tuple | None:
+    """The two cells of the least gap, and that; None of one cell."""
+    within, found = 1e-3 * float(np.ptp(outlines[0])), {}
+    while len(outlines) > 1 and not found:  # cells whose boxes are farther apart than that are so themselves
+        within *= 2.0
+        found = {p: gap for p in near(outlines, centres, within) if (gap := measure(*p, within)) < within}
+    return min(found.items(), key=lambda item: item[1], default=None)
+
+
+class _Measure:
+    """Gaps between cells [µm]; pairs that lie alike, as in rows and grids, are measured once."""
+
+    def __init__(self, outlines: list[np.ndarray], centres: np.ndarray):
+        self._outlines, self._centres, self._known = outlines, centres.tolist(), {}
+
+    def __call__(self, i: int, j: int, most: float) -> float:
+        """Gap between two cells, exact up to `most`."""
+        a, b, (x, y), (x1, y1) = self._outlines[i], self._outlines[j], self._centres[i], self._centres[j]
+        key = id(a), id(b), round(x1 - x, 9), round(y1 - y, 9), most
+        if key not in self._known:
+            self._known[key] = _gap(a, b + np.array([x1 - x, y1 - y]), most)
+        return self._known[key]
+
+
+def _gap(a: np.ndarray, b: np.ndarray, most: float) -> float:
+    """Distance of two polygons that do not overlap, inf if it is more than `most` [µm]."""
+    return min(_apart(a, b, most), _apart(b, a, most))
+
+
+def _apart(points: np.ndarray, polygon: np.ndarray, most: float) -> float:
+    """Least distance of points from the edges of a polygon, inf if it is more than `most` [µm]."""
+    p, q = polygon, np.roll(polygon, -1, axis=0)
+    points = points[_between(points, points, p.min(axis=0), p.max(axis=0), most)]
+    if len(points):
+        edges = _between(np.minimum(p, q), np.maximum(p, q), points.min(axis=0), points.max(axis=0), most)
+        p, q = p[edges], q[edges]
+    return float(_distances(points, p, q).min()) if len(points) and len(p) else math.inf
+
+
+def _between(low: np.ndarray, high: np.ndarray, bottom: np.ndarray, top: np.ndarray, margin: float) -> np.ndarray:
+    """Which boxes (n, 2) come as near as a margin to a box."""
+    return ((low <= top + margin) & (high >= bottom - margin)).all(axis=1)
+
+
+def _boxes(outlines: list[np.ndarray], centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corners of the boxes of cells (n, 2) each."""
+    boxes = {key: (o.min(axis=0), o.max(axis=0)) for key, o in {id(o): o for o in outlines}.items()}
+    low, high = (np.array([boxes[id(o)][side] for o in outlines]) + centres for side in (0, 1))
+    return low, high
+
+
+def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -> Iterator[tuple[int, int]]:
+    """Pairs i < j of cells whose boxes overlap, or are less than `within` apart [µm]."""
+    if len(outlines) < 2:
+        return
+    low, high = _boxes(outlines, centres)
+    high = high + within
+    order = np.argsort(low[:, 0], kind="stable")
+    ends = np.searchsorted(low[order, 0], high[order, 0])
+    for n, i in enumerate(order):
+        others = order[n + 1:ends[n]]
+        for j in others[(low[others, 1] < high[i, 1]) & (high[others, 1] > low[i, 1])]:
+            yield int(min(i, j)), int(max(i, j))
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    """How deep a corner or the middle of one polygon (n, 2) lies inside the other [µm], 0 if none does."""
+    axis = b.mean(axis=0) - a.mean(axis=0)
+    if (a @ axis).max() < (b @ axis).min():
+        return 0.0  # a line parts them: most neighbours go no further
+    return max(_inside(_probes(a), b), _inside(_probes(b), a))
+
+
+def _probes(polygon: np.ndarray) -> np.ndarray:
+    """Corners of a polygon and its middle, if that is inside it: the corners of two like polygons may coincide."""
+    middle = polygon.mean(axis=0, keepdims=True)
+    return np.concatenate([polygon, middle]) if _inside(middle, polygon) > 0 else polygon
+
+
+@np.errstate(all="ignore")  # edges along x cross no such ray; shapes may be absurdly small
+def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
+    """Largest distance from the outline of `polygon` among the points inside it, by crossings of a ray along x."""
+    p, q = polygon, np.roll(polygon, -1, axis=0)
+    x, y = points[:, :1], points[:, 1:]
+    crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
+        x < p[:, 0] + (y - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
+    inside = points[crosses.sum(axis=1) % 2 == 1]
+    return float(_distances(inside, p, q).min(axis=1).max()) if len(inside) else 0.0
+
+
+def _distances(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Distances of points (n, 2) from the edges from `p` to `q` (m, 2) each (n, m) [µm]."""
+    edge = q - p
+    along = np.clip(((points[:, None] - p) * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - p - along[..., None] * edge, axis=-1)

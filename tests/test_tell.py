@@ -1,0 +1,116 @@
+"""What is told before a run: where cells lie, which of them float, what speeds to expect, what a run takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import built, case
+
+from cellmig.case.gaps import lie
+from cellmig.case.load import change, from_dict
+from cellmig.case.messages import CaseError
+from cellmig.case.schema import Case
+from cellmig.study.said import place_said
+
+pytestmark = pytest.mark.serial
+RANGE = 0.01  # of the bonds to the substrate [µm]
+DISC = {"shape": "disc", "radius": "5 um", "nucleus_ratio": 0.3}
+SHAPES = {
+    "disc": DISC, "ellipse": {"shape": "ellipse", "a": "6 um", "b": "3 um"},
+    "rectangle": {"shape": "rectangle", "width": "4 um", "height": "7 um"},
+    "polygon": {"shape": "polygon", "corners": [["0 um", "2 um"], ["5 um", "3 um"], ["2 um", "8 um"]]},
+}
+
+
+def scene(*cells: dict, **sections: object) -> Case:
+    """The materials and the adhesion of the paper with other cells: discs, unless they say otherwise."""
+    tree = case("paper").resolved() | sections
+    tree["cells"] = [{"name": f"Cell-{n}", "material": "cytoplasm", **(DISC if "shape" not in own else {}), **own}
+                     for n, own in enumerate(cells, 1)]
+    for cell in tree["cells"]:
+        cell |= {"nucleus": "nucleus"} if "nucleus_ratio" in cell else {}
+    return from_dict({key: value for key, value in tree.items() if value is not None})
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_cell_of_any_shape_rests_where_the_bonds_are_at_their_range(name: str) -> None:
+    found = scene({**SHAPES[name], "centre": ["3 um"], "rest": True})
+    assert found.cells[0].centre[0] == 3.0
+    assert lie(found).heights[0] == pytest.approx(RANGE, abs=1e-14)
+    with built(found) as simulation:
+        # Corners and lowest points are particles; 150 along and in an ellipse leave its lowest point 9e-5 above.
+        assert simulation.scene.X[:, 1].min() == pytest.approx(RANGE, abs=2e-4)
+
+
+def test_a_row_at_rest_is_the_row_that_the_paper_places_by_hand() -> None:
+    row = {"name": "Cell-{}", "repeat": [3], "pitch": [["-10.01 um", "0 um"]]}
+    assert [c.centre for c in scene({**row, "centre": ["10.01 um"], "rest": True}).cells] == \
+           [c.centre for c in case("paper").cells]  # to the last bit
+
+
+def test_of_a_grid_at_rest_the_first_row_rests_and_the_others_stand_on_it() -> None:
+    grid = {"name": "Cell-{}", "repeat": [2, 3], "pitch": [["11 um", "0 um"], ["5 um", "10.02 um"]]}
+    cells = scene({**grid, "centre": ["0 um", "99 um"], "rest": True}).cells
+    assert [c.centre[1] for c in cells] == pytest.approx([5.01, 5.01, 15.03, 15.03, 25.05, 25.05], abs=1e-12)
+    assert [c.rest for c in cells] == [True, True, False, False, False, False]
+
+
+def test_a_cell_at_rest_rests_still_after_it_grew() -> None:
+    found = scene({"centre": ["0 um"], "rest": True})
+    assert from_dict(found.resolved()).cells == found.cells
+    assert change(found, {"cells.Cell-1.radius": "4 um"}).cells[0].centre == (0.0, 4.01)
+
+
+@pytest.mark.parametrize(("own", "part"), [
+    ({"centre": ["0 um"], "rest": True, "adhesion": None}, "rest: there is no substrate to rest on without [adhesion."),
+    ({"centre": ["0 um"]}, 'centre: expects a list such as ["1 um", "1 um"]'),
+    ({"centre": ["0 um", "4 um"]}, "'Cell-1' reaches 1 um below the substrate y = 0; rest = true puts it there"),
+    ({"centre": ["0 um", "9 um"], "rest": 1}, "rest: expects true or false, not 1"),
+])
+def test_what_cannot_rest_is_told_with_what_would_do(own: dict, part: str) -> None:
+    with pytest.raises(CaseError) as error:
+        scene(own) if "adhesion" not in own else scene({k: own[k] for k in ("centre", "rest")}, adhesion=None)
+    assert part in str(error.value)
+
+
+def test_the_least_gap_is_exact_between_corners_edges_and_curves() -> None:
+    box = {"shape": "rectangle", "width": "4 um", "height": "2 um"}
+    tip = {"shape": "polygon", "corners": [["0 um", "0 um"], ["3 um", "1 um"], ["3 um", "-1 um"]]}
+    found = lie(scene({**box, "centre": ["0 um", "1.5 um"]}, {**tip, "centre": ["2.7 um", "1.6 um"]},
+                      {**box, "centre": ["0 um", "9 um"]}))
+    assert (found.gap, found.pair) == (pytest.approx(0.7, abs=1e-12), (0, 1))
+    assert found.box == pytest.approx(np.array([[-2.0, 0.5], [5.7, 10.0]]))
+    assert found.heights == pytest.approx([0.5, 0.6, 8.0])
+    for angle in (0.0, 0.3, 1.1):
+        x, y = 10.01 * np.cos(angle), 5.01 + 10.01 * np.sin(angle)
+        far = lie(scene({"centre": ["0 um", "5.01 um"]}, {"centre": [f"{x} um", f"{y} um"]}))
+        assert far.gap == pytest.approx(0.01, abs=1e-4)  # measured 4.3e-5: an outline has 720 points
+    assert lie(scene({"centre": ["0 um"], "rest": True})).gap is None
+    moved = scene({"centre": ["0 um", "5.01 um"], "displacement": ["0.02*x um", "0.5 um"]})
+    assert lie(moved).box == pytest.approx(np.array([[-5.1, 0.51], [5.1, 10.51]]), abs=1e-9)
+
+
+def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
+    at = np.random.default_rng(3).permutation(36)[:12]
+    centres = [(60.0 * (n % 6) + 7.0 * (n % 5), 40.0 + 50.0 * (n // 6) + 3.0 * (n % 4)) for n in at]
+    found = lie(scene(*({"centre": [f"{x} um", f"{y} um"]} for x, y in centres)))
+    apart = {(i, j): np.hypot(*np.subtract(centres[i], centres[j])) - 10 for i in range(12) for j in range(i)}
+    assert found.gap == pytest.approx(min(apart.values()), abs=1e-4)
+    assert found.pair == tuple(sorted(min(apart, key=apart.get)))
+
+
+def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
+    found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # upon it: 0.39 µm, of 0.5
+                  {"centre": ["40 um", "7 um"]}, {"centre": ["50.01 um", "7 um"]})
+    assert list(lie(found).floating) == [2, 3]
+    warning = dict(place_said(found))["WARNING"]
+    assert "2 cells float" in warning and "'Cell-3' by 2 µm, 'Cell-4' by 2 µm; rest = true" in warning
+    assert "beyond the 0.5 µm that its bonds reach" in warning
+
+
+def test_a_smaller_radius_leaves_the_cell_afloat_and_rest_sets_it_down() -> None:
+    afloat = case("one_cell", "cells.Cell-1.radius=4 um")
+    warning = dict(place_said(afloat))["WARNING"]
+    assert "a cell floats" in warning and "'Cell-1' by 1.01 µm" in warning
+    assert dict(place_said(change(afloat, {"cells.Cell-1.rest": True}))) == {
+        "scene": "x from -4 to 4 µm, y from 0.01 to 8.01 µm", "least gaps": "10 nm to the substrate (Cell-1)"}
