@@ -10,7 +10,8 @@ from cellmig.case.gaps import lie
 from cellmig.case.load import change, from_dict
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
-from cellmig.study.said import place_said
+from cellmig.study.expect import expected
+from cellmig.study.said import scene_said
 
 pytestmark = pytest.mark.serial
 RANGE = 0.01  # of the bonds to the substrate [µm]
@@ -30,6 +31,11 @@ def scene(*cells: dict, **sections: object) -> Case:
     for cell in tree["cells"]:
         cell |= {"nucleus": "nucleus"} if "nucleus_ratio" in cell else {}
     return from_dict({key: value for key, value in tree.items() if value is not None})
+
+
+def told(found: Case) -> dict[str, str]:
+    """What the log says of a scene."""
+    return dict(scene_said(found, found.time.end))
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -103,14 +109,58 @@ def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
     found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # upon it: 0.39 µm, of 0.5
                   {"centre": ["40 um", "7 um"]}, {"centre": ["50.01 um", "7 um"]})
     assert list(lie(found).floating) == [2, 3]
-    warning = dict(place_said(found))["WARNING"]
+    warning = told(found)["WARNING"]
     assert "2 cells float" in warning and "'Cell-3' by 2 µm, 'Cell-4' by 2 µm; rest = true" in warning
     assert "beyond the 0.5 µm that its bonds reach" in warning
 
 
 def test_a_smaller_radius_leaves_the_cell_afloat_and_rest_sets_it_down() -> None:
     afloat = case("one_cell", "cells.Cell-1.radius=4 um")
-    warning = dict(place_said(afloat))["WARNING"]
+    warning = told(afloat)["WARNING"]
     assert "a cell floats" in warning and "'Cell-1' by 1.01 µm" in warning
-    assert dict(place_said(change(afloat, {"cells.Cell-1.rest": True}))) == {
-        "scene": "x from -4 to 4 µm, y from 0.01 to 8.01 µm", "least gaps": "10 nm to the substrate (Cell-1)"}
+    rows = told(change(afloat, {"cells.Cell-1.rest": True}))
+    assert "WARNING" not in rows and rows["least gaps"] == "10 nm to the substrate (Cell-1)"
+    assert rows["scene"] == "x from -4 to 4 µm, y from 0.01 to 8.01 µm"
+
+
+PUSHED = 'protrusion.cells=["Cell-1"]'
+
+
+@pytest.mark.parametrize(("name", "sets"), [  # estimated over that of the run, measured: 0.8 to 1.4
+    ("one_cell", (PUSHED,)), ("one_cell", (PUSHED, "friction.coefficient=200 Pa us/um")),
+    ("one_cell", (PUSHED, "cells.0.radius=3 um", "cells.0.rest=true")), ("three_only", ()), ("all_protrude", ())])
+def test_the_speed_to_expect_is_that_of_a_run_within_a_factor_of_two(name: str, sets: tuple) -> None:
+    found = case(name, *sets, "time.end=200 us", per_cell=100)
+    estimate = expected(found, lie(found), 200.0)
+    with built(found) as simulation:
+        simulation.go(200.0)
+        (aggregate, *_), _ = simulation.sample()
+        mass, v = simulation.scene.field("mass"), simulation.mechanics.state.owned[:, 2]
+        mean = float(mass[simulation.mechanics.ids] @ v / mass.sum())
+    assert 0.5 < estimate.speed / mean < 2.0 and 0.5 < estimate.distance / aggregate["ux_um"] < 2.0
+
+
+def test_speeds_and_reynolds_number_are_those_of_the_formulas() -> None:
+    found = case("one_cell", PUSHED)
+    e = expected(found, lie(found), 400.0)
+    push = 0.06 * 0.5 * 240.0 * 1.6 * np.sqrt(2.5)
+    mass = 1000.0 * np.pi * 25.0
+    assert e.push == pytest.approx(push) and e.speed == pytest.approx(push * 400.0 / mass)
+    assert e.distance == pytest.approx(0.5 * push * 400.0**2 / mass) and e.size == pytest.approx(10.0)
+    assert e.spreading == pytest.approx(240.0 / (1000.0 + np.sqrt(1000.0 * 5.0 * 240.0)))
+    assert e.reynolds == pytest.approx(1000.0 * e.spreading * 10.0 / 1000.0)
+    afloat = case("one_cell", PUSHED, "cells.0.radius=4 um", 'cells.0.velocity=["0.3 um/us", "-0.4 um/us"]')
+    e = expected(afloat, lie(afloat), 400.0)
+    assert (e.push, e.speed, e.spreading, e.start) == (0.0, 0.0, 0.0, pytest.approx(0.5))
+
+
+def test_drag_or_none_is_told_and_a_run_that_goes_far_is_warned_of() -> None:
+    rows = told(case("one_cell", PUSHED))
+    assert rows["drag"].startswith("none: cells slide") and "WARNING" not in rows
+    assert "0.093 µm/µs at the end, 19 µm from here, by a push of 18 pN/µm" in rows["speeds"]
+    assert "1e+06 times the 0.1 µm/s of a crawling cell" in rows["speeds"]
+    assert rows["Reynolds"].startswith("number 1.1, of the largest speed and 10 µm: inertia counts")
+    assert "the push carries cells 46 times their size" in told(case("one_cell", PUSHED, "time.end=2 ms"))["WARNING"]
+    slow = told(case("one_cell", PUSHED, "friction.coefficient=20 Pa us/um"))
+    assert slow["drag"].startswith("20 Pa µs/µm on bonded membrane")
+    assert "drag" not in told(case("nucleus")) and "speeds" not in told(case("beam"))

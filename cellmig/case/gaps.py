@@ -21,6 +21,7 @@ class Lie(NamedTuple):
 
     box : (2, 2) -- lower left and upper right corner of all [µm];  heights : (cells,) -- of their lowest points [µm];
     gap, pair : the least between two cells [µm], and which; None of one cell;
+    group : (cells,) -- number of the group of cells that bonds tie together;
     floating : numbers of the cells that bonds tie to the substrate neither themselves nor through others.
     """
 
@@ -28,6 +29,7 @@ class Lie(NamedTuple):
     heights: np.ndarray
     gap: float | None
     pair: tuple[int, int] | None
+    group: np.ndarray
     floating: np.ndarray
 
 
@@ -40,13 +42,11 @@ def lie(case: Case) -> Lie:
     reach, measure = case.contact.cutoff if case.contact else 0.0, _Measure(outlines, centres)
     gaps = {pair: gap for pair in near(outlines, centres, reach) if (gap := measure(*pair, reach)) < reach}
     least = min(gaps.items(), key=lambda item: item[1], default=None) or _nearest(outlines, centres, measure)
-    floating = np.zeros(0, int)
+    group, floating = _groups(list(gaps), len(outlines)), np.zeros(0, int)
     if case.substrate is not None:
-        ties = [*gaps, *((i, len(outlines)) for i in np.flatnonzero(low[:, 1] < case.substrate.cutoff))]
-        group = _groups(ties, len(outlines) + 1)
-        floating = np.flatnonzero(group[:-1] != group[-1])
+        floating = np.flatnonzero(~np.isin(group, group[low[:, 1] < case.substrate.cutoff]))
     return Lie(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
-               floating)
+               group, floating)
 
 
 def _outline(shape: Any, displacement: tuple) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,11 @@ import numpy as np
 STRETCH_LIMIT = 1.6
 
 
+def _doublings(stretch: float) -> int:
+    """How many of the limit, twice it, four times it … are below a stretch."""
+    return max(0, math.ceil(math.log2(stretch / STRETCH_LIMIT)))
+
+
 def stretch(F: np.ndarray) -> np.ndarray:
     """Largest principal stretch of F (2, 2, ...) [-]; no rotation changes it."""
     (a, b), (c, d) = F
@@ -18,7 +24,7 @@ def stretch(F: np.ndarray) -> np.ndarray:
 
 
 class StrainWatch:
-    """The largest stretch that the fluid of a run has had, and when it crossed the limit.
+    """The largest stretch that the fluid of a run has had, and when it crossed the limit; twice that is told anew.
 
     largest : stretch [-], None without a fluid;  crossed_at : time [µs], None if it has not.
     """
@@ -32,7 +38,7 @@ class StrainWatch:
         self.crossed_at: float | None = None
 
     def look(self, time: float) -> str:
-        """At a sample, with F up to date: a warning when the limit is crossed, else nothing; collective."""
+        """At a sample, with F up to date: a warning when the limit, or 2, 4 … times it, is crossed; collective."""
         m = self.mechanics
         if self.largest is None:
             return ""
@@ -40,14 +46,24 @@ class StrainWatch:
         found = np.where(self._fluid, found, 0.0)
         i = int(found.argmax()) if len(found) else -1
         most, particle = max(m.comm.allgather((float(found[i]), -int(m.ids[i])) if i >= 0 else (0.0, 0)))
-        self.largest = max(self.largest, most)
-        if most <= STRETCH_LIMIT or self.crossed_at is not None:
+        before, self.largest = self.largest, max(self.largest, most)
+        if _doublings(self.largest) <= _doublings(before):
             return ""
-        self.crossed_at = time
         cell = int(m.scene.cell[-particle]) + 1
-        return (f"WARNING at {time:.6g} µs: particle {-particle} of cell {cell} is stretched {most:.3g}-fold, beyond "
-                f"the limit of {STRETCH_LIMIT:g}: from here on the numerical stabilisation may "
+        said = f"WARNING at {time:.6g} µs: particle {-particle} of cell {cell} is stretched {most:.3g}-fold, "
+        if self.crossed_at is not None:
+            return (f"{said}{most / STRETCH_LIMIT:.2g} times the limit of {STRETCH_LIMIT:g}: there the numerical "
+                    "stabilisation resists all but uniform flow more than the viscosity does")
+        self.crossed_at = time
+        return (f"{said}beyond the limit of {STRETCH_LIMIT:g}: from here on the numerical stabilisation may "
                 "resist flow there by more than 5 %; see whether finer particles give the same answer")
+
+    def summary(self) -> str:
+        """At the end: a warning if the limit was crossed, else nothing."""
+        if self.crossed_at is None:
+            return ""
+        return (f"WARNING: from {self.crossed_at:.6g} µs on fluid was stretched beyond the limit of "
+                f"{STRETCH_LIMIT:g}, up to {self.largest:.3g}-fold: see whether finer particles give the same answer")
 
     def saved(self) -> dict[str, Any]:
         """What was seen so far, for a checkpoint."""

@@ -18,7 +18,7 @@ from cellmig.parallel.options import IMPLICIT, integrator_asked
 from cellmig.simulation import Simulation, cheaper, discretise, find_terms, particle_count, step_control
 from cellmig.solve.step import binding
 
-from .said import load_said, place_said, skipped_said, step_said
+from .said import load_said, scene_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 TRIED, FIRST, TIMED = 5_000, 2, 4  # the same of implicit steps; those before, which differ, and those that are timed
@@ -79,7 +79,7 @@ def report(case: Case) -> str:
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        _particles(case, c.particles, c.spacing), *place_said(case), *chosen,
+        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{c.steps} to {case.time.end:g} µs"),
@@ -95,7 +95,7 @@ def _static_report(case: Case) -> str:
     """The report of a static case, which has no steps in time."""
     scene = discretise(case)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, scene.size, max(t.spacing for t in scene.templates)), *place_said(case),
+        _particles(case, scene.size, max(t.spacing for t in scene.templates)), *scene_said(case, case.time.end),
         ("load steps", load_said(case)),
         ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
                  "measured elsewhere with a direct solver"),
@@ -115,7 +115,7 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
         count = f"as many as the motion asks for, unknown before the run; those of the trial were {1e3 * t.step:.3g} ns"
         time += f" if all {steps} steps to {case.time.end:g} µs were as those of the trial"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing), *place_said(case), *chosen,
+        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
         ("time step", t.said),
         ("one step", f"{t.seconds:.2g} s, {t.newton:.2g} of Newton's, timed now at the start of the case"),
         ("steps", count), ("time", time),

@@ -31,7 +31,7 @@ from cellmig.solve.strain import StrainWatch
 
 from .keep import STOP, USUALLY, Intervals, Keeper, check_method, identity, method
 from .room import require_room
-from .said import laws_said, load_said, place_said, skipped_said, span, step_said
+from .said import laws_said, load_said, scene_said, skipped_said, span, step_said
 
 DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
@@ -248,7 +248,7 @@ class Run:
             ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
                           f"{span([t.spacing for t in s.scene.templates])} µm{shared}"),
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
-            *(place_said(self.case) if self.log.root else []),
+            *(scene_said(self.case, self.end) if self.log.root else []),
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
             ("integrator", run.said),
@@ -287,6 +287,8 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
                      f"at most {100 * self.worst_closure:.2g} % of the energy does not add up")
+        if warning := self.strain.summary():
+            self.log(warning)
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
         self.log(self.timers.summary(self.comm))

@@ -7,7 +7,11 @@ from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
 
+from .expect import expected
+
 FLOATING = 5  # cells that are named
+CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
+FAR = 4.0  # sizes of a cell that a push may carry it: the fluid of the paper's goes 1.5 and is stretched 2.5-fold
 
 
 def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
@@ -32,8 +36,11 @@ def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
-def place_said(case: Case) -> list[tuple[str, str]]:
-    """Where the cells lie at the start and how far apart, and which of them float: rows."""
+def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
+    """Where the cells lie at the start and how far apart, which of them float, and what motion to expect: rows.
+
+    `end` : time at which the run ends [µs].
+    """
     found = lie(case)
     (left, bottom), (right, top) = found.box
     rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
@@ -45,7 +52,31 @@ def place_said(case: Case) -> list[tuple[str, str]]:
         gaps.append(f"{length(found.gap)} between cells ({names})")
     if gaps:
         rows.append(("least gaps", ", ".join(gaps)))
-    return [*rows, *_floating(case, found), *_pressed(case, found)]
+    return [*rows, *_floating(case, found), *_pressed(case, found), *([] if case.static else _motion(case, found, end))]
+
+
+def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
+    """Drag, and the speeds to expect."""
+    e = expected(case, lie, end)
+    rows = [] if case.substrate is None else [
+        ("drag", f"{case.friction.coefficient:g} Pa µs/µm on bonded membrane that slides" if case.friction else
+         "none: cells slide, and what is pushed goes ever faster; [friction] holds them back")]
+    if not e.fastest:
+        return rows
+    gone = length(float(f"{e.distance:.2g}"))
+    speeds = [f"{value:.2g} µm/µs {when}" for value, when in (
+        (e.start, "at the start"), (e.spreading, "while cells spread"),
+        (e.speed, f"at the end, {gone} from here, by a push of {e.push:.2g} pN/µm a cell")) if value]
+    rows.append(("speeds", f"{', '.join(speeds)}: estimated within a factor of 3; {e.fastest / CRAWLING:.1g} times the "
+                           "0.1 µm/s of a crawling cell"))
+    if e.reynolds is not None:
+        rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: "
+                                 f"{'inertia counts' if e.reynolds > 0.1 else 'viscosity rules'}"))
+    if e.distance > FAR * e.size:
+        rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
+                                "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
+                                "protrusion.strength leaves them in shape"))
+    return rows
 
 
 def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:

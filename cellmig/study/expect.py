@@ -1,0 +1,109 @@
+"""What motion to expect of a case: estimates by hand, before anything is computed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cellmig.case.expression import evaluate
+from cellmig.case.gaps import Lie
+from cellmig.case.schema import Case, Cell
+
+
+class Expected(NamedTuple):
+    """Motion that a case will show, within a factor of two or three.
+
+    push : float -- on the cells that go fastest, over their number [pN/µm];  speed, distance : of these at the end
+    [µm/µs], [µm];  spreading : speed of the line of contact at first [µm/µs];  start : largest speed given at the start
+    [µm/µs];  size : diameter 2 √(A/π) of the largest cell [µm];  reynolds : ρ v L/μ of the largest of these speeds with
+    L = `size`, None without a fluid.
+    """
+
+    push: float
+    speed: float
+    distance: float
+    spreading: float
+    start: float
+    size: float
+    reynolds: float | None
+
+    @property
+    def fastest(self) -> float:
+        """Largest of the speeds [µm/µs]."""
+        return max(self.speed, self.spreading, self.start)
+
+
+def expected(case: Case, lie: Lie, end: float) -> Expected:
+    r"""Estimate the motion of a case up to a time `end` [µs] from what drives it.
+
+    *Push.*  A membrane that rises at an angle θ carries β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ, w = N σ, ᾱ = 1/2.  For a round
+    cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); cells that have spread stand steeper and carry somewhat less.  Cells
+    that bonds tie together share their pushes F, and m v' = ΣF - c ΣL v with m = Σρ A, the drag c of the friction and
+    a contact L of a diameter: without friction v = F t/m, and the distance is F t²/2m.
+
+    *Spreading.*  Adhesion pulls at the line of contact with w, against viscosity or inertia: v = w / (μ + √(ρ R w)).
+    """
+    touching = set(range(len(case.cells))) - set(lie.floating.tolist()) if case.substrate else set()
+    best = (0.0, 0.0, 0.0)
+    for members in _groups(lie):
+        best = max(best, _carried(case, end, [case.cells[n] for n in members], [n in touching for n in members]))
+    speed, distance, push = best
+    spreading = max((_spreading(case, case.cells[n]) for n in touching), default=0.0)
+    start = max(_start(cell) for cell in {(c.shape, c.velocity, c.velocity_gradient): c for c in case.cells}.values())
+    size = 2.0 * max(map(_radius, case.cells))
+    fluid = [_law(case, c) for c in case.cells if _law(case, c).viscosity]
+    fastest = max(speed, spreading, start)
+    reynolds = max((law.density * fastest * size / law.viscosity for law in fluid), default=None)
+    return Expected(push, speed, distance, spreading, start, size, reynolds)
+
+
+def _groups(lie: Lie) -> list[np.ndarray]:
+    """Numbers of the cells of each group that bonds tie together."""
+    order = np.argsort(lie.group, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(lie.group[order])) + 1)
+
+
+def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float]:
+    """Speed and distance at the end, and push over number, of cells that move together."""
+    mass = sum(_law(case, c).density * c.shape.area for c in cells)
+    force = sum(_push(case, c) for c, touches in zip(cells, touching, strict=True) if touches)
+    along = abs(case.body_force[0]) if case.body_force and case.substrate else math.hypot(*case.body_force or (0.0,))
+    acceleration = force / mass + along
+    length = sum(2.0 * _radius(c) for c, touches in zip(cells, touching, strict=True) if touches)
+    rate = case.friction.coefficient * length / mass if case.friction is not None else 0.0
+    if rate * end < 1e-6:
+        return acceleration * end, 0.5 * acceleration * end**2, force / len(cells)
+    gone = -math.expm1(-rate * end)
+    return acceleration * gone / rate, acceleration * (end - gone / rate) / rate, force / len(cells)
+
+
+def _push(case: Case, cell: Cell) -> float:
+    """Push on a cell that touches the substrate [pN/µm]."""
+    law = case.protrusion
+    if law is None or cell.name not in law.cells:
+        return 0.0
+    return 0.5 * law.strength * case.substrate.work * max(1.0, 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height)))
+
+
+def _spreading(case: Case, cell: Cell) -> float:
+    """Speed of the line of contact of a cell that touches the substrate [µm/µs]; 0 of a solid."""
+    law, work = _law(case, cell), case.substrate.work
+    return work / (law.viscosity + math.sqrt(law.density * _radius(cell) * work)) if law.viscosity and work else 0.0
+
+
+def _start(cell: Cell) -> float:
+    """Largest speed that a cell is given at the start [µm/µs]."""
+    at = cell.shape.outline(64)
+    given = np.column_stack([evaluate(value, at) for value in cell.velocity])
+    return float(np.linalg.norm(given + at @ np.array(cell.velocity_gradient).T, axis=1).max())
+
+
+def _radius(cell: Cell) -> float:
+    """Radius of the disc of the same area [µm]."""
+    return math.sqrt(cell.shape.area / math.pi)
+
+
+def _law(case: Case, cell: Cell) -> Any:
+    return case.materials[cell.material]
