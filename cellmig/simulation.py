@@ -22,6 +22,7 @@ from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
 from .model.director import start_angle
+from .output.interval import Interval
 from .output.sample import Sampler
 from .parallel.direct import solve_positive
 from .parallel.options import IMPLICIT, integrator_asked
@@ -155,6 +156,7 @@ class Simulation:
         self.integrator = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
+        self.interval = Interval(self.mechanics)
         self.time = 0.0
         self.sample()  # the ledger counts from here
 
@@ -171,7 +173,7 @@ class Simulation:
             v[on] += place @ np.array(c.velocity_gradient).T
             if case.director is not None:
                 theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
-        return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 4))}
+        return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 5))}
 
     def go(self, stop: float) -> float:
         """Go on to the time `stop` [µs]; returns the time reached (less if -ts_max_steps ended it); collective."""
@@ -181,11 +183,19 @@ class Simulation:
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
         """Rows of history.csv and the row of ledger.csv now; brings lists, F and the swarm up to date; collective."""
         m = self.mechanics
-        half = 0.5 * m.last if self.integrator.leapfrog else 0.0
         m.renew_lists()
         acceleration = self.integrator.rate()
         m.store(self.swarm)
-        return self.sampler.history(), self.sampler.ledger(acceleration, half)
+        return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step)
+
+    @property
+    def _half_step(self) -> float:
+        """What velocities and impulses of the leapfrog lag behind positions [µs]."""
+        return 0.5 * self.mechanics.last if self.integrator.leapfrog else 0.0
+
+    def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
+        """After a sample to be kept: adds means since the last one to its rows; rows of other tables; collective."""
+        return self.interval.next(self.time, rows, self._half_step)
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """All that decides the next bits: numbers, and on rank 0 arrays in global order; collective.
@@ -193,13 +203,15 @@ class Simulation:
         After a batch of steps if the integrator allows it, else after a sample.
         """
         about, arrays = saved(self.mechanics)
-        return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start}, arrays
+        return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
+                "interval": self.interval.saved()}, arrays
 
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Go on from what was saved, on any number of ranks; collective."""
         restore(self.mechanics, about["mechanics"], arrays)
         self.integrator.restore(about["integrator"])
         self.sampler.start = about["ledger"]
+        self.interval.restore(about["interval"])
         self.time = self.integrator.time
 
     def state_hash(self) -> str:

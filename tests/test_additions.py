@@ -107,7 +107,7 @@ def test_the_work_of_activity_is_in_the_ledger_to_second_order() -> None:
         with built(case("one_cell", *active, per_cell=150)) as sim:
             sim.go(3.0)
             ledger = sim.sample()[1]
-            assert ledger["protrusion_work"] > 10.0 * abs(ledger["adhesion_substrate"])
+            assert ledger["external_work"] > 10.0 * abs(ledger["adhesion_substrate"])
             return ledger["closure"]
 
     coarse, fine = closure(0.8), closure(0.4)

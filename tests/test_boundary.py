@@ -86,7 +86,7 @@ def test_the_work_from_outside_is_in_the_ledger(name: str) -> None:
             sim.sample()
             sim.go(1.5)
             ledger = sim.sample()[1]
-            assert abs(ledger["protrusion_work"]) > 1.0  # pN
+            assert abs(ledger["external_work"]) > 1.0  # pN
             return ledger["closure"]
 
     coarse, fine = closure(4.0), closure(1.0)
@@ -182,7 +182,7 @@ def test_a_pressure_does_the_work_of_the_area_that_it_sweeps() -> None:
         last = sim.sample()
         factor = np.mean([sim.terms.histories[0].value(np.float64(t)) for t in np.linspace(0.4, 0.45, 51)])
         swept = last[0][1]["area_um2"] - first[0][1]["area_um2"]
-        work = last[1]["protrusion_work"] - first[1]["protrusion_work"]
+        work = last[1]["external_work"] - first[1]["external_work"]
         assert abs(swept) > 1e-3
         assert work == pytest.approx(-500.0 * factor * swept, rel=0.005)  # measured 0.0010: the factor changes
         assert np.abs(everywhere(sim, np.asarray(m.kernel["load"])[: m.n_owned]).sum(axis=0)).max() < 1e-10

@@ -238,7 +238,7 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
             v = np.sin(k * x @ along + phase)[:, None] * across
             if made is None:
                 put(sim, x - t.X, v)
-                lost += sim.mechanics.powers()[:2].sum()
+                lost += sum(sim.mechanics.powers()[name].sum() for name in ("viscous_loss", "numerical_loss"))
             else:
                 lost += lost_anew(t, *made, v)
             exact += MU * k**2 * float(t.V @ np.cos(k * x @ along + phase) ** 2)

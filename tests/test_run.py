@@ -20,7 +20,7 @@ from scenes import CASES
 
 from cellmig.case.load import load
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import HISTORY, LEDGER, read_table
+from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
 from cellmig.output.xdmf import frames
 from cellmig.study.shapes import _on_substrate
 
@@ -88,25 +88,29 @@ def test_a_run_has_the_same_bits_on_1_to_4_ranks_and_without_pruning(runs):
 def test_a_run_leaves_the_files_of_the_contract(runs, ranks):
     run = runs[ranks]
     names = [f"rank{rank:04d}" for rank in range(ranks)]
-    assert {path.name for path in run.iterdir()} == {"cells.xdmf", "history.csv", "ledger.csv", "manifest.json",
-                                                     "run.log", *names, *(f"{name}.xdmf" for name in names)}
+    assert {path.name for path in run.iterdir()} == {"cells.xdmf", "history.csv", "ledger.csv", "substrate.csv",
+                                                     "neighbours.csv", "manifest.json", "run.log", *names,
+                                                     *(f"{name}.xdmf" for name in names)}
     assert (run / "history.csv").read_text().splitlines()[0] == (
         "time_us,cell,x_um,y_um,ux_um,uy_um,substrate_contact_um,cell_contact_um,area_um2,perimeter_um,"
-        "effective_stress_pa,sigma11_lower_centre_pa")
+        "effective_stress_pa,sigma11_lower_centre_pa,vx_um_per_us,vy_um_per_us,speed_um_per_us,name")
     assert (run / "ledger.csv").read_text().splitlines()[0] == (
-        "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,protrusion_work,viscous_loss,"
-        "numerical_loss,closure")
+        "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,external_work,viscous_loss,"
+        "friction_loss,numerical_loss,closure")
 
 
 def test_the_tables_have_a_row_for_every_sample_and_cell_and_the_ledger_closes(runs):
     history, ledger = (read_table(runs[2] / name) for name in ("history.csv", "ledger.csv"))
-    assert tuple(history) == HISTORY and tuple(ledger) == LEDGER
+    assert tuple(history) == (*HISTORY, *MOTION, "name") and tuple(ledger) == LEDGER
+    assert history["name"].tolist() == ["all", "Cell-1", "Cell-2", "Cell-3"] * 2
+    assert all(np.isnan(history[name]).tolist() == [True] * 4 + [False] * 4 for name in MOTION)
     assert history["cell"].tolist() == [0, 1, 2, 3] * 2
     assert ledger["time_us"].tolist() == [0.0, 0.1]
-    assert all(np.isfinite(column).all() for table in (history, ledger) for column in table.values())
+    assert all(np.isfinite(history[name]).all() for name in HISTORY)
+    assert all(np.isfinite(column).all() for column in ledger.values())
     assert np.allclose(history["area_um2"][1:4], np.pi * 25, rtol=0.02)
     assert ledger["closure"].max() < 0.01
-    assert ledger["kinetic"][1] > 0 > ledger["protrusion_work"][1] - abs(ledger["adhesion_substrate"][1])
+    assert ledger["kinetic"][1] > 0 > ledger["external_work"][1] - abs(ledger["adhesion_substrate"][1])
 
 
 def test_a_frame_has_all_fields_of_every_particle_on_some_rank(runs):
@@ -453,7 +457,7 @@ def test_info_tells_what_a_run_was(alone, runs):
 
 def test_diff_finds_runs_on_other_ranks_equal_and_tells_where_others_part(alone, runs, tmp_path):
     same = alone("diff", runs[1], runs[4])
-    assert same.returncode == 0 and same.stdout.count("the same, bit for bit") == 3
+    assert same.returncode == 0 and same.stdout.count("the same, bit for bit") == 5
     assert alone(PAPER, *SHORT, "--set", "seed=1", "--out", tmp_path / "other").returncode == 0
     other = alone("diff", runs[1], tmp_path / "other")
     assert (other.returncode, other.stderr) == (1, "")

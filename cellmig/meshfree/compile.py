@@ -35,12 +35,12 @@ FIELDS: dict[str, str] = {
     # surfaces: all segments, those near the substrate, and the push at their ends
     "n_segments": "long", "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
     "substrate_bonds": "double", "substrate_floor": "double", "substrate_depth": "double", "push": "double *",
-    "pushed": "double *",
-    "protrusion_impulse": "double *", "protrusion_work": "double *",
+    "pushed": "double *", "bond_impulse": "double *",
+    "friction_loss": "double *", "protrusion_impulse": "double *", "external_work": "double *",
     # contact between cells
     "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",
     "n_contact_segments": "long", "contact_segment": "int32_t *", "contact_length": "double *",
-    "contact_pull": "double *", "foot": "void *",
+    "contact_pull": "double *", "foot": "void *", "contact_slot": "int32_t *", "contact_impulse": "double *",
     "contact_bonds": "double", "contact_floor": "double", "contact_cutoff": "double",
     # director (θ, torque) and its gradient, axis, flux
     "director": "double *", "director_gradient": "double *", "director_axis": "double *", "director_flux": "double *",

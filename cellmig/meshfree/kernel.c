@@ -26,7 +26,7 @@ typedef struct {
     double elastic[8];
 #endif
 #ifdef ACTIVE
-    double protrusion_work[4];
+    double external_work[4];
     float active[16];
 #endif
 } Kept;
@@ -189,7 +189,7 @@ INLINED void stress_of_block(const Scene *s, long b, const int material, const v
     if (is_viscous(material)) add(kept->viscous_loss, work_of_stress(kept->viscous, W, R, elapsed, dt));
 #endif
 #ifdef ACTIVE
-    if (is_active(material)) add(kept->protrusion_work, -work_of_stress(kept->active, A, R, elapsed, dt));
+    if (is_active(material)) add(kept->external_work, -work_of_stress(kept->active, A, R, elapsed, dt));
 #endif
 #if defined BULK_DAMPED || defined STABILISED
     v4 lost = {0};
@@ -363,10 +363,13 @@ void kick_and_drift(const Scene *s, double kick, double dt) { kick_and_drift_som
     }
 
 #ifdef SUBSTRATE
+enum { NORMAL, DRAG, PUSH }; /* what the substrate gives to either end of a segment: along y, x, x */
+
 SEGMENT_MEAN(substrate_mean, substrate_primitive, substrate_potential, substrate_slope)
 
-/* Adhesion to the plane y = 0, integrated along the segments; energy by the first particle of each, if asked. */
-void substrate_adhesion(const Scene *s, double *force, double *energy)
+/* Adhesion to the plane y = 0, integrated along the segments; energy by the first particle of each, if asked; the
+ * impulses of dt to the ends. */
+void substrate_adhesion(const Scene *s, double *force, double *energy, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k], i = s->segment[2 * e], j = s->segment[2 * e + 1];
@@ -377,14 +380,16 @@ void substrate_adhesion(const Scene *s, double *force, double *energy)
         const double mean = substrate_mean(s->substrate, s->substrate_floor, g1, g2, &d1, &d2);
         force[2 * i + 1] -= NL * d1;
         force[2 * j + 1] -= NL * d2;
+        s->bond_impulse[6 * e + NORMAL] -= dt * NL * d1;
+        s->bond_impulse[6 * e + 3 + NORMAL] -= dt * NL * d2;
         if (energy) energy[i] += NL * mean;
     }
 }
 #endif
 
 #ifdef FRICTION
-/* Drag of the closed bonds on particles that move along the substrate; the loss of power times dt to the account. */
-static void bond_friction(const Scene *s, double *force, double dt)
+/* Drag of the closed bonds on particles that move along the substrate; impulse and loss of a time dt to the accounts. */
+void bond_friction(const Scene *s, double *force, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k];
@@ -397,7 +402,8 @@ static void bond_friction(const Scene *s, double *force, double dt)
         for (int i = 0; i < 2; i++) {
             const double v = s->state[4 * node[i] + 2], f = 0.5 * s->length[e] * friction_drag(s->friction, share, v);
             force[2 * node[i]] -= f;
-            s->viscous_loss[node[i]] += dt * f * v;
+            s->bond_impulse[6 * e + 3 * i + DRAG] -= dt * f;
+            s->friction_loss[node[i]] += dt * f * v;
         }
     }
 }
@@ -442,6 +448,7 @@ void protrude(const Scene *s, double *force, double *impulse, double *work, doub
             force[2 * node[i]] += f;
             if (!impulse) continue;
             impulse[node[i]] += dt * f;
+            s->bond_impulse[6 * e + 3 * i + PUSH] += dt * f;
             work[node[i]] += 0.5 * (elapsed * pushed[i] + dt * f) * s->state[4 * node[i] + 2];
             pushed[i] = f;
         }
@@ -510,8 +517,9 @@ static void find_foot(const Scene *s, long m, Foot *foot)
     for (int i = 0; i < 2; i++) foot->n[i] = r > 0 ? side * d[i] / r : n[i];
 }
 
-/* Adhesion between cells: each surface against the other's polyline, half of the energy from either side. */
-void cell_adhesion(const Scene *s, double *force, double *energy)
+/* Adhesion between cells: each surface against the other's polyline, half of the energy from either side; the impulses
+ * of dt that a particle has from the other cell, which has the opposite. */
+void cell_adhesion(const Scene *s, double *force, double *energy, double dt)
 {
     Foot *foot = s->foot;
     for (long m = 0; m < s->n_contact_nodes; m++) {
@@ -536,6 +544,7 @@ void cell_adhesion(const Scene *s, double *force, double *energy)
         for (int c = 0; c < 2; c++) {
             const double f = s->contact_pull[m] * foot[m].n[c];
             force[2 * i + c] += f;
+            s->contact_impulse[2 * s->contact_slot[m] + c] += dt * f;
             force[2 * foot[m].a + c] -= (1 - foot[m].t) * f;
             force[2 * foot[m].b + c] -= foot[m].t * f;
         }
@@ -666,7 +675,7 @@ static void boundary_loads(const Scene *s, double *force, double elapsed, double
         for (int c = 0; c < 2; c++) {
             double *before = s->load_before + 2 * i + c;
             force[2 * i + c] += load[2 * i + c];
-            s->protrusion_work[i] += 0.5 * (elapsed * *before + dt * load[2 * i + c]) * s->state[4 * i + 2 + c];
+            s->external_work[i] += 0.5 * (elapsed * *before + dt * load[2 * i + c]) * s->state[4 * i + 2 + c];
             *before = load[2 * i + c];
         }
     }
@@ -703,7 +712,7 @@ static void stop_at_plates(const Scene *s, double kick, double dt)
             }
             const double impulse = -gap / (dt * s->inverse_mass[i]), speed = (n[0] * d[0] + n[1] * d[1]) * (now - then) / dt;
             s->plate_force[k * s->n_plates + p] = impulse / kick;
-            s->protrusion_work[i] += impulse * speed;
+            s->external_work[i] += impulse * speed;
             s->numerical_loss[i] += impulse * (speed - mean);
         }
 }
@@ -717,7 +726,7 @@ static void hold(const Scene *s, double kick, double dt)
         const double v = (u - s->held_before[2 * k]) / dt;
         const double impulse = (v - s->state[d + 2]) / s->inverse_mass[i];
         s->reaction[k] = impulse / kick;
-        s->protrusion_work[i] += 0.5 * impulse * (s->held_before[2 * k + 1] + v);
+        s->external_work[i] += 0.5 * impulse * (s->held_before[2 * k + 1] + v);
         s->state[d] = u;
         s->state[d + 2] = v;
     }
@@ -761,10 +770,10 @@ static int surface_forces(const Scene *s, double elapsed, double dt)
 {
     memset(s->force + 2 * s->n_owned, 0, sizeof(double) * 2 * (size_t)(s->n_local - s->n_owned)); /* for their owners */
 #ifdef SUBSTRATE
-    substrate_adhesion(s, s->force, 0);
+    substrate_adhesion(s, s->force, 0, dt);
 #endif
 #ifdef CONTACT
-    cell_adhesion(s, s->force, 0);
+    cell_adhesion(s, s->force, 0, dt);
 #endif
 #ifdef CORTEX
     cortex_pull(s, s->force, 0);
@@ -773,7 +782,7 @@ static int surface_forces(const Scene *s, double elapsed, double dt)
     bond_friction(s, s->force, dt);
 #endif
 #ifdef PROTRUSION
-    protrude(s, s->force, s->protrusion_impulse, s->protrusion_work, elapsed, dt);
+    protrude(s, s->force, s->protrusion_impulse, s->external_work, elapsed, dt);
 #endif
 #ifdef BOUNDARY
     boundary_loads(s, s->force, elapsed, dt);
@@ -823,8 +832,8 @@ static void settle_accounts(const Scene *s)
             s->numerical_loss[block.row + i] += kept->numerical_loss[i];
             kept->viscous_loss[i] = kept->numerical_loss[i] = 0;
 #ifdef ACTIVE
-            s->protrusion_work[block.row + i] += kept->protrusion_work[i];
-            kept->protrusion_work[i] = 0;
+            s->external_work[block.row + i] += kept->external_work[i];
+            kept->external_work[i] = 0;
 #endif
         }
     }
@@ -891,7 +900,7 @@ int account(const Scene *s, double dt)
     stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
 #ifdef BOUNDARY
     for (long k = 0; k < s->n_held; k++)
-        s->protrusion_work[s->held[k] / 4] += dt * s->reaction[k] * s->state[s->held[k] + 2];
+        s->external_work[s->held[k] / 4] += dt * s->reaction[k] * s->state[s->held[k] + 2];
 #endif
     settle_accounts(s);
     const int failed = surface_forces(s, 0.0, 0.0) || surface_forces(s, dt, dt);

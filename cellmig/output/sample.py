@@ -227,17 +227,18 @@ class Sampler:
             parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
         if terms.cortex is not None:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
-        viscous, numerical, _, work = m.powers() if half_step else np.zeros((4, m.n_owned))
-        for name, power in (("protrusion_work", work), ("viscous_loss", viscous), ("numerical_loss", numerical)):
-            parts[name] = m.kernel[name][: m.n_owned] + half_step * power  # up to the time of u, as the velocity
+        powers = m.powers() if half_step else {}
+        for name in ("external_work", "viscous_loss", "friction_loss", "numerical_loss"):
+            # up to the time of u, as the velocity
+            parts[name] = m.kernel[name][: m.n_owned] + half_step * powers.get(name, 0.0)
         if terms.acceleration is not None:  # work of the body force, a potential
-            parts["protrusion_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
+            parts["external_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
         parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         self.start = self.start or entries
         change = {name: value - self.start[name] for name, value in entries.items()}
-        missing = sum(change.values()) - 2.0 * change["protrusion_work"]
+        missing = sum(change.values()) - 2.0 * change["external_work"]
         largest = max(map(abs, [self._negligible, *entries.values(), *change.values()]))
         entries["closure"] = abs(missing) / largest
         return entries

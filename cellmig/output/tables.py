@@ -1,7 +1,8 @@
-"""`history.csv` and `ledger.csv`: what every cell did and where the energy went, one row per sample."""
+"""The tables of a run: what every cell did, where the energy went, what pulls on the substrate and between cells."""
 
 from __future__ import annotations
 
+import csv
 import errno
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,14 +15,25 @@ from .directory import OutputError, sync, together
 
 HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
            "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
+MOTION = ("vx_um_per_us", "vy_um_per_us", "speed_um_per_us")  # mean since the last sample
 LEDGER = ("time_us", "kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
-          "protrusion_work", "viscous_loss", "numerical_loss", "closure")
+          "external_work", "viscous_loss", "friction_loss", "numerical_loss", "closure")
+
+_BOTH = ("", "_now")  # the mean since the last sample, and the instant
+SUBSTRATE = ("time_us", "cell", "x_um",
+             *(f"{what}{kind}_pa" for kind in _BOTH for what in ("normal", "tangential", "friction")), "name")
+NEIGHBOURS = ("time_us", "cell", "neighbour",
+              *(f"{what}{kind}_pn_per_um" for kind in _BOTH for what in ("force_x", "force_y", "pull")), "name",
+              "neighbour_name")
+ALL = "all"  # name of the aggregate
+_WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
+_FORMERLY = {"protrusion_work": "external_work"}  # columns of older runs
 
 
 def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str, ...]:
-    """Columns of history.csv beside HISTORY: of probes, then of supports and plates, by their names."""
-    return (*(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
-            *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"))
+    """Columns of history.csv beside HISTORY: velocities, of probes, of supports and plates, and the cell's name."""
+    return (*MOTION, *(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
+            *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
 
 
 class _Table:
@@ -29,6 +41,7 @@ class _Table:
 
     name: str
     columns: tuple[str, ...]
+    names: Sequence[str] = ()  # of the cells, by number; 0 is the aggregate
 
     def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (), size: int = 0) -> None:
         """`more` : columns that this scene has besides;  `size` : of the file up to where it is to go on [bytes]."""
@@ -71,13 +84,18 @@ class _Table:
         together(self._comm, lambda: self._append("".join(map(self._line, rows()))), root_only=True)
 
     def _line(self, row: Mapping[str, float]) -> str:
+        numbers = {"name": row.get("cell", -1), "neighbour_name": row.get("neighbour", -1)}
+        row = {**row, **{text: self.names[k] for text, k in numbers.items()
+                         if text in self.columns and 0 <= k < len(self.names)}}
         if foreign := row.keys() - set(self.columns):
             raise ValueError(f"{self.name} has no column {sorted(foreign)}")
         return ",".join(_text(row.get(column, np.nan)) for column in self.columns) + "\n"
 
 
-def _text(value: float) -> str:
-    """Shortest text that reads back as the same bits."""
+def _text(value: float | str) -> str:
+    """Shortest text that reads back as the same bits, or a name, in quotes where CSV needs them."""
+    if isinstance(value, str):
+        return '"' + value.replace('"', '""') + '"' if set(value) & set(',"') else value
     return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(value))
 
 
@@ -104,20 +122,93 @@ class Ledger(_Table):
         self._write(lambda: [{"time_us": float(time), **entries}])
 
 
-_COLUMNS = {table.name: table.columns for table in (History, Ledger)}
+class Surroundings(_Table):
+    """Writer of `substrate.csv` or `neighbours.csv`; collective; the numbers of rank 0 count."""
+
+    def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
+        """Add the rows of a sample at `time` [us], without it."""
+        self._write(lambda: ({"time_us": float(time), **row} for row in rows))
+
+
+class Substrate(Surroundings):
+    """Writer of `substrate.csv`: traction of each cell [Pa] by place."""
+
+    name, columns = "substrate.csv", SUBSTRATE
+
+
+class Neighbours(Surroundings):
+    """Writer of `neighbours.csv`: forces [pN/um] between each two cells that touch."""
+
+    name, columns = "neighbours.csv", NEIGHBOURS
+
+
+class Tables:
+    """All tables of a run; collective.
+
+    Parameters
+    ----------
+    directory : Path -- of the run.
+    comm : mpi4py communicator.
+    names : list of str -- of the cells.
+    more : list of str -- columns of history beside HISTORY.
+    there : dict -- whether the scene has a "substrate" and "neighbours".
+    sizes : dict -- of the files up to where they are to go on, by name of the table [bytes]; none of a new run.
+    """
+
+    def __init__(self, directory: Path, comm: Any, names: Sequence[str], more: tuple[str, ...],
+                 there: Mapping[str, bool], sizes: Mapping[str, int]) -> None:
+        self._comm = comm
+
+        def begun(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
+            table = kind(directory, comm, more, sizes.get(kind.name.removesuffix(".csv"), 0))
+            table.names = (ALL, *names)
+            return table
+
+        self.history, self.ledger = begun(History, more), begun(Ledger)
+        self._surroundings = {name: begun(kind) for name, kind in (("substrate", Substrate), ("neighbours", Neighbours))
+                              if there[name]}
+
+    def write(self, time: float, rows: Sequence[Mapping[str, float]], entries: Mapping[str, float],
+              surroundings: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
+        """Add a sample at `time` [us] to all."""
+        self.history.write(time, rows)
+        self.ledger.write(time, entries)
+        for name, table in self._surroundings.items():
+            table.write(time, surroundings[name])
+
+    def _all(self) -> dict[str, _Table]:
+        return {"history": self.history, "ledger": self.ledger, **self._surroundings}
+
+    def settle(self) -> None:
+        """Have the disk hold all rows."""
+        for table in self._all().values():
+            table.settle()
+
+    def sizes(self) -> dict[str, int]:
+        """Of the files [bytes], from where to go on, on all ranks."""
+        tables = self._all()
+        found = together(self._comm, lambda: {name: tables[name].size() for name in tables}, root_only=True)
+        return self._comm.bcast(found[0])
+
+
+# Of any run, older ones too.
+_COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER if name != "friction_loss"),
+            "substrate.csv": SUBSTRATE, "neighbours.csv": NEIGHBOURS}
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a table by name, (rows,) each, float64 (`cell`: int64); a run may still be writing it."""
+    """Columns of a table by name, (rows,) each, float64 (`cell`: int64, names: str); a run may still be writing it."""
     try:
         lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # after the last newline is no whole line
         if not lines:
             return {}
-        names, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
+        names = [_FORMERLY.get(name, name) for name in lines[0].split(",")]
+        rows = list(csv.reader(lines[1:], strict=True))
         if lacking := [name for name in _COLUMNS.get(Path(path).name, ()) if name not in names]:
             raise ValueError(f"it has no column {', '.join(lacking)}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
-        return {name: np.array(column, dtype=str).astype(np.int64 if name == "cell" else np.float64)
+        kinds = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
+        return {name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))
                 for name, column in zip(names, columns, strict=True)}
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise OutputError(f"'{path}' is not a table of numbers: {error}") from error

@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.RealType), "v": (2, PETSc.RealType),
-          "theta": (1, PETSc.RealType), "loss": (4, PETSc.RealType)}
+          "theta": (1, PETSc.RealType), "loss": (5, PETSc.RealType)}
 
 
 class Swarm:

@@ -12,7 +12,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..parallel.options import defaulted
-from .mechanics import ACCOUNTS, Mechanics
+from .accounts import accounts
+from .mechanics import Mechanics
 from .step import NumericsError, StepControl, binding
 
 BATCH = 200  # steps between two looks at the stable step
@@ -46,7 +47,7 @@ class Integrator:
         self._connect()
         # PETSc's types take no batch again: for them any contact may close as far as it can
         self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
-        self._loss: np.ndarray | None = None
+        self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:
         """Tell TS the equations."""
@@ -268,8 +269,10 @@ class Integrator:
     def _account(self, dt: float) -> None:
         """Losses and work over a step by the trapezoidal rule."""
         now = self.mechanics.powers()
-        for name, before, after in zip(ACCOUNTS, self._loss, now, strict=True):
-            self.mechanics.kernel[name][: self.mechanics.n_owned] += 0.5 * dt * (before + after)
+        for name, values in accounts(self.mechanics).items():
+            before = np.zeros_like(now[name])
+            before[: len(self._loss[name])] = self._loss[name]  # contacts that are new had no force
+            values += 0.5 * dt * (before + now[name])
         self._loss = now
 
     def destroy(self) -> None:

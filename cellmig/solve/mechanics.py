@@ -18,6 +18,7 @@ from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
+from .accounts import ACCOUNTS, Impulses, rates
 from .director import Director
 from .places import SurfacePlaces
 from .roughness import roughness
@@ -30,7 +31,8 @@ class Mechanics:
 
     state : GhostedField (n_local, 4) -- (ux, uy, vx, vy) [µm, µm/µs];  solution : Vec -- its owned part, for TS;
     theta : Director or None -- their angles;  kernel : the compiled step;  ids : (n_owned,) -- global ids in local
-    order;  last : the last step [µs], whose middle the velocities are of;  moved : what F lags behind u [µs];
+    order;  impulses : of bonds and contacts since the last row of the tables;
+    last : the last step [µs], whose middle the velocities are of;  moved : what F lags behind u [µs];
     kicked : time of half-done accounts [µs].
     """
 
@@ -126,6 +128,7 @@ class Mechanics:
         k["segment"] = self.base.local(s.ids[ends])
         k["length"], k["n_segments"] = s.length[self._segments], len(self._segments)
         k["push"], k["pushed"] = np.zeros(ends.shape), np.zeros(ends.shape)
+        self.impulses = Impulses(k, s, own, self._segments)
         if self.terms.substrate is not None:
             k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
             k["substrate_depth"] = self.terms.substrate.energy
@@ -177,13 +180,13 @@ class Mechanics:
 
     # ------------------------------------------------------------ search lists
 
-    def _own_surfaces(self) -> np.ndarray:
+    def own_surfaces(self) -> np.ndarray:
         """Current positions of this rank's surface particles [µm]."""
         return self._X[self._at] + self._memory[self._at, :2]
 
     def surface_positions(self) -> np.ndarray:
         """Current positions of all surface particles of the scene (m, 2) [µm]; collective."""
-        return self.places.everywhere(self._own_surfaces())
+        return self.places.everywhere(self.own_surfaces())
 
     def renew_lists(self) -> None:
         """Search lists, ghosts of cells in reach and the front halves, for the positions as they are; collective."""
@@ -198,7 +201,7 @@ class Mechanics:
         longest = float(extreme(self.comm, np.array([longest]))[0])
         # A segment may stretch by a fifth until the next renewal.
         reach = t.contact.cutoff + 1.2 * longest + self.skin if t.contact is not None else 0.0
-        x, around = self.places.near(self._own_surfaces(), reach + 0.5 * longest)
+        x, around = self.places.near(self.own_surfaces(), reach + 0.5 * longest)
         ends = np.column_stack([self._segments, s.after[self._segments]])
         if t.substrate is not None:
             depth = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
@@ -232,6 +235,8 @@ class Mechanics:
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"] = s.length[lists.node[lists.segment[:, 0]]]
         k["contact_pull"] = np.zeros(len(lists.node))
+        self.impulses.follow(lists)
+        self._kept = []
         self.foot = np.zeros(len(lists.node), FOOT)
         k["foot"] = self.foot.ctypes.data
         self.lists = lists
@@ -287,7 +292,7 @@ class Mechanics:
 
     def _changing(self) -> list[np.ndarray]:
         return [self._memory, *([self.theta.memory] if self.theta is not None else []),
-                *(self.kernel[name] for name in ("F", "kept", "pushed", *ACCOUNTS)),
+                *(self.kernel[name] for name in ("F", "kept", "pushed", "bond_impulse", "contact_impulse", *ACCOUNTS)),
                 *(self.kernel[name] for name in ("clock", "load_before") if self.terms.histories is not None)]
 
     def least_gaps(self) -> np.ndarray:
@@ -310,18 +315,11 @@ class Mechanics:
         if self.terms.director == "relaxing" and self.kernel("relax_director", float(dt)):
             raise PETSc.Error(75)
 
-    def powers(self) -> np.ndarray:
-        """Rates of the accounts (4, n_owned) for the state as it is; collective."""
+    def powers(self) -> dict[str, np.ndarray]:
+        """Rates of the accounts, by name, for the state as it is; collective."""
         if self.terms.histories is not None:
             self.rate()  # for the reactions
-        kept = [self.kernel[name].copy() for name in ACCOUNTS]
-        for name in ACCOUNTS:
-            self.kernel[name][:] = 0.0
-        self.kernel("account", 1.0)
-        rates = np.array([self.kernel[name][: self.n_owned] for name in ACCOUNTS])
-        for name, values in zip(ACCOUNTS, kept, strict=True):
-            self.kernel[name][:] = values
-        return rates
+        return rates(self)
 
     def tensors(self) -> tuple[np.ndarray, np.ndarray]:
         """F and Ḟ of the rows, owned first, (2, 2, n_rows) each [-], [1/µs]; current after `rate`."""
@@ -335,12 +333,10 @@ class Mechanics:
         return blocks[block, :, lane]
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
-        """Force (n_owned, 2) [pN/µm] of "substrate", "contact", "cortex", "protrusion"; energy (n_owned,) [pN]."""
+        """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term: a key of SURFACE_FORCES."""
         force, energy = np.zeros((self._capacity, 2)), np.zeros(self._capacity)
-        if term == "protrusion":
-            self.kernel("protrude", force, None, None, 0.0, 0.0)
-        else:
-            self.kernel(_SURFACE_FORCES[term], force, energy)
+        function, *arguments = SURFACE_FORCES[term]
+        self.kernel(function, force, *(energy if a is ENERGY else a for a in arguments))
         return force[: self.n_owned], energy[: self.n_owned]
 
     def stabilisation_energy(self) -> np.ndarray:
@@ -390,6 +386,8 @@ class Mechanics:
         self.solution.destroy()
 
 
-ACCOUNTS = ("viscous_loss", "numerical_loss", "protrusion_impulse", "protrusion_work")
-_SURFACE_FORCES = {"substrate": "substrate_adhesion", "contact": "cell_adhesion", "cortex": "cortex_pull"}
+ENERGY = object()  # stands for the array of energies
+SURFACE_FORCES = {"substrate": ("substrate_adhesion", ENERGY, 0.0), "contact": ("cell_adhesion", ENERGY, 0.0),
+                  "cortex": ("cortex_pull", ENERGY), "friction": ("bond_friction", 0.0),
+                  "protrusion": ("protrude", None, None, 0.0, 0.0)}
 FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..parallel.collect import collected, shared
-from .mechanics import ACCOUNTS, Mechanics
+from .accounts import ACCOUNTS
+from .mechanics import Mechanics
 
 _TIMES = ("moved", "kicked", "last", "rebuilds")
 
@@ -25,6 +26,8 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     n = len(m.surfaces.ids)
     arrays |= {f"surface {name}": collected(m.comm, m._mine, values, n)
                for name, values in _of_surface(m).items()}
+    if m.terms.contact is not None:
+        arrays |= m.impulses.saved(m.comm)
     return about, {name: values for name, values in arrays.items() if values is not None}
 
 
@@ -39,10 +42,13 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
-        if name not in ("renewed", "pushed"):
+        if name not in ("renewed", *_BY_SEGMENT):
             values[:] = surface[name][own]
-    if "pushed" in surface:
-        m.kernel["pushed"][:] = surface["pushed"][m._segments]
+    for name in _BY_SEGMENT:
+        if name in surface:
+            m.kernel[name][:] = surface[name][m._segments]
+    if m.terms.contact is not None:
+        m.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():
         if name not in _BY_BLOCK:
             values[:] = particle[name][m.ids]
@@ -59,6 +65,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         m.theta.exchange()
 
 
+_BY_SEGMENT = ("pushed", "bond_impulse")
 _BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis")
 
 
@@ -86,7 +93,7 @@ def _kept(m: Mechanics) -> dict[str, np.ndarray]:
     layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("numerical_loss", "f8", 4),
               ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
     layout += [("elastic", "f8", (4, 2))] * terms.stiffened
-    layout += [("protrusion_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
+    layout += [("external_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
     kept = m.kernel["kept"].reshape(-1).view(np.dtype(layout))
     there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
     found = {name: kept[name] for name, is_there in there.items() if is_there}
@@ -94,11 +101,13 @@ def _kept(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values of the owned surface particles: u when the lists were made, forces of plates and of the protrusion."""
-    found = {"renewed": m._renewed_at}
+    """Values of the owned surface particles, or of the segments that begin there: u when the lists were made, x at the
+    last row of the tables, forces of plates and of the protrusion, impulses of bonds.
+    """
+    found = {"renewed": m._renewed_at, "place": m.impulses.place}
     if m.terms.histories is not None and len(m.boundary.plate):
         found["plate_force"] = m.kernel["plate_force"]
-    if m.terms.protrusion is not None:
-        number = np.searchsorted(m._segments, m._mine)
-        found["pushed"] = m.kernel["pushed"][number]
+    number = np.searchsorted(m._segments, m._mine)
+    there = {"pushed": m.terms.protrusion is not None, "bond_impulse": m.terms.substrate is not None}
+    found |= {name: m.kernel[name][number] for name, is_there in there.items() if is_there}
     return found

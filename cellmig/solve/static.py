@@ -216,7 +216,7 @@ class Static:
         m = self.mechanics
         now = self._from_outside()
         work = 0.5 * ((self._outside + now) * (m.state.owned[:, :2] - self._before)).sum(axis=1)
-        m.kernel["protrusion_work"][: m.n_owned] += work
+        m.kernel["external_work"][: m.n_owned] += work
         self._outside, self.dt, self.time = now, time - self.time, time
         self.steps += 1
         self.count["load"] = self.steps

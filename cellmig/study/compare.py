@@ -12,7 +12,7 @@ from cellmig.output.directory import the_run
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
 
-_TABLES = ("history.csv", "ledger.csv")
+_TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv")
 
 
 def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
@@ -31,7 +31,7 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
     """
     a, b = the_run(a), the_run(b)
     same, lines = True, []
-    for name in _TABLES:
+    for name in [name for name in _TABLES if (a / name).exists() or (b / name).exists()]:
         equal, text = _diff_tables(a / name, b / name, tolerance)
         same, lines = same and equal, [*lines, f"{name}: {text}"]
     equal, text = _diff_frames(frames(a), frames(b), tolerance)
@@ -44,7 +44,7 @@ def _same(tolerance: float) -> str:
 
 def _unequal(a: np.ndarray, b: np.ndarray, tolerance: float, scale: float | None = None) -> np.ndarray:
     """Where two arrays of one shape differ, of the same shape; nan is equal to nan."""
-    if a.dtype.kind != "f":
+    if a.dtype.kind != "f" or b.dtype.kind != "f":
         return a != b
     if tolerance == 0:
         return a.view(np.int64) != b.view(np.int64)
@@ -54,6 +54,8 @@ def _unequal(a: np.ndarray, b: np.ndarray, tolerance: float, scale: float | None
 
 
 def _numbers(a: Any, b: Any) -> str:
+    if isinstance(a, str):
+        return f"'{a}' and '{b}'"
     return f"{a!r} and {b!r}, apart by {abs(a - b):.3g}"
 
 

@@ -122,7 +122,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
           "divergence": watch(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
     for term, function in SURFACE.items():
         if getattr(terms, term) is not None:
-            ns[term] = watch(lambda n, function=function: k.repeated(n, function, scratch, None))
+            ns[term] = watch(lambda n, function=function: k.repeated(n, function, scratch, None, 0.0))
     ns["protrusion"] = watch(lambda n: k.repeated(n, "protrude", scratch, None, None, 0.0, 0.0))
     us = {"look": watch.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": watch.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}

@@ -22,7 +22,7 @@ from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log, Progress, Timers, clock
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
-from cellmig.output.tables import History, Ledger
+from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
 from cellmig.simulation import Simulation, stops
@@ -73,7 +73,7 @@ class Run:
         self.worst_closure = self.step_seconds = self.wall_before = 0.0
         self.looked, self.stopping, self.resumed = 0, "", []
         self.frames: Frames | None = None
-        self._open(state.about["files"] if state else {"history": 0, "ledger": 0, "frames": 0})
+        self._open(state.about["files"] if state else {"frames": 0})
         if state:
             self._restore(state)
         self._save_manifest()
@@ -83,10 +83,11 @@ class Run:
 
     def _open(self, sizes: dict[str, int]) -> None:
         """The files, up to where they are to go on."""
-        self.history = History(self.directory, self.comm, self.simulation.sampler.columns, sizes["history"])
-        self.ledger = Ledger(self.directory, self.comm, size=sizes["ledger"])
+        terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
+        there = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
+        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, sizes)
         self.frames_before = sizes["frames"]
-        if sizes["history"]:
+        if "history" in sizes:
             cut_frames(self.directory, self.comm, self.frames_before)
 
     def go(self, asked: Sequence[int] = ()) -> int:
@@ -155,16 +156,13 @@ class Run:
     def _save(self) -> None:
         """A checkpoint of now, or of the last sample where only that will do."""
         with self.timers("checkpoints"):
-            self.history.settle()
-            self.ledger.settle()
+            self.tables.settle()
             self.keeper.save(self._state)
 
     def _state(self) -> Checkpoint:
         """All that has to be known to go on from here; collective."""
         about, arrays = self.simulation.saved()
-        sizes = together(self.comm, lambda: {"history": self.history.size(), "ledger": self.ledger.size()},
-                         root_only=True)[0]
-        files = {**self.comm.bcast(sizes), "frames": self.frames.count if self.frames else self.frames_before}
+        files = {**self.tables.sizes(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
         return Checkpoint({"run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
@@ -202,8 +200,7 @@ class Run:
         if warning := self.strain.look(s.time):
             self.log(warning)
         if sample:
-            self.history.write(s.time, rows)
-            self.ledger.write(s.time, entries)
+            self.tables.write(s.time, rows, entries, s.next_row(rows))
         if frame:
             self._write_frame()
         if entries["closure"] > CLOSURE and not self.case.static:  # shapes may look right for long after

@@ -1,0 +1,131 @@
+"""From one row of the tables to the next: mean velocities, and mean forces on the substrate and between cells."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..parallel.reduce import exact_sum
+
+Rows = list[dict[str, float]]
+
+
+class Interval:
+    """Means over the time since the last row; forces at an instant ring with every bond that snaps.
+
+    time : of the last row [µs];  moved : displacements then, of all and of each cell [µm];  width : of the pieces of
+    the substrate [µm].
+    """
+
+    def __init__(self, mechanics: Any):
+        """Nothing is known before the first row."""
+        self.mechanics = mechanics
+        self.time, self.moved = -np.inf, []
+        self.width = max(t.spacing for t in mechanics.scene.templates)
+
+    def next(self, time: float, rows: Rows, half: float) -> dict[str, Rows]:
+        """Rows of substrate.csv and neighbours.csv at a time [µs]; adds velocities to those of history; collective.
+
+        Impulses are of kicks, which end `half` a step [µs] before: the forces of now bring them up to date.
+        """
+        m, elapsed = self.mechanics, time - self.time
+        for row, before in zip(rows, self.moved, strict=False):
+            vx, vy = (row["ux_um"] - before[0]) / elapsed, (row["uy_um"] - before[1]) / elapsed
+            row |= {"vx_um_per_us": vx, "vy_um_per_us": vy, "speed_um_per_us": float(np.hypot(vx, vy))}
+        # The first row has no means: what a row lacks is nan in the table.
+        self._kinds = ("", "_now") if self.moved else ("_now",)
+        self.time, self.moved = time, [(row["ux_um"], row["uy_um"]) for row in rows]
+        found: dict[str, Rows] = {}
+        if m.terms.substrate is None and m.terms.contact is None:
+            return found
+        now, counted = m.powers(), m.impulses
+        bond, contact = (half * now[name] for name in ("bond_impulse", "contact_impulse"))
+        if m.terms.substrate is not None:
+            mean = counted.of_surface(counted.bond + bond) / elapsed
+            found["substrate"] = self._substrate(mean, counted.of_surface(now["bond_impulse"]))
+        if m.terms.contact is not None:
+            found["neighbours"] = self._neighbours((counted.contact + contact) / elapsed, now["contact_impulse"], rows)
+        counted.begin(m.own_surfaces()[:, 0], -bond, -contact)
+        return found
+
+    def _substrate(self, mean: np.ndarray, now: np.ndarray) -> Rows:
+        """Traction by cell and place, of forces (n, 3) [pN/µm] from the substrate on surface particles; collective.
+
+        The mean force on a particle is spread over the way that it went since the last row.
+        """
+        m, w, counted = self.mechanics, self.width, self.mechanics.impulses
+        x, cell = m.own_surfaces()[:, 0], m.surfaces.cell[counted.mine]
+        parts = []
+        for values, start, columns in ((mean, counted.place, slice(0, 3)), (now, x, slice(3, 6))):
+            on = np.flatnonzero((values != 0.0).any(axis=1))
+            particle, place, share = spread(np.minimum(start, x)[on] - 0.5 * w, np.maximum(start, x)[on] + 0.5 * w, w)
+            forces = np.zeros((len(particle), 6))
+            forces[:, columns] = -share[:, None] * values[on][particle]
+            parts.append((cell[on][particle], place, forces))
+        cell, place, forces = (np.concatenate(part) for part in zip(*parts, strict=True))
+        keys, sums = self._sums(np.column_stack([cell, place]), forces)
+        rows = []
+        for (c, k), force in zip(keys.tolist(), (sums / w).tolist(), strict=True):
+            row = {"cell": c + 1, "x_um": (k + 0.5) * w}
+            for kind in self._kinds:
+                normal, drag, push = force[3:] if kind else force[:3]
+                row |= {f"normal{kind}_pa": normal, f"tangential{kind}_pa": drag + push}
+                if m.terms.friction is not None:
+                    row[f"friction{kind}_pa"] = drag
+            rows.append(row)
+        return rows
+
+    def _neighbours(self, mean: np.ndarray, now: np.ndarray, cells: Rows) -> Rows:
+        """Forces between each two cells that touch, of those (slots, 2) [pN/µm] on particles by cells; collective."""
+        m, counted = self.mechanics, self.mechanics.impulses
+        values = np.hstack([mean, now])[1:]
+        on = (values != 0.0).any(axis=1)
+        key = counted.key[1:][on]
+        pairs = np.column_stack([m.surfaces.cell[key // counted.cells], key % counted.cells])
+        keys, sums = self._sums(pairs, values[on])
+        # What a surface particle of one cell gets from the other, that gives: forces are equal and opposite.
+        forces: dict[tuple[int, int], np.ndarray] = {}
+        for (a, b), force in zip(keys.tolist(), sums, strict=True):
+            pair, sign = ((a, b), 1.0) if a < b else ((b, a), -1.0)
+            forces[pair] = forces.get(pair, 0.0) + sign * force
+        rows = []
+        for (a, b), force in sorted((pair, force.tolist()) for pair, force in forces.items()):
+            apart = [cells[b + 1][name] - cells[a + 1][name] for name in ("x_um", "y_um")]
+            row = {"cell": a + 1, "neighbour": b + 1}
+            for kind in self._kinds:
+                x, y = force[2:] if kind else force[:2]
+                row |= {f"force_x{kind}_pn_per_um": x, f"force_y{kind}_pn_per_um": y,
+                        f"pull{kind}_pn_per_um": (x * apart[0] + y * apart[1]) / math.hypot(*apart)}
+            rows.append(row)
+        return rows
+
+    def _sums(self, keys: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All pairs of whole numbers (g, 2) among keys (k, 2) of the ranks, ascending, and sums (g, c); collective."""
+        comm = self.mechanics.comm
+        every = np.unique(np.concatenate(comm.allgather(np.unique(keys, axis=0))), axis=0)
+        number = {tuple(key): i for i, key in enumerate(every.tolist())}
+        group = np.array([number[tuple(key)] for key in keys.tolist()], np.intp)
+        return every, exact_sum(comm, values, group, len(every))
+
+    def saved(self) -> dict[str, Any]:
+        """What it knows of the last row, for a checkpoint; impulses are in the mechanics."""
+        return {"time": self.time, "moved": self.moved}
+
+    def restore(self, about: dict[str, Any]) -> None:
+        """Go on from what was saved."""
+        self.time, self.moved = about["time"], about["moved"]  # -inf is what JSON of Python has, too
+
+
+def spread(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ranges from low to high (n,) over pieces of a width, of which number k is from k to k + 1 widths.
+
+    Three arrays (parts,): number of the range, of the piece, and the share of the range; these add up to 1.
+    """
+    first, last = (np.floor(ends / width).astype(np.int64) for ends in (low, high))
+    count = last - first + 1
+    number = np.repeat(np.arange(len(low)), count)
+    piece = first[number] + np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count)
+    ends = np.minimum(high[number], (piece + 1) * width) - np.maximum(low[number], piece * width)
+    return number, piece, ends / (high - low)[number]

@@ -1,0 +1,156 @@
+"""Tables of forces: what the substrate and the neighbours do to cells, as means between two rows and at an instant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scenes import built, case, everywhere
+
+from mpi4py import MPI
+
+from cellmig.output.interval import spread
+from cellmig.output.tables import History, read_table
+from cellmig.simulation import Simulation
+
+COMM = MPI.COMM_WORLD
+DRAG = 'friction.coefficient="200 Pa us/um"'
+FAST = "cells.0.velocity=['3 um/us', '-0.5*y um/us']"  # lists are renewed within the run
+PRESSED = "cells.0.velocity=['-4 um/us', '-1 um/us']"  # batches are undone
+SCENES = {"protrusion and friction": (DRAG,), "lists renewed": (DRAG, FAST), "batches undone": (PRESSED,)}
+
+
+def rows_of(sim: Simulation, stops: list[float]) -> list[tuple[list, dict, np.ndarray]]:
+    """History, other rows, and momenta of the cells at the time of the positions, at the start and some times."""
+    found = []
+    for stop in [0.0, *stops]:
+        if stop:
+            sim.go(stop)
+        history, _ = sim.sample()
+        acceleration = sim.integrator.rate()[:, 2:]
+        v = everywhere(sim, sim.mechanics.state.owned[:, 2:] + sim._half_step * acceleration)
+        momentum = np.zeros((sim.sampler.n_cells, 2))
+        np.add.at(momentum, sim.scene.cell, sim.scene.field("mass")[:, None] * v)
+        found.append((history, sim.next_row(history), momentum))
+    return found
+
+
+def on_cells(sim: Simulation, surroundings: dict, kind: str = "") -> np.ndarray:
+    """Forces of the substrate and of the other cells on each cell (cells, 2) [pN/µm], as the tables have them."""
+    force = np.zeros((sim.sampler.n_cells, 2))
+    for row in surroundings["substrate"]:
+        traction = row[f"tangential{kind}_pa"], row[f"normal{kind}_pa"]
+        force[row["cell"] - 1] -= np.multiply(sim.interval.width, traction)
+    for row in surroundings["neighbours"]:
+        pair = np.array([row[f"force_x{kind}_pn_per_um"], row[f"force_y{kind}_pn_per_um"]])
+        force[row["cell"] - 1] += pair
+        force[row["neighbour"] - 1] -= pair
+    return force
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_mean_forces_of_the_tables_are_what_changes_the_momentum_of_each_cell(name: str) -> None:
+    times = [0.1, 0.3, 0.35, 0.6]
+    with built(case("all_protrude", *SCENES[name], per_cell=100)) as sim:
+        found = rows_of(sim, times)
+        if name == "lists renewed":
+            assert sim.mechanics.rebuilds > 2 + 2 * len(times)
+        if name == "batches undone":
+            assert sim.integrator.redone > 0
+        for (_, _, before), (_, rows, after), elapsed in zip(found, found[1:], np.diff([0.0, *times]), strict=False):
+            force = on_cells(sim, rows)
+            size = max(np.abs(force).max() * elapsed, np.abs(after).max())
+            assert np.abs(force).max() > 50.0
+            assert np.abs(force * elapsed - (after - before)).max() < 1e-13 * size  # measured 9e-16
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [
+    ("rk", 5e-4), ("cn", 2e-3), ("alpha2", 1e-3)])  # measured 1.1e-4, 7.0e-4, 3.5e-4: of the second order in the step
+def test_mean_forces_of_types_of_petsc_are_means_over_their_steps(kind: str, tolerance: float) -> None:
+    with built(case("two_three", DRAG, f'time.integrator="{kind}"', 'time.step="2 ns"', per_cell=60)) as sim:
+        (_, _, before), (_, rows, after) = rows_of(sim, [0.1])
+        force, change = on_cells(sim, rows), (after - before) / 0.1
+        assert np.abs(force - change).max() < tolerance * np.abs(change).max()
+
+
+def test_forces_of_now_are_what_accelerates_each_cell() -> None:
+    with built(case("all_protrude", DRAG, per_cell=100)) as sim:
+        *_, (_, rows, _) = rows_of(sim, [0.3])
+        now = np.zeros((3, 2))
+        np.add.at(now, sim.scene.cell, sim.scene.field("mass")[:, None] * everywhere(sim, sim.integrator.rate()[:, 2:]))
+        force = on_cells(sim, rows, "_now")
+        assert np.abs(force - now).max() < 1e-13 * np.abs(force).max()  # measured 9e-16
+
+
+def test_forces_do_not_depend_on_the_ranks_nor_on_looks_between_two_rows(comm: MPI.Comm) -> None:
+    scene = case("all_protrude", DRAG, FAST, per_cell=100)
+    with built(scene) as sim, built(scene, COMM.Split(COMM.rank, 0)) as alone:
+        ours, theirs = rows_of(sim, [0.2, 0.5])[-1], rows_of(alone, [0.2, 0.5])[-1]
+        assert ours[:2] == theirs[:2]
+        assert ours[1]["substrate"] and ours[1]["neighbours"]
+
+
+def test_means_go_on_from_a_checkpoint_with_the_same_bits() -> None:
+    scene = case("all_protrude", DRAG, FAST, per_cell=100)
+    with built(scene) as sim, built(scene) as other:
+        rows_of(sim, [0.2])
+        sim.go(0.3)
+        state = sim.saved()
+        other.restore(*state)
+        for one in (sim, other):
+            one.go(0.5)
+        rows = [(history := one.sample()[0], one.next_row(history)) for one in (sim, other)]
+        assert rows[0] == rows[1]
+        assert rows[0][1]["neighbours"]
+
+
+def test_a_pull_of_neighbours_is_that_along_the_line_of_their_centres() -> None:
+    with built(case("two_three", per_cell=100)) as sim:
+        *_, (history, rows, _) = rows_of(sim, [0.1])
+        row, one, other = rows["neighbours"][0], *history[2:4]
+        line = np.array([other["x_um"] - one["x_um"], other["y_um"] - one["y_um"]])
+        for kind in ("", "_now"):
+            force = np.array([row[f"force_x{kind}_pn_per_um"], row[f"force_y{kind}_pn_per_um"]])
+            assert row[f"pull{kind}_pn_per_um"] == pytest.approx(force @ line / np.linalg.norm(line), rel=1e-12)
+
+
+def test_cells_move_by_their_mean_velocity_from_row_to_row() -> None:
+    with built(case("all_protrude", FAST, per_cell=60)) as sim:
+        (first, _, _), (second, _, _), (third, _, _) = rows_of(sim, [0.2, 0.5])
+        assert "vx_um_per_us" not in first[0]
+        for before, after in zip(second, third, strict=True):
+            assert after["vx_um_per_us"] * 0.3 == pytest.approx(after["ux_um"] - before["ux_um"], rel=1e-12)
+            assert after["speed_um_per_us"] == math.hypot(after["vx_um_per_us"], after["vy_um_per_us"])
+        assert third[1]["vx_um_per_us"] == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_scene_without_a_term_has_no_rows_of_it() -> None:
+    with built(case("one_cell", per_cell=60)) as sim:
+        assert set(sim.next_row(sim.sample()[0])) == {"substrate"}
+    with built(case("nucleus", per_cell=60)) as sim:
+        assert sim.next_row(sim.sample()[0]) == {}
+
+
+def test_a_force_is_spread_evenly_over_the_way_of_its_particle() -> None:
+    number, piece, share = spread(np.array([0.25, -0.75]), np.array([2.5, -0.25]), 1.0)
+    assert number.tolist() == [0, 0, 0, 1] and piece.tolist() == [0, 1, 2, -1]
+    assert share.tolist() == pytest.approx([0.75 / 2.25, 1.0 / 2.25, 0.5 / 2.25, 1.0])
+
+
+@pytest.mark.serial
+def test_names_with_commas_and_quotes_are_read_back(tmp_path) -> None:
+    table = History(tmp_path, COMM, ("name",))
+    table.names = ("all", 'left, "old"')
+    table.write(0.0, [{"ux_um": 1.0}, {"ux_um": 2.0}])
+    found = read_table(tmp_path / "history.csv")
+    assert found["name"].tolist() == ["all", 'left, "old"'] and found["ux_um"].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.serial
+def test_a_ledger_of_an_older_version_is_read_under_the_new_names(tmp_path) -> None:
+    (tmp_path / "ledger.csv").write_text(
+        "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,protrusion_work,viscous_loss,"
+        "numerical_loss,closure\n0.0,1.0,0.0,0.0,0.0,0.0,0.0,5.0,2.0,3.0,0.0\n")
+    found = read_table(tmp_path / "ledger.csv")
+    assert found["external_work"].tolist() == [5.0] and "protrusion_work" not in found
