@@ -461,7 +461,7 @@ def test_diff_finds_runs_on_other_ranks_equal_and_tells_where_others_part(alone,
     assert alone(PAPER, *SHORT, "--set", "seed=1", "--out", tmp_path / "other").returncode == 0
     other = alone("diff", runs[1], tmp_path / "other")
     assert (other.returncode, other.stderr) == (1, "")
-    frame = other.stdout.splitlines()[2]
+    frame = other.stdout.splitlines()[-1]
     assert "of particle" in frame and "at 0" in frame and "us" in frame, frame
 
 
