@@ -203,6 +203,8 @@ class Simulation:
         After a batch of steps if the integrator allows it, else after a sample.
         """
         about, arrays = saved(self.mechanics)
+        if self.comm.rank == 0:
+            arrays["X"] = self.scene.X
         return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                 "interval": self.interval.saved()}, arrays
 

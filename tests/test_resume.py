@@ -180,6 +180,45 @@ def test_a_checkpoint_of_another_version_is_refused(cellmig, copy, tmp_path):
     ended(done, 5, "the run that is there is of cellmig 0.", "this is 99.0")
 
 
+@pytest.fixture(scope="module")
+def other(cellmig, tmp_path_factory) -> Path:
+    """The same case with another seed, stopped as early, on three ranks."""
+    run = tmp_path_factory.mktemp("other") / "run"
+    ended(cellmig(3, *PAPER, "--set", "seed=5", "--set", "particles.per_cell=140", "--quiet",
+                  "--out", run, *A_BATCH), 75)
+    return run
+
+
+def edited(path: Path) -> None:
+    """The first number of a table becomes another, of as many letters."""
+    head, rows = path.read_text().split("\n", 1)
+    assert rows.startswith("0.0,")
+    path.write_text(f"{head}\n0.1{rows[3:]}")
+
+
+FOREIGN = {
+    "its checkpoint": (lambda run, other: (shutil.rmtree(run / "checkpoint"),
+                                           shutil.copytree(other / "checkpoint", run / "checkpoint")), "manifest"),
+    "its manifest": (lambda run, other: shutil.copy(other / "manifest.json", run), "manifest"),
+    "its history": (lambda run, other: shutil.copy(other / "history.csv", run), "history.csv' is not the table"),
+    "its ledger": (lambda run, other: shutil.copy(other / "ledger.csv", run), "ledger.csv' "),
+    "a row that was edited": (lambda run, other: edited(run / "ledger.csv"), "ledger.csv' is not the table"),
+    "a frame of a rank": (lambda run, other: shutil.copy(other / "rank0001/s00000000.h5", run / "rank0001"),
+                          "rank0001/s00000000.h5' is of another run"),
+    "a rank more": (lambda run, other: (shutil.copy(other / "rank0002.xdmf", run),
+                                        shutil.copytree(other / "rank0002", run / "rank0002")),
+                    "rank0002/s00000000.h5' is of another run")}
+
+
+@pytest.mark.parametrize("what", FOREIGN)
+def test_what_is_of_another_run_is_refused_and_nothing_is_changed(cellmig, copy, other, what):
+    put, said = FOREIGN[what]
+    put(copy, other)
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file() and path.name != "run.log"}
+    ended(cellmig(1, "resume", copy, "--quiet"), 5, said)
+    assert before == {path: path.read_bytes() for path in before}
+
+
 def test_rows_that_were_lost_are_noticed(cellmig, copy):
     (copy / "history.csv").write_text("time_us,cell\n")
     ended(cellmig(1, "resume", copy, "--quiet"), 5, "history.csv' has 13 bytes where a checkpoint has")

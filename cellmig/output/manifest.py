@@ -57,6 +57,7 @@ def environment(comm: Any) -> dict[str, Any]:
     found["python"] = platform.python_version()
     if mpi := sys.modules.get("mpi4py.MPI"):
         found["mpi"] = mpi.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")
+    found["processor"] = comm.bcast(processor())
     found["hosts"] = len(set(comm.allgather(platform.node())))
     found["ranks"] = comm.size
     return found | comm.bcast(_commit() if comm.rank == 0 else None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -36,6 +37,19 @@ def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str,
             *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
 
 
+def up_to(path: Path, end: Mapping[str, Any]) -> Any:
+    """The sha256 of a table up to where it ended once.  Raises OutputError if it is not that table any more."""
+    content = path.read_bytes() if path.exists() else b""
+    if len(content) < end["bytes"]:
+        raise OutputError(f"'{path}' has {len(content)} bytes where a checkpoint has {end['bytes']}: it cannot go on "
+                          "there")
+    digest = hashlib.sha256(content[:end["bytes"]])
+    if digest.hexdigest() != end["sha256"]:
+        raise OutputError(f"'{path}' is not the table that the checkpoint was written beside: it was changed, or is of "
+                          "another run")
+    return digest
+
+
 class _Table:
     """Rows at the end of a file, by rank 0; all rows of a sample leave in one call, so a killed run cuts no line."""
 
@@ -43,24 +57,26 @@ class _Table:
     columns: tuple[str, ...]
     names: Sequence[str] = ()  # of the cells, by number; 0 is the aggregate
 
-    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (), size: int = 0) -> None:
-        """`more` : columns that this scene has besides;  `size` : of the file up to where it is to go on [bytes]."""
+    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (),
+                 end: Mapping[str, Any] | None = None) -> None:
+        """`more` : columns that this scene has besides;  `end` : where it is to go on, as `end` told it."""
         self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
-        together(comm, lambda: self._cut(size) if size else self._begin(), root_only=True)
+        self._digest = hashlib.sha256()
+        together(comm, lambda: self._cut(end) if end else self._begin(), root_only=True)
 
     def _begin(self) -> None:
-        if not self._path.exists():
+        if self._path.exists():
+            self._digest.update(self._path.read_bytes())
+        else:
             self._append(",".join(self.columns) + "\n")
 
-    def _cut(self, size: int) -> None:
-        there = self._path.stat().st_size if self._path.exists() else 0
-        if there < size:
-            raise OutputError(f"'{self._path}' has {there} bytes where a checkpoint has {size}: it cannot go on there")
-        os.truncate(self._path, size)
+    def _cut(self, end: Mapping[str, Any]) -> None:
+        self._digest = up_to(self._path, end)
+        os.truncate(self._path, end["bytes"])
 
-    def size(self) -> int:
-        """Of the file [bytes], from where to go on; rank 0 alone."""
-        return self._path.stat().st_size
+    def end(self) -> dict[str, Any]:
+        """Where it ends now, to go on from there: how many bytes, and their sha256; rank 0 alone."""
+        return {"bytes": self._path.stat().st_size, "sha256": self._digest.hexdigest()}
 
     def settle(self) -> None:
         """Have the disk hold all rows; collective."""
@@ -77,6 +93,7 @@ class _Table:
                 except OSError:
                     file.truncate(whole)
                     raise
+            self._digest.update(data)
         except OSError as error:
             raise OutputError(f"cannot write '{self._path}' ({error.strerror})") from error
 
@@ -152,15 +169,15 @@ class Tables:
     names : list of str -- of the cells.
     more : list of str -- columns of history beside HISTORY.
     there : dict -- whether the scene has a "substrate" and "neighbours".
-    sizes : dict -- of the files up to where they are to go on, by name of the table [bytes]; none of a new run.
+    ends : dict -- where they are to go on, by name, as `ends` told it; none of a new run.
     """
 
     def __init__(self, directory: Path, comm: Any, names: Sequence[str], more: tuple[str, ...],
-                 there: Mapping[str, bool], sizes: Mapping[str, int]) -> None:
+                 there: Mapping[str, bool], ends: Mapping[str, Any]) -> None:
         self._comm = comm
 
         def begun(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
-            table = kind(directory, comm, more, sizes.get(kind.name.removesuffix(".csv"), 0))
+            table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")))
             table.names = (ALL, *names)
             return table
 
@@ -184,10 +201,10 @@ class Tables:
         for table in self._all().values():
             table.settle()
 
-    def sizes(self) -> dict[str, int]:
-        """Of the files [bytes], from where to go on, on all ranks."""
+    def ends(self) -> dict[str, dict[str, Any]]:
+        """Where they end now, to go on from there, on all ranks."""
         tables = self._all()
-        found = together(self._comm, lambda: {name: tables[name].size() for name in tables}, root_only=True)
+        found = together(self._comm, lambda: {name: tables[name].end() for name in tables}, root_only=True)
         return self._comm.bcast(found[0])
 
 

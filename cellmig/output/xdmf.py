@@ -74,10 +74,11 @@ class Frames:
     comm : mpi4py communicator.
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
     count : int -- frames that are there, as `cut_frames` left them, on any number of ranks.
+    run : str -- what each file says of the run that it is of.
     """
 
-    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str], count: int = 0) -> None:
-        self.directory, self.comm, self.fields = Path(directory), comm, dict(fields)
+    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str], count: int = 0, run: str = "") -> None:
+        self.directory, self.comm, self.fields, self.run = Path(directory), comm, dict(fields), run
         self.count = count
         self._mine, self._all = "", ""
         together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
@@ -110,7 +111,7 @@ class Frames:
         units = {"geometry": "um", "topology": "", **self.fields}
         # In memory first: a full disk is then an error like any other, where HDF5 would crash at the end.
         with h5py.File(f"frame{self.count}", "w", driver="core", backing_store=False) as file:
-            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count)
+            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count, run=self.run)
             for name, values in data.items():
                 file.create_dataset(name, data=values).attrs["unit"] = units[name]
             file.flush()
@@ -127,6 +128,17 @@ class Frames:
         self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
                       f'<Time Value="{time!r}"/>\n{"".join(grids)}</Grid>\n')
         replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)
+
+
+def check_frames(directory: Path, count: int, run: str) -> None:
+    """Refuse frames of another run among the first `count` of those that any list names."""
+    for path in sorted({directory / item for index in directory.glob("*.xdmf") for grid in _grids(index)
+                        for item in re.findall(r"rank\d+/s\d+\.h5", grid)}):
+        if int(path.stem[1:]) < count and path.exists():
+            with _opened(path) as file:
+                if file.attrs.get("run") != run:
+                    raise OutputError(f"'{path}' is of another run than the checkpoint: take away what belongs to "
+                                      "another, or begin anew")
 
 
 def cut_frames(directory: Path, comm: Any, count: int) -> None:

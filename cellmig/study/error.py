@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
-from cellmig.output.manifest import environment, processor
+from cellmig.output.manifest import environment
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
@@ -177,7 +177,7 @@ def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str,
     """All points as JSON, what was said as Markdown, the picture, and what accuracies are picked from."""
     out.mkdir(parents=True, exist_ok=True)
     origin = {"command": f"cellmig bench --error{' --quick' * quick}", "date": date.today().isoformat(),
-              "processor": processor(), **environment(MPI.COMM_SELF)}
+              **environment(MPI.COMM_SELF)}
     fronts = {name: pareto([p for p in points if p.problem == name]) for name in PROBLEMS}
     rows = [{"problem": p.problem, **dataclasses.asdict(p.setting), "steps": p.steps, "ns_per_particle_step": p.ns,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}

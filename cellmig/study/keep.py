@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from mpi4py import MPI
 
@@ -20,12 +23,16 @@ from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log
-from cellmig.output.manifest import read_manifest
+from cellmig.output.manifest import processor, read_manifest
+from cellmig.output.tables import up_to
+from cellmig.output.xdmf import check_frames
 from cellmig.simulation import Simulation
 
+FORMAT = 2  # of checkpoints: what they hold, and what it is called
 GO_ON, SAVE, STOP = 0, 1, 2
 USUAL = 300.0  # wall seconds between checkpoints, if nobody says
 SHARE = 0.02  # of the wall time that they may take, if nobody says how often
+SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
 SPARE = 3.0  # wall seconds kept back for the start and the end, besides what the slowest steps and checkpoints take
 
 
@@ -88,21 +95,49 @@ def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
 def method(simulation: Simulation) -> dict[str, Any]:
     """What is known once a simulation is built, and has to be the same: code and options."""
     run = simulation.integrator
-    kernel = hashlib.sha256(simulation.mechanics.kernel.source.encode()).hexdigest()
-    particles = hashlib.sha256(simulation.scene.X.tobytes()).hexdigest()
-    return {"kernel": kernel, "particles": particles, "integrator": run.said, "step": run.fixed_step}
+    return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
+            "integrator": run.said, "step": run.fixed_step}
 
 
-def check_method(about: dict[str, Any], simulation: Simulation) -> None:
-    """Refuse to go on by another method than that of a checkpoint."""
-    then, now = about["method"], method(simulation)
-    if then["kernel"] != now["kernel"] or then["particles"] != now["particles"]:
-        raise OutputError("the checkpoint is of another version of cellmig, whose particles or steps are not these: "
-                          "go on with that, or start anew")
+def _code(source: str) -> str:
+    """What a compiler sees of C: without comments and layout."""
+    return " ".join(re.sub(r"/\*.*?\*/|//[^\n]*", " ", source, flags=re.DOTALL).split())
+
+
+def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
+    """Refuse tables and frames in a directory that are not those that a checkpoint was written beside; collective."""
+
+    def act() -> None:
+        tables = dict(state.about["files"])
+        check_frames(directory, tables.pop("frames"), state.about["id"])
+        for name, end in tables.items():
+            up_to(directory / f"{name}.csv", end)
+
+    together(comm, act, root_only=True)
+
+
+def check_method(state: Checkpoint, simulation: Simulation) -> None:
+    """Refuse to go on by another method than that of a checkpoint, or with other particles; collective."""
+    then, now = state.about["method"], method(simulation)
+    if then["kernel"] != now["kernel"]:
+        raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
+                          "that, or begin anew")
+    if not same_particles(state, simulation):
+        raise OutputError("the checkpoint is of other particles than are laid out by this version of cellmig on this "
+                          f"processor ({processor()}; it is of {state.about['processor']}): go on there, or begin anew")
     for name in ("integrator", "step"):
         if then[name] != now[name]:
             raise OutputError(f"the checkpoint is of a run with {name} {then[name] or 'auto'}, not "
                               f"{now[name] or 'auto'}: give the PETSc options that were given then")
+
+
+def same_particles(state: Checkpoint, simulation: Simulation) -> bool:
+    """Whether a checkpoint is of the particles of a simulation: at the same places but for rounding; collective."""
+    scene, comm, same = simulation.scene, simulation.comm, True
+    if comm.rank == 0:
+        X, spacing = state.arrays["X"], min(t.spacing for t in scene.templates)
+        same = X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
+    return comm.bcast(same)
 
 
 def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:
@@ -117,9 +152,9 @@ def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -
 
 
 def _check_version(about: dict[str, Any]) -> None:
-    if about["version"] != __version__:
-        raise OutputError(f"the run that is there is of cellmig {about['version']}, this is {__version__}: go on with "
-                          "that version, or begin anew")
+    if about.get("version") != __version__:
+        raise OutputError(f"the run that is there is of cellmig {about.get('version')}, this is {__version__}: go on "
+                          "with that version, or begin anew")
 
 
 def _differences(a: Any, b: Any, path: str = "") -> Any:
@@ -144,6 +179,13 @@ def look(claim: Claim, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, A
     state = None
     if not is_done(manifest):
         state = checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
+    if state:
+        _check_version(state.about.get("run", {}))
+        if state.about.get("format") != FORMAT:
+            raise OutputError(f"the checkpoint in '{directory}' is of another state of cellmig's source: begin anew")
+        if manifest.get("run_id", state.about["id"]) != state.about["id"]:
+            raise OutputError(f"the checkpoint in '{directory}' is of another run than the manifest: take away what "
+                              "belongs to another, or begin anew")
     return manifest, state
 
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
+from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -29,7 +31,7 @@ from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 
-from .keep import STOP, USUALLY, Intervals, Keeper, check_method, identity, method
+from .keep import FORMAT, STOP, USUALLY, Intervals, Keeper, check_files, check_method, identity, method
 from .room import require_room
 from .said import laws_said, load_said, scene_said, skipped_said, span, step_said
 
@@ -54,19 +56,23 @@ class Run:
         self.directory = Path(directory)
         self.claim = claim or Claim(self.directory, comm, make=True)
         self.aside = None if state else self.claim.clear()
+        if state:
+            check_files(state, self.directory, comm)
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until
         self.identity = identity(case, self.end, prune)
-        self.manifest = {**self.identity, "case_file": case.path, "exit_status": None,
-                         **environment(comm), "petsc": petsc_version(), "seed": case.seed,
+        self.manifest = {**self.identity, "run_id": state.about["id"] if state else comm.bcast(uuid4().hex),
+                         "case_file": case.path, "exit_status": None, **environment(comm), "petsc": petsc_version(),
+                         "seed": case.seed,
                          **({"accuracy": case.chosen} if case.chosen else {})}
-        self._save_manifest()
+        if not state:
+            self._save_manifest()
         self._say_header()
         with self.timers("build"), options_obeyed():
             self.simulation = Simulation(case, comm, prune)
         if state:
-            check_method(state.about, self.simulation)
+            check_method(state, self.simulation)
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
@@ -81,13 +87,13 @@ class Run:
         if not self._integrator.between_samples:
             self.keeper.held = self._state()
 
-    def _open(self, sizes: dict[str, int]) -> None:
+    def _open(self, ends: dict[str, Any]) -> None:
         """The files, up to where they are to go on."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
         there = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
-        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, sizes)
-        self.frames_before = sizes["frames"]
-        if "history" in sizes:
+        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, ends)
+        self.frames_before = ends["frames"]
+        if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)
 
     def go(self, asked: Sequence[int] = ()) -> int:
@@ -162,11 +168,13 @@ class Run:
     def _state(self) -> Checkpoint:
         """All that has to be known to go on from here; collective."""
         about, arrays = self.simulation.saved()
-        files = {**self.tables.sizes(), "frames": self.frames.count if self.frames else self.frames_before}
+        files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
-        return Checkpoint({"run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
-                           "method": method(self.simulation), "files": files, "past": run, "state": about}, arrays)
+        return Checkpoint({"format": FORMAT, "id": self.manifest["run_id"], "run": self.identity,
+                           "case_file": self.case.path, "time_us": self._integrator.time,
+                           "processor": self.manifest["processor"], "method": method(self.simulation), "files": files,
+                           "past": run, "state": about}, arrays)
 
     def _restore(self, state: Checkpoint) -> None:
         self.simulation.restore(state.about["state"], state.arrays)
@@ -177,6 +185,10 @@ class Run:
         self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
         self.manifest["resumed"] = self.resumed
         self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
+        before, now = state.about["processor"], self.manifest["processor"]
+        if before != now:
+            self.resumed[-1]["processor"] = now
+            self.log(f"it was written on another processor ({before}; this is {now}): last bits may differ")
 
     def _wall(self) -> float:
         """Seconds that the run took so far, with all before it was resumed."""
@@ -215,7 +227,7 @@ class Run:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
             units = {name: UNITS[name] for name in fields}
-            self.frames = Frames(self.directory, self.comm, units, self.frames_before)
+            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"])
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:

@@ -62,8 +62,7 @@ def bench_speed(out: Path, quick: bool = False) -> int:
 
 def keep(place: Path, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
     """Print what is said, and write it as Markdown, and what a command found as JSON, to `place` with suffixes."""
-    origin = {"command": command, "date": date.today().isoformat(), "processor": processor(),
-              **environment(MPI.COMM_SELF)}
+    origin = {"command": command, "date": date.today().isoformat(), **environment(MPI.COMM_SELF)}
     data, text = place.with_suffix(".json"), place.with_suffix(".md")
     print("", *lines, sep="\n")
     place.parent.mkdir(parents=True, exist_ok=True)
