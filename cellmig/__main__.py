@@ -11,7 +11,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from .case.messages import CaseError
+from .case.messages import CaseError, lenient
 from .parallel.arguments import split_arguments, start_petsc
 from .usage import COMMANDS, RANK, RANKS, UsageError, parse
 
@@ -204,7 +204,8 @@ def show(options: argparse.Namespace) -> int:
         from .case.handbook import handbook
         from .case.json_schema import json_schema
 
-        page = handbook() if options.markdown else json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+        unicode = "utf" in (sys.stdout.encoding or "").lower()  # else JSON has its own way to say it
+        page = handbook() if options.markdown else json.dumps(json_schema(), indent=2, ensure_ascii=not unicode) + "\n"
         print(page, end="")
         return DONE
     if options.command == "plot":
@@ -278,6 +279,7 @@ def load_together(path: Path, sets: list[str], comm: Any) -> Any:
 def main() -> None:
     """Entry point: one rank speaks, all ranks end, with the exit code of the contract."""
     words, comm = sys.argv[1:], None
+    lenient()
     try:
         ours, petsc_options = split_arguments(words)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] not in ("run", "resume")

@@ -107,6 +107,26 @@ def test_no_file_names_a_place_on_one_machine_or_a_package_index() -> None:
     assert not found, report(found)
 
 
+def test_every_text_is_read_and_written_in_an_encoding_that_is_said() -> None:
+    """The locale's would be another on another machine; the program's files, C and pipes are UTF-8."""
+    opening = {"open", "fdopen", "read_text", "write_text", "TemporaryFile", "NamedTemporaryFile"}
+    paths = [path for path in tracked_files() if path.suffix == ".py" and path.parent.name != "tests"]
+    silent = []
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            said = {keyword.arg: keyword.value for keyword in node.keywords}
+            modes = [value.value for value in [*node.args, *said.values()]
+                     if isinstance(value, ast.Constant) and re.fullmatch(r"[rwax+]*b[rwax+]*", str(value.value))]
+            binary = modes or (name.endswith("TemporaryFile") and not {"mode"} & said.keys() and not node.args)
+            in_locale = name in opening and not binary and ast.unparse(node.func) not in ("os.open", "cellmig.open")
+            if (in_locale or {"text", "universal_newlines"} & said.keys()) and "encoding" not in said:
+                silent.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)[:60]}")
+    assert not silent, report(silent)
+
+
 def test_every_parameter_of_every_law_has_a_meaning_and_a_unit() -> None:
     registry.discover(cellmig.model)
     registry.discover(cellmig.meshfree)

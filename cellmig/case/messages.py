@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import io
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -57,3 +59,10 @@ def show(value: object) -> str:
     except (ValueError, RecursionError):  # integers of thousands of digits, tables nested a thousand times
         return "that"
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def lenient() -> None:
+    """Have the standard streams replace the signs that a terminal, or UTF-8, does not have."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and (stream.errors == "strict" or "utf" not in stream.encoding.lower()):
+            stream.reconfigure(errors="replace")

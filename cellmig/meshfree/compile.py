@@ -147,7 +147,7 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     members += [f"    double *material_{i};" for i in range(len(materials))]
     members += ["    double acceleration[2];"]
     members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
-    parts = ["#define SINGLE 1" if terms.single else "", VECTORS.read_text(),
+    parts = ["#define SINGLE 1" if terms.single else "", VECTORS.read_text(encoding="utf-8"),
              "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
     vectors: dict[str, list[float]] = {}
 
@@ -164,7 +164,7 @@ def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]
     parts += [f"#define {name} 1" for name, present in has.items() if present]
     if terms.histories is not None:
         parts += ["#define BOUNDARY 1", *_histories(terms.histories, vectors)]
-    return "\n".join([*parts, STEP.read_text()]), vectors
+    return "\n".join([*parts, STEP.read_text(encoding="utf-8")]), vectors
 
 
 def _histories(laws: tuple, vectors: dict) -> list[str]:

@@ -32,7 +32,7 @@ def cache_directory() -> Path:
 def _architecture(zig: bool) -> list[str]:
     """The newest level of x86-64 that the processor has: vectors of four on all, more registers on some; same bits."""
     try:
-        flags = set(Path("/proc/cpuinfo").read_text().split())
+        flags = set(Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split())
     except OSError:
         flags = set()
     if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "fma", "bmi2"} <= flags:
@@ -63,9 +63,10 @@ def compiled(source: str) -> Path:
         return library
     with tempfile.TemporaryDirectory() as scratch:
         code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
-        code.write_text(source)
+        code.write_text(source, encoding="utf-8")
         try:
-            done = subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True)
+            done = subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True,
+                                  encoding="utf-8", errors="replace")
         except OSError as error:
             raise CompilerError(f"the C compiler '{command[0]}' cannot be started: {MENDS}; or set CC") from error
         if done.returncode:
@@ -76,7 +77,7 @@ def compiled(source: str) -> Path:
 @cache
 def library(source: Path) -> ctypes.CDLL:
     """A file of C, compiled and loaded once a process."""
-    return ctypes.CDLL(str(compiled(source.read_text())))
+    return ctypes.CDLL(str(compiled(source.read_text(encoding="utf-8"))))
 
 
 def _kept(made: Path, library: Path) -> Path:

@@ -15,6 +15,7 @@ from typing import Any
 from ..case.messages import nearest
 
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
+READABLE = "utf-8", "backslashreplace"  # of all texts: names of files may have bytes that are no UTF-8
 PATIENCE = 15.0  # seconds that ranks of a run whose launcher was killed may take to follow it
 
 
@@ -68,7 +69,7 @@ def replace(path: Path, content: str | bytes, lasting: bool = False) -> None:
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")  # of this process alone
     try:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
+        part.write_bytes(content.encode(*READABLE) if isinstance(content, str) else content)
         if lasting:
             sync(part)
         os.replace(part, path)

@@ -12,6 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ..case.messages import lenient
 from .directory import together
 
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall seconds
@@ -29,6 +30,7 @@ class Log:
     """
 
     def __init__(self, comm: Any, directory: Path | None = None, quiet: bool = False) -> None:
+        lenient()
         self.quiet, self.root = quiet, comm.rank == 0
         self._writers: list[Callable[[str], None]] = [_to_screen] if self.root and not quiet else []
         if directory is not None:
@@ -37,7 +39,7 @@ class Log:
             self._writers += [self._to_file] if self.root else []
 
     def _to_file(self, text: str) -> None:
-        with open(self._path, "a", encoding="utf-8") as file:
+        with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(text + "\n")
 
     def error(self, text: str) -> None:

@@ -68,7 +68,8 @@ def _commit() -> dict[str, str]:
 
     def git(*words: str) -> str:
         command = ["git", "-C", str(Path(__file__).parent), *words]
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+        return subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", timeout=10,
+                              check=True).stdout.strip()
 
     try:
         git("ls-files", "--error-unmatch", Path(__file__).name)
@@ -81,7 +82,7 @@ def _commit() -> dict[str, str]:
 def processor() -> str:
     """Name of the processor, as far as the system tells."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
@@ -89,5 +90,5 @@ def processor() -> str:
 
 def memory_told(path: str = "/proc/meminfo") -> dict[str, float]:
     """Sizes that the system tells of memory, by name [B]; of this process in "/proc/self/status"."""
-    told = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
+    told = dict(line.split(":", 1) for line in Path(path).read_text(encoding="utf-8").splitlines())
     return {name: 1024.0 * float(size.split()[0]) for name, size in told.items() if size.endswith(" kB")}

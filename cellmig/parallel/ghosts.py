@@ -65,7 +65,7 @@ def _petsc_functions() -> tuple[int, int]:
 
 def petsc_library() -> str:
     """File of the PETSc library that this process has loaded."""
-    with open("/proc/self/maps") as maps:
+    with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as maps:
         for line in maps:
             if "/libpetsc" in line:
                 return line.split(maxsplit=5)[5].strip()

@@ -118,7 +118,7 @@ class Baseline:
         self._prepare_c(G)
 
     def _prepare_c(self, G: Any) -> None:
-        parts, chosen, self._vectors = [VECTORS.read_text(), _MATH], [], []
+        parts, chosen, self._vectors = [VECTORS.read_text(encoding="utf-8"), _MATH], [], []
         for i, material in enumerate(self.materials):
             t = Translator(material, "double")
             parts.append(t.function("stress", f"stress_{i}"))

@@ -105,8 +105,8 @@ class Job:
         command = [sys.executable, "-m", "cellmig", *self.arguments(), *going_on]
         if self.ranks > 1:
             command = on_ranks(self.ranks, command)
-        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, text=True,
-                                env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1"})
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+                                env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8"})
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,8 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
         try:
             while (waiting or active) and not asked:
                 while waiting and room():
-                    job, errors = waiting.pop(), files.enter_context(tempfile.TemporaryFile("w+"))
+                    job = waiting.pop()
+                    errors = files.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace"))
                     active[job.start(errors)] = job, errors, perf_counter()
                 time.sleep(_PAUSE)
                 late = [p for p, (*_, begin) in active.items() if perf_counter() > begin + limit and p.poll() is None]

@@ -80,7 +80,8 @@ def _version(name: str) -> str:
 def _output(*command: str) -> str:
     """What a program writes; it fails where the program does."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
-    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True,
+                          encoding="utf-8", errors="replace",
                           timeout=PATIENCE, check=True).stdout.strip()
 
 
@@ -100,7 +101,8 @@ def _compiler() -> str:
     command = compiler()
     with tempfile.TemporaryDirectory() as directory:
         source = Path(directory) / "try.c"
-        source.write_text("#include <math.h>\n#include <stdint.h>\ndouble f(double x) { return sqrt(x); }\n")
+        source.write_text("#include <math.h>\n#include <stdint.h>\ndouble f(double x) { return sqrt(x); }\n",
+                          encoding="utf-8")
         _output(*command, "-shared", "-fPIC", str(source), "-o", str(source.with_suffix(".so")), "-lm")
     return " ".join(command)
 

@@ -57,5 +57,5 @@ def free_memory() -> float:
         free = memory_told()["MemAvailable"]
     for limit in _LIMITS:
         with suppress(OSError, ValueError):
-            free = min(free, float(Path(limit).read_text()))
+            free = min(free, float(Path(limit).read_text(encoding="utf-8")))
     return free

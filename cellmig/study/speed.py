@@ -94,7 +94,8 @@ def starts() -> dict[str, float]:
 
 
 def _done(command: Sequence[str], more: dict[str, str] | None = None) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, env=outside_mpi() | (more or {}), check=False)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace",
+                          env=outside_mpi() | (more or {}), check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)}: {done.stderr}")
     return done.stdout

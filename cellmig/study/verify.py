@@ -123,7 +123,7 @@ class Worker:
     def measure(self, point: Point) -> Measured | str:
         """What a point measured, or why it failed."""
         if self._process is None or self._process.poll() is not None:
-            self._process = subprocess.Popen([sys.executable, "-m", references.__name__], text=True,
+            self._process = subprocess.Popen([sys.executable, "-m", references.__name__], encoding="utf-8",
                                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                                              env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1"})
         try:

@@ -11,7 +11,7 @@ import traceback
 
 def serve() -> None:
     """Answer until there are no more questions; what else is written to stdout goes to stderr."""
-    answers = os.fdopen(os.dup(1), "w")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     from cellmig.study.verify import load_references  # MPI and PETSc start here
 
