@@ -20,7 +20,7 @@ import pytest
 from mpi4py import MPI
 
 from cellmig.output.directory import Claim, OutputError, together
-from cellmig.output.log import Log, Progress, Timers, clock, two_columns
+from cellmig.output.log import Log, Progress, Timers, clock, duration, two_columns
 from cellmig.output.manifest import environment, read_manifest, write_manifest
 from cellmig.output.tables import HISTORY, LEDGER, History, Ledger, read_table
 from cellmig.output.xdmf import Frames, frames
@@ -382,7 +382,8 @@ def test_the_closing_summary_has_every_section_over_the_ranks_and_adds_up_to_the
     assert sum(float(row[3]) for row in rows.values()) == pytest.approx(100, abs=0.2)  # rounded to 0.1 each
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(8.2, "8 s"), (59.7, "1:00"), (125, "2:05"), (3725, "1:02:05")])
+@pytest.mark.parametrize(("seconds", "text"), [(8.2, "8 s"), (59.7, "1:00"), (125, "2:05"), (3725, "1:02:05"),
+                                                  (276480, "3.2 days"), (2.714e8, "8.6 years")])
 def test_wall_time_is_told_as_people_tell_it(seconds, text):
     assert clock(seconds) == text
 
@@ -397,3 +398,11 @@ def test_what_is_no_manifest_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(OutputError, match="is not a manifest"):
         read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize(("seconds", "digits", "text"), [
+    (1.24e-9, 2, "1.2 ns"), (400e-6, 2, "400 µs"), (388.5e-6, 6, "388.5 µs"), (2e-3, 6, "2 ms"), (25, 2, "25 s"),
+    (90, 2, "90 s"), (600, 2, "10 min"), (11500, 2, "3.2 h"), (2.714e8, 2, "8.6 years"), (1e12, 2, "32,000 years"),
+    (1e20, 2, "3.2e+12 years"), (0, 2, "0 s")])
+def test_a_time_is_told_in_the_unit_that_people_take(seconds, digits, text):
+    assert duration(seconds, digits) == text

@@ -16,6 +16,8 @@ from ..case.messages import lenient
 from .directory import together
 
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall seconds
+_UNITS = (("ns", 1e-9, 1e-6), ("µs", 1e-6, 1e-3), ("ms", 1e-3, 1.0), ("s", 1.0, 120.0), ("min", 60.0, 7200.0),
+          ("h", 3600.0, 48 * 3600.0), ("days", 86400.0, 730 * 86400.0), ("years", 365.25 * 86400.0, float("inf")))
 _BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} µs{postfix}  left {remaining}"
 
 
@@ -84,10 +86,19 @@ def table(head: list[str], lines: list[list[str]]) -> list[str]:
 
 
 def clock(seconds: float) -> str:
-    """Wall time for people: 8 s, 2:05, 1:02:05."""
+    """Wall time for people: 8 s, 2:05, 1:02:05, 3.2 days."""
+    if seconds >= 48 * 3600:
+        return duration(seconds)
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}" if minutes else f"{rest} s"
+
+
+def duration(seconds: float, digits: int = 2) -> str:
+    """A time in the unit that people take for it, to some digits: 400 µs, 25 s, 3.2 h, 8.6 years."""
+    unit, one, _ = next(found for found in _UNITS if seconds < found[2]) if seconds else ("s", 1.0, 0.0)
+    value = float(f"{seconds / one:.{digits}g}")
+    return f"{value:,.0f} {unit}" if 1e3 <= value < 1e6 else f"{value:.{max(digits, 3)}g} {unit}"
 
 
 def _on_terminal() -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellmig.output.directory import the_run
-from cellmig.output.log import clock, two_columns
+from cellmig.output.log import clock, duration, two_columns
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
@@ -47,7 +47,8 @@ def _was(m: dict[str, Any]) -> Rows:
     how = _ENDED.get(status, f"exit code {status}") if status is not None else "not yet: it runs, or was killed"
     yield "ended", how + (f": {cause}" if cause else "") + ("" if status in (None, 0) else f" (exit code {status})")
     if (time := m.pop("time_us", None)) is not None:
-        yield "reached", f"{time:.6g} µs of {m.get('end_us', time):.6g} µs in {m.pop('steps', 0)} steps"
+        yield "reached", (f"{duration(1e-6 * time, 6)} of {duration(1e-6 * m.get('end_us', time), 6)} in "
+                          f"{m.pop('steps', 0)} steps")
     ranks, wall = m.pop("ranks", 1), m.pop("wall_seconds", None)
     yield "took", ("" if wall is None else f"{clock(wall)} ") + f"on {ranks} rank{'s' * (ranks > 1)}"
     for name in ("particles", "seed"):

@@ -12,16 +12,27 @@ import numpy as np
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
-from cellmig.output.log import clock, two_columns
+from cellmig.output.log import duration, two_columns
 from cellmig.output.sample import UNITS
 from cellmig.parallel.options import IMPLICIT, integrator_asked
-from cellmig.simulation import Simulation, cheaper, discretise, find_terms, particle_count, step_control
-from cellmig.solve.step import binding
+from cellmig.simulation import (
+    TRIAL,
+    Simulation,
+    Trial,
+    cheaper,
+    discretise,
+    find_terms,
+    particle_count,
+    step_control,
+    try_implicit,
+)
+from cellmig.solve.step import NumericsError, binding
 
 from .said import load_said, scene_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
-TRIED, FIRST, TIMED = 5_000, 2, 4  # the same of implicit steps; those before, which differ, and those that are timed
+TRIED, FEW = 5_000, 3  # the same of implicit steps, and how many of them if they are of one length
+LONG, LONG_TRIAL = 86400.0, 5.0  # seconds of explicit steps from which implicit ones are tried, and for how long
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
 SCENE_BYTES = 1100  # per particle beside the kernel's arrays, as the scene is built (measured: 1,070 to 1,110)
@@ -82,9 +93,10 @@ def report(case: Case) -> str:
         _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
-        ("steps", f"{c.steps} to {case.time.end:g} µs"),
-        ("time", f"{clock(c.seconds)} on one core, {clock(c.seconds / 2)} on two if they share well "
+        ("steps", f"{_count(c.steps)} to {_end(case)}"),
+        ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
+        *_faster(case, c),
         ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
@@ -97,8 +109,8 @@ def _static_report(case: Case) -> str:
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         _particles(case, scene.size, max(t.spacing for t in scene.templates)), *scene_said(case, case.time.end),
         ("load steps", load_said(case)),
-        ("time", f"about {clock(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, as "
-                 "measured elsewhere with a direct solver"),
+        ("time", f"about {duration(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, "
+                 "as measured elsewhere with a direct solver"),
         ("memory", f"about {said_bytes(STATIC_BYTES * scene.size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, scene.size),
         *skipped_said(find_terms(case).skipped),
@@ -108,48 +120,68 @@ def _static_report(case: Case) -> str:
 def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     """The report of a case with implicit steps: how many they will be is known if their length is given."""
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
-    t = _tried(case, c.particles)
-    steps = math.ceil(case.time.end / t.step)
-    count, time = f"{steps} to {case.time.end:g} µs", f"{clock(steps * t.seconds)} on one core"
-    if case.time.step == "auto":
-        count = f"as many as the motion asks for, unknown before the run; those of the trial were {1e3 * t.step:.3g} ns"
-        time += f" if all {steps} steps to {case.time.end:g} µs were as those of the trial"
+    trial, times, solver = _tried(case, c.particles)
+    step, one = trial.simulated / trial.steps, times * trial.wall / trial.steps
+    fixed = case.time.step != "auto"
+    steps = math.ceil(case.time.end / (case.time.step if fixed else step))
+    count = f"{steps} to {_end(case)}"
+    if not fixed:
+        count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_as_tried(trial)}"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
-        ("time step", t.said),
-        ("one step", f"{t.seconds:.2g} s, {t.newton:.2g} of Newton's, timed now at the start of the case"),
-        ("steps", count), ("time", time),
-        ("", f"leapfrog takes {clock(c.seconds)} in {c.steps} steps"),
+        ("time step", solver),
+        ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
+        ("steps", count), ("time", f"{duration(steps * one)} on one core"),
+        ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
         ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
     ])
 
 
-class Trial(NamedTuple):
-    """Some implicit steps: seconds and steps of Newton for each, the length of the last [µs], how they are solved."""
-
-    seconds: float
-    newton: float
-    step: float
-    said: str
-
-
-def _tried(case: Case, size: int) -> Trial:
-    """The first steps of a case of `size` particles, or of some cells of it, for as many particles as it has."""
+def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
+    """Implicit steps of a case of `size` particles, or of some cells of it; how many times larger it is; the solver."""
     cells = case.cells[: max(1, TRIED * len(case.cells) // size)]
     s = Simulation(dataclasses.replace(case, cells=cells), MPI.COMM_SELF)
-    run, seen = s.integrator, []
-    for last in (FIRST, FIRST + TIMED):
-        run.ts.setMaxSteps(last)
-        s.go(case.time.end)
-        seen.append((perf_counter(), run.newton, run.steps))
-    (begin, before, first), (end, newton, last) = seen
-    taken = max(1, last - first)
-    result = Trial((end - begin) / taken * size / s.scene.size, (newton - before) / taken,
-                   run.fixed_step or run.dt, run.steps_said)
-    s.destroy()
-    return result
+    try:
+        trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
+        return trial, size / s.scene.size, s.integrator.steps_said
+    finally:
+        s.destroy()
+
+
+def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
+    """What implicit steps would take, where explicit ones take days."""
+    if c.seconds < LONG or case.plates:
+        return []
+    implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
+    try:
+        trial, times, _ = _tried(implicit, c.particles, LONG_TRIAL)
+    except NumericsError as error:
+        return [("", f'time.integrator = "bdf", implicit steps, finds no way on from the start: {error}')]
+    seconds = times * case.time.end / trial.speed
+    said = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_as_tried(trial)}'
+    if seconds < min(c.seconds / 2, LONG):
+        return [("better", said)]
+    return [("", f"{said}: at that pace no integrator here ends within a day; fewer particles or a shorter time.end "
+                 "do")]
+
+
+def _as_tried(trial: Trial) -> str:
+    """Where an estimate comes from."""
+    mean, reached = (duration(1e-6 * t) for t in (trial.simulated / trial.steps, trial.reached))
+    return (f"as the last {trial.steps} of {trial.taken} steps of a trial went, {mean} long in the mean, {reached} "
+            "after the start; steps lengthen where the motion slows")
+
+
+def _end(case: Case) -> str:
+    """When the run ends."""
+    return duration(1e-6 * case.time.end, 6)
+
+
+def _count(steps: int) -> str:
+    """A number of steps."""
+    return f"{steps}" if steps < 1e9 else f"{steps:.2g}"
 
 
 def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:

@@ -21,7 +21,7 @@ from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
-from cellmig.output.log import Log, Progress, Timers, clock
+from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.sample import UNITS
 from cellmig.output.tables import Tables
@@ -290,8 +290,8 @@ class Run:
         self._save_manifest()
         ended = {DONE: "done", BROKEN: "broken", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
         why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
-        self.log(f"{ended}: {s.time:.6g} µs in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per particle and "
-                 f"step{why}")
+        self.log(f"{ended}: {duration(1e-6 * s.time, 6)} in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per "
+                 f"particle and step{why}")
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
