@@ -182,10 +182,16 @@ class Simulation:
         return self.time
 
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
-        """Rows of history.csv and the row of ledger.csv now; brings lists, F and the swarm up to date; collective."""
+        """Rows of history.csv and the row of ledger.csv now; brings F and the swarm up to date; collective.
+
+        The steps to come are not those after a look, but the ones that there would have been without it.
+        """
         m = self.mechanics
-        m.renew_lists()
+        if self.integrator.leapfrog:
+            m.undo.put_by()
         acceleration = self.integrator.rate()
+        if self.integrator.leapfrog:
+            self.integrator.look_at_volumes()
         m.store(self.swarm)
         return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step)
 

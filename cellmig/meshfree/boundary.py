@@ -86,7 +86,7 @@ class Boundary:
         kernel["n_plates"], kernel["plate"], kernel["plate_history"] = len(self.plate), self.plate, self.plate_history
         kernel["plate_before"] = np.zeros((len(local), 2))
         kernel["plate_force"] = np.zeros((len(local), len(self.plate)))
-        kernel["clock"] = np.zeros(1)
+        kernel["clock"] = np.zeros(3)
 
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """The supports that hold these particles in these directions (k,) int."""

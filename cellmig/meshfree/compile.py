@@ -31,12 +31,17 @@ FIELDS: dict[str, str] = {
     "first_outer": "long *", "column_outer": "uint32_t *", "outer": "coefficient *",
     "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "coefficient *",
     # step control
-    "least_gap": "double *", "bound": "double *", "viscous_weight": "double *", "elastic_weight": "double *",
+    "least_gap": "double *", "J_range": "double *", "bound": "double *",
+    "viscous_weight": "double *", "elastic_weight": "double *",
     # surfaces: all segments, those near the substrate, and the push at their ends
     "n_segments": "long", "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
     "substrate_bonds": "double", "substrate_floor": "double", "substrate_depth": "double", "push": "double *",
     "pushed": "double *", "bond_impulse": "double *",
     "friction_loss": "double *", "protrusion_impulse": "double *", "external_work": "double *",
+    # cells that protrude: all of their surface with weights, their segments near the substrate, and what is found there
+    "mover_of": "int32_t *", "n_movers": "long", "first_mover": "long *", "mover": "int32_t *",
+    "mover_weight": "double *", "first_grip": "long *", "grip": "int32_t *", "firm": "double", "middle": "double *",
+    "hold": "double *",
     # contact between cells
     "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",
     "n_contact_segments": "long", "contact_segment": "int32_t *", "contact_length": "double *",
@@ -63,7 +68,8 @@ FIELDS: dict[str, str] = {
 
 
 SURFACE_LAWS = {"substrate": ("primitive", "potential", "slope"), "contact": ("primitive", "potential", "slope"),
-                "protrusion": ("ramp", "ramp_slope"), "cortex": ("energy", "tension"), "friction": ("drag",)}
+                "protrusion": ("ramp", "ramp_slope", "front", "hold"), "cortex": ("energy", "tension"),
+                "friction": ("drag",)}
 
 
 LINE = 64  # bytes of a cache line

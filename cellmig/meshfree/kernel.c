@@ -220,7 +220,16 @@ INLINED void stress_of_block(const Scene *s, long b, const int material, const v
     (void)kept, (void)elapsed, (void)dt, (void)stab;
 }
 
-INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved, double elapsed, double dt)
+/* The least and the largest J of the lanes that a block has, with those before in `range`. */
+static inline void note_volumes(const v4 f[4], int lanes, v4 range[2])
+{
+    v4 J = f[0] * f[3] - f[1] * f[2];
+    for (int i = lanes; i < 4; i++) J[i] = J[0];
+    range[0] = smaller(range[0], J);
+    range[1] = larger(range[1], J);
+}
+
+INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved, double elapsed, double dt, v4 range[2])
 {
     const Block *block = (const Block *)s->block + b;
     v4 r[MOST][4], stab[MOST][2];
@@ -238,6 +247,7 @@ INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved,
             f[c] = load(F) + moved * r[m][c];
             store(F, f[c]);
         }
+        note_volumes(f, block[m].lanes, range);
         switch (block->material) {
 #define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], stab[m], elapsed, dt); break;
             EACH_MATERIAL(CASE)
@@ -249,9 +259,12 @@ INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved,
 void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
 {
     const Block *block = (const Block *)s->block;
-#define STRESS(n) stress_of_blocks(s, b, n, moved, elapsed, dt)
+    v4 range[2] = {load(s->J_range), load(s->J_range + 4)};
+#define STRESS(n) stress_of_blocks(s, b, n, moved, elapsed, dt, range)
     EACH_BLOCK(0, s->n_owned_blocks, STRESS)
     EACH_BLOCK(s->n_owned_blocks, s->n_blocks, STRESS)
+    store(s->J_range, range[0]);
+    store(s->J_range + 4, range[1]);
 }
 
 /* F = I + grad u from the displacements as they are. */
@@ -429,22 +442,45 @@ void cortex_pull(const Scene *s, double *force, double *energy)
 #endif
 
 #ifdef PROTRUSION
-/* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends, 0 on the rear half.  Its work is
- * accounted with the velocities at both ends of a step, as losses are: `pushed` has the forces of the last kick, which
- * took `elapsed`; `dt` is the time of the one to come. */
+/* Of each cell that protrudes, the middle of its surface along x, and how firmly its front half holds on to the
+ * substrate.  Every rank that has a part of the cell sums over all of it, in the same order. */
+static void find_hold(const Scene *s)
+{
+    for (long c = 0; c < s->n_movers; c++) {
+        double middle = 0, bonded = 0, d1, d2;
+        for (long k = s->first_mover[c]; k < s->first_mover[c + 1]; k++)
+            middle += s->mover_weight[k] * (s->X[2 * s->mover[k]] + s->state[4 * s->mover[k]]);
+        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
+            const long e = s->grip[k], i = s->segment[2 * e], j = s->segment[2 * e + 1];
+            const double x = 0.5 * (s->X[2 * i] + s->state[4 * i] + s->X[2 * j] + s->state[4 * j]);
+            const double g1 = s->X[2 * i + 1] + s->state[4 * i + 1], g2 = s->X[2 * j + 1] + s->state[4 * j + 1];
+            const double closed = -substrate_mean(s->substrate, s->substrate_floor, g1, g2, &d1, &d2) / s->substrate_depth;
+            if (closed > 0) bonded += closed * s->length[e] * protrusion_front(s->protrusion, x - middle);
+        }
+        s->middle[c] = middle;
+        s->hold[c] = protrusion_hold(s->protrusion, bonded);
+    }
+}
+
+/* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends.  Its work is accounted with the
+ * velocities at both ends of a step, as losses are: `pushed` has the forces of the last kick, which took `elapsed`; `dt`
+ * is the time of the one to come. */
 void protrude(const Scene *s, double *force, double *impulse, double *work, double elapsed, double dt)
 {
+    find_hold(s);
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k];
         double *pushed = s->pushed + 2 * e;
-        if (s->push[2 * e] == 0 && s->push[2 * e + 1] == 0 && pushed[0] == 0 && pushed[1] == 0) continue;
+        if (s->push[2 * e] == 0 && s->push[2 * e + 1] == 0) continue;
         const long node[2] = {s->segment[2 * e], s->segment[2 * e + 1]};
         const double g1 = s->X[2 * node[0] + 1] + s->state[4 * node[0] + 1];
         const double g2 = s->X[2 * node[1] + 1] + s->state[4 * node[1] + 1], dg = g2 - g1;
-        const double edge = fabs(dg) > 1e-6 ? (protrusion_ramp(s->protrusion, g2) - protrusion_ramp(s->protrusion, g1)) / dg
+        const double edge = fabs(dg) > 1e-6 * s->firm ? (protrusion_ramp(s->protrusion, g2) - protrusion_ramp(s->protrusion, g1)) / dg
                                             : protrusion_ramp_slope(s->protrusion, 0.5 * (g1 + g2));
+        const double middle = s->middle[s->mover_of[e]], share = s->hold[s->mover_of[e]] * s->length[e];
         for (int i = 0; i < 2; i++) {
-            const double f = s->push[2 * e + i] * s->length[e] * edge;
+            const double ahead = s->X[2 * node[i]] + s->state[4 * node[i]] - middle;
+            const double f = s->push[2 * e + i] * share * protrusion_front(s->protrusion, ahead) * edge;
             force[2 * node[i]] += f;
             if (!impulse) continue;
             impulse[node[i]] += dt * f;
@@ -854,7 +890,7 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
         kick_and_drift(s, kick, dt);
         stop_at_plates(s, kick, dt);
         hold(s, kick, dt);
-        s->clock[0] += dt;
+        s->clock[0] = s->clock[1] + (s->clock[2] += 1) * dt; /* the same number however steps are grouped */
         if (exchange(s, s->state_vec)) return 1;
 #else
         kick_and_drift_some(s, 0, s->n_lent_blocks, kick, dt);
@@ -864,7 +900,6 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
 #endif
         kicked = kick;
     }
-    settle_accounts(s);
     return 0;
 }
 

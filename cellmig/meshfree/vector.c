@@ -34,6 +34,13 @@ static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
 static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
 static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
 #endif
+#ifdef __AVX2__
+static inline v4 smaller(v4 a, v4 b) { return (v4)_mm256_min_pd((__m256d)b, (__m256d)a); }
+static inline v4 larger(v4 a, v4 b) { return (v4)_mm256_max_pd((__m256d)b, (__m256d)a); }
+#else
+static inline v4 smaller(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] < a[i] ? b[i] : a[i]; return a; }
+static inline v4 larger(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] > a[i] ? b[i] : a[i]; return a; }
+#endif
 /* Of four coefficients, the first and the third twice; the second and the fourth. */
 #if defined SINGLE
 typedef float coefficient;

@@ -16,10 +16,11 @@ from ..parallel.options import defaulted
 from ..parallel.reduce import exact_sum, extreme
 from .equations import Equations
 from .integrate import Integrator
+from .mechanics import SKIN as EXPLICIT_SKIN
 from .reduction import Reduction
 from .static import DEFAULTS
 
-SKIN = 1.0  # µm: search lists last longer, whose cost is nothing against that of a step
+SKIN = 4.0  # spacings: search lists last longer, whose cost is nothing against that of a step
 FINE, MOST_PARTS = 0.01, 20  # µm: pieces of a step's path in which its work is integrated, and most of them
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
 LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
@@ -57,7 +58,7 @@ class Implicit(Integrator):
     def _connect(self) -> None:
         """Tell TS the equations, and SNES how to solve them."""
         m, ts = self.mechanics, self.ts
-        m.skin = SKIN
+        m.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
         self.equations = Equations(m)
         self.newton = self.failures = 0

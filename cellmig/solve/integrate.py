@@ -37,6 +37,7 @@ class Integrator:
         self.touches, self.redone = control.touches, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
+        self.origin = 0.0, 0  # time [µs] and number of the step from which steps of a fixed length are counted
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
@@ -109,13 +110,13 @@ class Integrator:
     def saved(self) -> dict[str, Any]:
         """What decides its next steps and what it counts, for a checkpoint."""
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
-        return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
+        return deepcopy(numbers) | {"gaps": self.gaps.tolist(), "origin": list(self.origin)}
 
     def restore(self, about: dict[str, Any]) -> None:
         """Go on from what was saved; the mechanics have been restored."""
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
-        self.gaps = np.array(about["gaps"])
+        self.gaps, self.origin = np.array(about["gaps"]), tuple(about["origin"])
         self.ts.setTime(about["time"])
         self.ts.setStepNumber(about["steps"])
 
@@ -129,8 +130,15 @@ class Integrator:
         return self.halted or self.steps >= self.ts.getMaxSteps()
 
     def to(self, stop: float) -> float:
-        """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective."""
+        """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective.
+
+        Steps of a fixed length are not cut: they end as near to `stop` as they can.
+        """
         ts, m = self.ts, self.mechanics
+        if self.fixed_step:
+            stop = self.after(round((stop - self.origin[0]) / self.fixed_step) + self.origin[1])
+            if stop <= ts.getTime():
+                return ts.getTime()
         ts.setMaxTime(stop)
         if not self.leapfrog:
             self.look()
@@ -147,9 +155,14 @@ class Integrator:
         self._seen()
         return ts.getTime()
 
+    def after(self, steps: int) -> float:
+        """Time after so many steps [µs], of a fixed length."""
+        return self.origin[0] + (steps - self.origin[1]) * self.fixed_step
+
     def look(self) -> int:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
         m = self.mechanics
+        m.undo.take_up()
         self.limits = limits = self._seen()
         if self.touches and limits["displaced"] > 0.2 * m.skin:
             m.renew_lists()
@@ -201,9 +214,17 @@ class Integrator:
         if max(1.0 - limits["J_min"], limits["J_max"] - 1.0) > VOLUME:
             self.broken(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
                         remedy=f"try {self._lighter('a larger modulus (reduced_bulk_modulus, lame)')}")
-        for name, worse in (("J_min", min), ("J_max", max)):
-            self.extremes[name] = worse(self.extremes[name], limits[name])
+        if not self.leapfrog:  # which takes no step to see it undone, and looks at all of them
+            self._note_volumes(limits["J_min"], limits["J_max"])
         return limits
+
+    def look_at_volumes(self) -> None:
+        """Note the extremes of J in the steps of leapfrog since this was last called; collective."""
+        self._note_volumes(*self.mechanics.volumes())
+
+    def _note_volumes(self, least: float, most: float) -> None:
+        self.extremes["J_min"] = min(self.extremes["J_min"], least)
+        self.extremes["J_max"] = max(self.extremes["J_max"], most)
 
     def _lighter(self, *others: str) -> str:
         """What might help: less of the loads that the scene has, and others."""
@@ -281,7 +302,8 @@ class Integrator:
 
 
 class Leapfrog:
-    """TS type: v += dt a(u, v), u += dt v, in batches of equal steps that end exactly at the time asked for.
+    """TS type: v += dt a(u, v), u += dt v, in batches of equal steps that end exactly at the time asked for, but for
+    steps of a fixed length, which stay as they are.
 
     TS counts single steps; -ts_dt, -ts_max_steps and -ts_monitor (once a batch) mean what they say.
     """
@@ -295,25 +317,30 @@ class Leapfrog:
         allowed = run.look()
         t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
         if run.touches:
-            run.mechanics.keep()
+            run.mechanics.undo.keep()
         while True:
-            left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
-            dt = (stop - t) / left
+            if run.fixed_step:
+                left, dt = round((stop - t) / run.dt), run.dt
+                run.mechanics.set_clock(t, run.origin[0], taken - run.origin[1])
+            else:
+                left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
+                dt = (stop - t) / left
+                run.mechanics.set_clock(t, t)
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            run.mechanics.set_clock(t)
             run.mechanics.advance(n, dt)
             if not run.touches:
                 break
             late = run.mechanics.lists_are_late()
             if run.was_stable(dt) and not (late and n > 1):
                 break
-            run.mechanics.go_back()
+            run.mechanics.undo.go_back()
             run.choose()
             run.redone += n
             allowed = max(1, n // 4) if late else allowed
+        run.look_at_volumes()
         run.mechanics.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         run._note_step(dt)
         ts.setTimeStep(dt)
-        ts.setTime(stop if n == left else t + n * dt)
+        ts.setTime(stop if n == left else run.after(taken + n) if run.fixed_step else t + n * dt)
         ts.setStepNumber(taken + n - 1)  # TS adds the last one itself

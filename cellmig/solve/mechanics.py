@@ -21,9 +21,10 @@ from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Impulses, rates
 from .director import Director
 from .places import SurfacePlaces
-from .roughness import roughness
+from .push import Push
+from .undo import Undo
 
-SKIN = 0.2  # µm by which surfaces may approach each other before the search lists are made anew
+SKIN = 0.85  # spacings by which surfaces may approach each other before the search lists are made anew
 
 
 class Mechanics:
@@ -44,10 +45,10 @@ class Mechanics:
         self._owner = owner
         self.place_in_petsc = np.empty(scene.size, np.int64)
         self.place_in_petsc[np.lexsort((np.arange(scene.size), owner))] = np.arange(scene.size)
-        self._number(swarm["id"])
+        self._number(swarm["id"], protruding if terms.protrusion is not None else np.zeros_like(protruding))
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
-        self._fill_surfaces(seed, protruding)
+        self._fill_surfaces(seed)
         if terms.histories is not None:
             boundary.fill(self.kernel, self.base, self.surfaces.ids[self._mine], self._capacity)
         self._mark_loaded()
@@ -56,20 +57,21 @@ class Mechanics:
         self._point_to_memory()
         self.prescribe(0.0)
         self.moved = self.kicked = self.last = 0.0
-        self.rebuilds, self.skin = 0, SKIN
-        self._kept: list = []
+        self.rebuilds, self.skin = 0, SKIN * min(t.spacing for t in scene.templates)
+        self.undo = Undo(self)
         self.renew_lists()
         self.kernel("deformation")
 
     # ------------------------------------------------------------ layout
 
-    def _number(self, owned: np.ndarray) -> None:
+    def _number(self, owned: np.ndarray, protruding: np.ndarray) -> None:
         """Local numbers, and the memory of the state, with room for every surface particle as a ghost."""
         s = self.surfaces
         own = np.zeros(self.scene.size, bool)
         own[owned] = True
         touched = np.flatnonzero(own[s.ids] | own[s.ids[s.after]] | own[s.ids[s.before]])
-        around = np.concatenate([touched, s.after[touched], s.before[touched]])
+        self.push = Push(s, protruding, own)
+        around = np.concatenate([touched, s.after[touched], s.before[touched], self.push.surface])
         self.base = self.numbering = number(self.scene, owned, s.ids[around])
         self.n_owned = self.base.n_owned
         self.ids = self.base.ids[: self.n_owned]
@@ -106,7 +108,7 @@ class Mechanics:
         k["kept"] = np.zeros((n_blocks, k.library.kept_size() // 8))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((self._capacity, 4))
         k["force"] = np.zeros((self._capacity, 2))
-        k["least_gap"] = np.full(2, np.inf)
+        k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_VOLUMES
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
         k["elastic_weight"] = scene.field("elastic_weight")[self.ids]
@@ -115,19 +117,21 @@ class Mechanics:
         if self.comm.size > 1:
             k["ghost_begin"], k["ghost_end"] = self.state.exchange_functions
 
-    def _fill_surfaces(self, seed: int, protruding: np.ndarray) -> None:
-        """Segments with an end of this rank, in global order, and α β N σ/2 at all surface particles."""
+    def _fill_surfaces(self, seed: int) -> None:
+        """Segments with an end of this rank, or of a cell whose push needs them, in global order."""
         k, s = self.kernel, self.surfaces
         own = self.base.local(s.ids)
         own = (own >= 0) & (own < self.n_owned)
         self._is_mine, self._mine = own, np.flatnonzero(own)
         self._at = self.base.local(s.ids[self._mine])
         self.places = SurfacePlaces(self.comm, s, self._owner[s.ids], self._mine)
-        self._segments = np.flatnonzero(own | own[s.after])
-        ends = np.column_stack([self._segments, s.after[self._segments]])
-        k["segment"] = self.base.local(s.ids[ends])
+        acts = own | own[s.after]
+        there = acts.copy()
+        there[self.push.surface] = True
+        self._segments = np.flatnonzero(there)
+        self._acts = acts[self._segments]
+        k["segment"] = self.base.local(s.ids[np.column_stack([self._segments, s.after[self._segments]])])
         k["length"], k["n_segments"] = s.length[self._segments], len(self._segments)
-        k["push"], k["pushed"] = np.zeros(ends.shape), np.zeros(ends.shape)
         self.impulses = Impulses(k, s, own, self._segments)
         if self.terms.substrate is not None:
             k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
@@ -135,11 +139,9 @@ class Mechanics:
         if self.terms.contact is not None:
             c = self.terms.contact
             k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff
-        self.alpha = np.zeros(len(s.ids))
         if self.terms.protrusion is not None:
-            for c in np.flatnonzero(protruding):
-                on = (s.cell == c) & s.outer
-                self.alpha[on] = roughness(s.length[on], self.terms.protrusion, seed, c)
+            self.push.fill(k, self.base, self.terms.protrusion, self.terms.substrate.work, seed, self._segments,
+                           self._acts)
 
     def _mark_loaded(self) -> None:
         """The blocks of rows on which more than stresses may act: of surfaces, and of what is loaded."""
@@ -205,13 +207,11 @@ class Mechanics:
         ends = np.column_stack([self._segments, s.after[self._segments]])
         if t.substrate is not None:
             depth = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
-            near = np.flatnonzero((x[ends, 1].min(axis=1) < depth + self.skin) & s.outer[self._segments])
+            low = (x[ends, 1].min(axis=1) < depth + self.skin) & s.outer[self._segments]
+            near = np.flatnonzero(low & self._acts)
             k["near"], k["n_near"] = near, len(near)
         if t.protrusion is not None:
-            on = self.places.on[s.outer[self.places.on]]
-            mean = np.bincount(s.cell[on], x[on, 0]) / np.maximum(np.bincount(s.cell[on]), 1)
-            front = t.protrusion.front(x[ends, 0] - mean[s.cell[ends]])
-            k["push"][:] = 0.5 * t.protrusion.strength * t.substrate.work * self.alpha[ends] * front
+            self.push.renew(k, low)
         if t.contact is not None:
             self._renew_contact(contact_lists(s, x, reach + 0.5 * longest, self.skin, around))
         self._point_to_memory()
@@ -257,10 +257,10 @@ class Mechanics:
 
     # ------------------------------------------------------------ the step
 
-    def set_clock(self, time: float) -> None:
-        """Supports, loads and plates are those at a time [µs] from now on."""
+    def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
+        """Supports, loads and plates are those at a time [µs] from now on, `steps` equal steps after an `origin`."""
         if self.terms.histories is not None:
-            self.kernel["clock"][0] = time
+            self.kernel["clock"][:] = time, origin, steps
 
     def prescribe(self, time: float) -> None:
         """Supports move to where they are at a time [µs], with the velocity they have there; collective."""
@@ -271,35 +271,32 @@ class Mechanics:
 
     def advance(self, n: int, dt: float) -> None:
         """`n` steps of `dt` [µs] of the symplectic scheme, in place; collective."""
+        self.undo.take_up()
         if self.kernel("advance", n, float(dt), float(self.moved), float(self.kicked), float(self.last)):
             raise PETSc.Error(75)
         self.kicked = 0.5 * (self.last + dt) if n == 1 else dt
         self.moved = self.last = dt
 
-    def keep(self) -> None:
-        """Remember all that steps change, so that `go_back` can undo them."""
-        if not self._kept:
-            self._kept = [(a, a.copy()) for a in self._changing()]
-        for a, copy in self._kept:
-            np.copyto(copy, a)
-        self._kept_times = self.moved, self.kicked, self.last
-
-    def go_back(self) -> None:
-        """Undo the steps since `keep`."""
-        for a, copy in self._kept:
-            np.copyto(a, copy)
-        self.moved, self.kicked, self.last = self._kept_times
-
-    def _changing(self) -> list[np.ndarray]:
-        return [self._memory, *([self.theta.memory] if self.theta is not None else []),
-                *(self.kernel[name] for name in ("F", "kept", "pushed", "bond_impulse", "contact_impulse", *ACCOUNTS)),
-                *(self.kernel[name] for name in ("clock", "load_before") if self.terms.histories is not None)]
+    def changing(self) -> dict[str, np.ndarray]:
+        """What steps change, by name: state, F, what was kept of the last kick, accounts, clock."""
+        there = {"F": True, "kept": True, "pushed": self.terms.protrusion is not None,
+                 **dict.fromkeys(("clock", "load_before"), self.terms.histories is not None)}
+        found = {"state": self._memory, **{name: self.kernel[name] for name, is_there in there.items() if is_there},
+                 **{name: self.kernel[name] for name in (*ACCOUNTS, "bond_impulse", "contact_impulse")}}
+        return found | ({"theta": self.theta.memory} if self.theta is not None else {})
 
     def least_gaps(self) -> np.ndarray:
         """Least gaps to the substrate and between cells since this was last asked (2,) [µm]; collective."""
         least = -extreme(self.comm, -self.kernel["least_gap"])
         self.kernel["least_gap"][:] = np.inf
         return least
+
+    def volumes(self) -> tuple[float, float]:
+        """Least and largest J [-] in all steps since this was last asked, but those undone; collective."""
+        low, high = self.kernel["J_range"].reshape(2, 4)
+        least, most = extreme(self.comm, np.array([-low.min(), high.max()]))
+        self.kernel["J_range"][:] = NO_VOLUMES
+        return -float(least), float(most)
 
     def rate(self) -> np.ndarray:
         """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
@@ -386,6 +383,7 @@ class Mechanics:
         self.solution.destroy()
 
 
+NO_VOLUMES = np.repeat([np.inf, -np.inf], 4)
 ENERGY = object()  # stands for the array of energies
 SURFACE_FORCES = {"substrate": ("substrate_adhesion", ENERGY, 0.0), "contact": ("cell_adhesion", ENERGY, 0.0),
                   "cortex": ("cortex_pull", ENERGY), "friction": ("bond_friction", 0.0),

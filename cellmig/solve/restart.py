@@ -18,9 +18,10 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
     Arrays are by particle in the order of the global ids, or by surface particle (of its segment, the first end).
     """
+    m.undo.take_up()
     about = {name: getattr(m, name) for name in _TIMES}
     if m.terms.histories is not None:
-        about["clock"] = float(m.kernel["clock"][0])
+        about["clock"] = m.kernel["clock"].tolist()
     arrays = {f"particle {name}": collected(m.comm, m.ids, values, m.scene.size)
               for name, values in _of_particles(m).items()}
     n = len(m.surfaces.ids)
@@ -33,6 +34,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Go back to what was saved; rank 0 has the arrays; collective."""
+    m.undo.forget()
     everything = shared(m.comm, arrays)
     particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
@@ -58,7 +60,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     for name in _TIMES:
         setattr(m, name, about[name])
     if m.terms.histories is not None:
-        m.set_clock(about["clock"])
+        m.set_clock(*about["clock"])
     m.solution.stateIncrease()
     m.state.exchange()
     if m.theta is not None:
@@ -66,7 +68,9 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
 
 
 _BY_SEGMENT = ("pushed", "bond_impulse")
-_BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis")
+_ACCOUNTED = ("viscous_loss", "numerical_loss", "external_work")  # by blocks, which no look has settled
+_BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis",
+             *(f"{name} of blocks" for name in _ACCOUNTED))
 
 
 def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
@@ -88,7 +92,7 @@ def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _kept(m: Mechanics) -> dict[str, np.ndarray]:
-    """Forces and stresses of the last kick, where `Kept` of kernel.c has them; what it has for accounts is settled."""
+    """Forces and stresses of the last kick and accounts, where `Kept` of kernel.c has them."""
     terms = m.terms
     layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("numerical_loss", "f8", 4),
               ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
@@ -97,6 +101,7 @@ def _kept(m: Mechanics) -> dict[str, np.ndarray]:
     kept = m.kernel["kept"].reshape(-1).view(np.dtype(layout))
     there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
     found = {name: kept[name] for name, is_there in there.items() if is_there}
+    found |= {f"{name} of blocks": kept[name][:, None] for name in _ACCOUNTED if name in kept.dtype.names}
     return found | ({"stabilising": kept["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
 
 

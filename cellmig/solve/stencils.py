@@ -12,6 +12,8 @@ from ..meshfree.boundary import GAUSS
 from .mechanics import Mechanics
 from .tangent import mixed
 
+LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are level
+
 
 @dataclass(frozen=True)
 class Stencil:
@@ -47,8 +49,7 @@ def stencils(m: Mechanics) -> Iterator[Stencil]:
         yield Stencil("friction", ends[:, near],
                       lambda x, v: friction(t.friction, t.substrate, length[near], x, v))
     if t.protrusion is not None:
-        push = k["push"][near].T
-        yield Stencil("protrusion", ends[:, near], lambda x, v: protrusion(t.protrusion, push * length[near], x))
+        yield from _pushes(m)
     if t.cortex is not None:
         yield Stencil("cortex", ends, lambda x, v: cortex(t.cortex, length, x))
     if t.contact is not None:
@@ -92,13 +93,39 @@ def friction(law: Any, bonds: Any, length: np.ndarray, x: tuple, v: tuple) -> tu
     return tuple((-0.5 * length * law.drag(share, vx), 0.0) for vx, _ in v)
 
 
-def protrusion(law: Any, size: np.ndarray, x: tuple) -> tuple:
-    """Push of a segment along x; `size` (2, n) : push times length at its ends."""
-    g1, g2 = x[0][1], x[1][1]
-    dg = g2 - g1
-    steep = np.absolute(dg) > 1e-6
-    edge = np.where(steep, (law.ramp(g2) - law.ramp(g1)) / np.where(steep, dg, 1.0), law.ramp_slope(0.5 * (g1 + g2)))
-    return (size[0] * edge, 0.0), (size[1] * edge, 0.0)
+def protrusion(law: Any, bonds: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
+    """Push of a cell along x, whose whole surface is at x; `segments` : ends, length and push of those near the
+    substrate; `weight` (k,) makes the mean of the surface.
+    """
+    middle, bonded, force = sum(w * place[0] for w, place in zip(weight, x, strict=True)), 0.0, [0.0] * len(x)
+    for i, j, length, _ in segments:
+        closed = np.maximum(-segment_mean(bonds, x[i][1], x[j][1])[0] / bonds.energy, 0.0)
+        bonded = bonded + length * closed * law.front(0.5 * (x[i][0] + x[j][0]) - middle)
+    for i, j, length, push in segments:
+        if not push.any():
+            continue
+        g1, g2 = x[i][1], x[j][1]
+        dg = g2 - g1
+        steep = np.absolute(dg) > LEVEL * law.height
+        edge = np.where(steep, (law.ramp(g2) - law.ramp(g1)) / np.where(steep, dg, 1.0),
+                        law.ramp_slope(0.5 * (g1 + g2)))
+        for end, size in zip((i, j), push, strict=True):
+            force[end] = force[end] + size * length * law.hold(bonded) * law.front(x[end][0] - middle) * edge
+    return tuple((f, 0.0) for f in force)
+
+
+def _pushes(m: Mechanics) -> Iterator[Stencil]:
+    """Each cell that protrudes: how it is pushed depends on all of its surface."""
+    k, t = m.kernel, m.terms
+    for c in range(len(k["hold"])):
+        on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
+        nodes = k["mover"][on]
+        order = np.argsort(nodes)
+        ends = order[np.searchsorted(nodes, k["segment"][grip], sorter=order)]
+        segments = [(i, j, k["length"][e], k["push"][e]) for (i, j), e in zip(ends.tolist(), grip, strict=True)]
+        weight = k["mover_weight"][on]
+        yield Stencil("protrusion", nodes[:, None],
+                      lambda x, v, w=weight, s=segments: protrusion(t.protrusion, t.substrate, w, s, x))
 
 
 def cortex(law: Any, length: np.ndarray, x: tuple) -> tuple:
