@@ -67,7 +67,8 @@ def discretise(case: Case) -> Scene:
                                       case.particles.surface_refinement, solve))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)
-            raise CaseError([Mistake(case.path, None, "particles", f"'{name}': {error}")]) from error
+            told = f"'{name}': {error}{getattr(shape, 'doubt', '')}"
+            raise CaseError([Mistake(case.path, None, "particles", told)]) from error
         material_of.append((used.index(body), used.index(nucleus or body)))
     return Scene(
         templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],

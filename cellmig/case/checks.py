@@ -110,12 +110,12 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
     """A nucleus has a size and a material, or neither."""
-    key = next((k for k in declared(type(cell.shape)) if k.startswith("nucleus_")), "nucleus_ratio")
-    size = getattr(cell.shape, key, None)
-    if cell.nucleus is not None and size is None:
-        source.wrong((*path, "nucleus"), f"a nucleus has a size, too: {key} is missing")
-    elif cell.nucleus is None and size is not None:
-        source.wrong((*path, key), "a nucleus has a material, too: nucleus is missing")
+    keys = [k for k in declared(type(cell.shape)) if k.startswith("nucleus_")] or ["nucleus_ratio"]
+    given = [k for k in keys if getattr(cell.shape, k, None) is not None]
+    if cell.nucleus is not None and not given:
+        source.wrong((*path, "nucleus"), f"a nucleus has a size, too: {keys[0]} is missing")
+    elif cell.nucleus is None and given:
+        source.wrong((*path, given[0]), "a nucleus has a material, too: nucleus is missing")
 
 
 def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:

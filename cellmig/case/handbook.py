@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from . import registry
+from . import registry, units
 from .schema import Cell, case_fields, case_path
 from .values import bounds, declared, required, type_name, write
 
@@ -19,7 +19,9 @@ def handbook() -> str:
     """The page."""
     lines = ["# Keys and laws of a case", "",
              "Written by `cellmig schema --markdown` from the declarations in the code.  A quantity is a string with "
-             'its unit, such as `"10 nm"`; any unit of the right kind will do.  A default of *needed* is none.', "",
+             'its unit, such as `"10 nm"`; any unit of the right kind will do, of these, with the usual prefixes, and '
+             f"their products, quotients and powers: {', '.join(units.SYMBOLS)}; or by their names.  A default of "
+             "*needed* is none.", "",
              "## Top level", "", *_table(_plain_fields())]
     for f in case_fields().values():
         lines += ["", *_section(f)] if _is_section(f) else []

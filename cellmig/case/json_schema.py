@@ -89,6 +89,8 @@ def _value(f: Any) -> dict:
         leaf |= {_LIMITS[k]: meta[k] for k in _LIMITS if meta.get(k) is not None}
     if "choices" in meta:
         leaf["enum"] = list(meta["choices"])
+    if meta.get("scaled"):
+        leaf = {"anyOf": [leaf, {"type": "number"}]}
     for n in reversed(meta.get("shape") or ((None,) if "items" in meta else ())):
         leaf = {"type": "array", "items": leaf} | ({"minItems": meta.get("least", n), "maxItems": n} if n else {})
     if "reader" in meta:

@@ -9,6 +9,7 @@ from typing import Any
 from . import accuracy, registry, values
 from .checks import cell_names, check, expand, ordered, resolution
 from .messages import CaseError, show, suggest
+from .outline_file import Corners
 from .schema import Case, Cell, case_fields, case_path
 from .source import Source, assign, read
 from .values import declared
@@ -193,7 +194,7 @@ class _Reader:
         fields, found = declared(cls), dict(given)
         for key, value in data.items():
             if key in fields and key not in given:
-                found[key] = self.value(fields[key], value, (*path, key))
+                found[key] = self.value(values.in_table(fields[key], data.get("unit")), value, (*path, key))
             elif key not in fields and others is not None and key not in others:
                 self.wrong((*path, key), f"no such key{suggest(key, [*fields, *others])}")
         for key, f in fields.items():
@@ -219,8 +220,11 @@ class _Reader:
             if f.metadata.get("or_file") and isinstance(value, str):
                 place = self.source.place(path)[0]
                 folder = "" if place.startswith("--set ") else os.path.dirname(place)
-                value = f.metadata["or_file"](os.path.join(folder, value))
+                scaled = (f.metadata["unit"] == "",) if f.metadata.get("scaled") else ()
+                value = f.metadata["or_file"](os.path.join(folder, value), *scaled)
             found = values.read(f, value)
+            if isinstance(value, Corners):
+                found = Corners(found, value.path, value.lines)
         except ValueError as error:
             self.wrong(path, str(error))
             return None

@@ -63,7 +63,8 @@ def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> 
 
     `choices=(…)` lists what is allowed, `known=(…)` what is usual (near misses are refused, other names are not);
     `above`, `minimum`, `maximum` bound an int; `items="cell"` makes a tuple one of cell names, "count" of counts;
-    `or_file` reads the file whose name stands for a value; `reader` makes that from what stands in the case, and
+    `or_file` reads the file whose name stands for a value; `scaled` is for lengths that are pure numbers if the table
+    has a `unit`; `reader` makes that from what stands in the case, and
     `written()` is its inverse; `refers="material"` makes a string the name of a material.
     """
     from .units import number

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .registry import parameter, quantity
-from .values import declared, write
+from .values import declared, in_table, write
 
 TS_TYPES = ("leapfrog", "auto", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha",
             "alpha2", "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk",
@@ -247,5 +247,5 @@ def _table(item: Any) -> dict:
         elif "kind" in f.metadata:
             table[name] = _table(value)
         elif value is not None:
-            table[name] = write(f, value)
+            table[name] = write(in_table(f, getattr(item, "unit", None)), value)
     return table

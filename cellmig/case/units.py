@@ -7,6 +7,7 @@ kg/m³ keeps its number.  Forces of the plane problem are per unit thickness: pN
 from __future__ import annotations
 
 import re
+import unicodedata
 from functools import cache
 
 import pint
@@ -15,7 +16,45 @@ _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*$")
 # No unit has a number of two digits or a power of a power (9^9^9 would not come back), nor other signs than these.
-_NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|[^\w\s*/^()⁻-]|.{60}", re.DOTALL)
+_NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|[^\w\s*/^()-]|.{60}", re.DOTALL)
+
+# Units by their symbols and names, and the prefixes that each may have.  Pint knows a thousand more, among them px (a
+# 96th of an inch), kT (kilotesla), kt (knot), ma (1/1000 year), c (of light), Mm and PN: where the dimension is right
+# they would pass for something else than what is meant.
+SYMBOLS = {"m": "f p n u m c d k", "s": "f p n u m", "g": "f p n u m k", "N": "f p n u m k", "Pa": "n u m h k M G",
+            "J": "a f p n u m k", "eV": "m k", "L": "f p n u m", "l": "f p n u m", "P": "m c", "Hz": "m k M G",
+            "bar": "m", "rad": "m", "Da": "k", "dyn": "", "erg": "", "atm": "", "mmHg": "", "cmH2O": "", "psi": "",
+            "min": "", "h": "", "d": "", "deg": "", "Å": "", "angstrom": "", "micron": "", "microns": ""}
+_NAMES = ("meter", "metre", "second", "gram", "newton", "pascal", "joule", "liter", "litre", "hertz", "radian",
+          "degree", "dyne", "minute", "hour", "day", "dalton", "poise", "electron_volt", "atmosphere")
+_PREFIXES = ("femto", "pico", "nano", "micro", "milli", "centi", "deci", "hecto", "kilo")
+_PIXEL = "is no length: say how large a pixel is, such as unit = \"0.1625 um\" beside an outline in pixels"
+_THERMAL = "is no unit of energy here: 1 k_B T is 4.1 pN nm at 25 °C, 4.3 pN nm at 37 °C"
+_TRAPS = {**dict.fromkeys(("px", "pixel", "pixels", "css_pixel", "dot", "dots"), _PIXEL),
+          **dict.fromkeys(("kT", "kBT", "kbT", "k_BT", "kB", "k_B"), _THERMAL)}
+
+_SIGNS = {ord(one): plain for many, plain in (
+    ("µμ", "u"), ("−–‐‑‒﹣", "-"), ("·⋅∙×⋆", "*"), ("∕", "/"), ("\u200b\u200e\u2060\ufeff", "")) for one in many}
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+_WIDE = re.compile("[\uff01-\uff5e\u3371-\u33df\u212b]")  # wide letters, ㎛ and its like, the sign of the angstrom
+_POWER = re.compile("[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+
+
+@cache
+def _known() -> frozenset[str]:
+    """All names of units that may stand in a case."""
+    short = {prefix + base for base, prefixes in SYMBOLS.items() for prefix in ["", *prefixes.split()]}
+    long = {prefix + base for base in _NAMES for prefix in ["", *_PREFIXES]} | {"megapascal", "gigapascal"}
+    return frozenset(short | long | {f"{name}s" for name in long})
+
+
+def plain(text: str) -> str:
+    """A quantity or its unit in the characters of a keyboard: any mu, minus, dot, blank, raised or wide: "5 um**2"."""
+    if text.isascii():
+        return text
+    text = _POWER.sub(lambda raised: "**" + raised.group().translate(_RAISED).lstrip("+"), text)
+    text = "".join(" " if c.isspace() else unicodedata.normalize("NFKC", c) if _WIDE.match(c) else c for c in text)
+    return text.translate(_SIGNS)
 
 
 class UnitError(ValueError):
@@ -25,11 +64,14 @@ class UnitError(ValueError):
 @cache
 def _scale(unit: str) -> tuple[float, dict]:
     """Factor from `unit` to the code's units, and its dimension as a dict of exponents."""
-    text = unit.strip()
+    text = plain(unit).strip()
     if text.startswith("/"):
         text = "1" + text
     if _NO_UNIT.search(text):
         raise UnitError(f"'{unit}' is not a unit")
+    for word in re.findall(r"[^\W\d]\w*", text):
+        if word not in _known():
+            raise UnitError(_refusal(unit, word))
     try:
         si = _UNITS.parse_expression(text or "1") * _UNITS.dimensionless
         factor = si.to_base_units()
@@ -37,12 +79,18 @@ def _scale(unit: str) -> tuple[float, dict]:
         raise UnitError(f"'{unit}' is not a unit") from error
     dimension = {k.strip("[]"): v for k, v in factor.dimensionality.items()}
     known = {"length": _LENGTH, "time": _TIME, "mass": _MASS}
-    if foreign := set(dimension) - set(known):
-        raise UnitError(f"'{unit}' has a dimension that no quantity here has ({', '.join(sorted(foreign))})")
     scale = float(factor.magnitude)
     for name, exponent in dimension.items():
         scale *= known[name] ** exponent
     return _tidy(scale), dimension
+
+
+def _refusal(unit: str, word: str) -> str:
+    """What is said of a unit in which there is a word that is none here."""
+    if word in _TRAPS:
+        return f"'{word}' {_TRAPS[word]}"
+    others = sorted(known for known in _known() if known.lower() == word.lower())  # such as mm for Mm
+    return f"'{unit}' is not a unit" + (f" here; did you mean {' or '.join(map(repr, others))}?" if others else "")
 
 
 def _tidy(scale: float) -> float:
@@ -62,7 +110,7 @@ def number(text: str, unit: str) -> float:
     ------
     UnitError -- not a number, no unit, an unknown unit, or another dimension.
     """
-    match = _QUANTITY.match(text)
+    match = _QUANTITY.match(plain(text))
     if not match:
         raise UnitError(f"'{text}' is not a number with a unit, such as '{written('1', unit)}'")
     value, given = match.groups()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import re
 from collections.abc import Callable
@@ -27,6 +28,15 @@ def required(field: dataclasses.Field) -> bool:
 def type_name(field: dataclasses.Field) -> str:
     """First word of a field's type: float, int, bool, str, tuple …"""
     return re.match(r"\w+", getattr(field.type, "__name__", str(field.type))).group()
+
+
+def in_table(field: dataclasses.Field, unit: Any) -> dataclasses.Field:
+    """The field in a table with this `unit`: where that is given, what it scales are pure numbers."""
+    if unit is None or not field.metadata.get("scaled"):
+        return field
+    field = copy.copy(field)
+    field.metadata = {**field.metadata, "unit": "", "minimum": None, "maximum": None}
+    return field
 
 
 def read(field: dataclasses.Field, value: Any) -> Any:

@@ -15,7 +15,7 @@ def loops(shape: Any) -> list[np.ndarray]:
     """Holes of a shape, clockwise (k, 2) each [µm]: the circles, then the others."""
     turn = -2.0 * np.pi * np.arange(FINE) / FINE
     round_ones = [np.array([x, y]) + r * np.column_stack([np.cos(turn), np.sin(turn)]) for x, y, r in shape.holes]
-    others = [polygons.distinct(np.array(corners)) for corners in shape.cutouts]
+    others = [_corners(corners) for corners in shape.cutouts]
     return [*round_ones, *(p if polygons.area(p) < 0.0 else p[::-1] for p in others)]
 
 
@@ -29,20 +29,21 @@ def check(shape: Any, border: np.ndarray) -> None:
             if np.hypot(x - a, y - b) <= r + s:
                 raise ValueError(f"holes: those at ({a:.4g}, {b:.4g}) um and ({x:.4g}, {y:.4g}) um overlap")
     for n, corners in enumerate(shape.cutouts):
-        p = polygons.distinct(np.array(corners).reshape(-1, 2))
-        name = f"cutouts: that of {len(corners)} corners" + (" at ({:.4g}, {:.4g}) um".format(*p[0]) if len(p) else "")
+        p = _corners(corners)
+        at = " at ({:.4g}, {:.4g}) um".format(*corners[0]) if corners else ""
+        name = f"cutouts: that of {len(corners)} corners{at}"
         if len(p) > 3 and polygons.crossing(p) is not None:
             raise ValueError(f"{name} crosses or touches itself")
         if len(p) < 3 or polygons.is_flat(p):
             raise ValueError(f"{name} has no area")
-        if not polygons.inside(p, border).all() or _touch(p, border):
+        if not polygons.inside(p, border).all() or polygons.touch(p, border):
             raise ValueError(f"{name} is not inside the outline")
         before = loops(shape)[: len(shape.holes) + n]
-        if any(_touch(p, q) or polygons.inside(p[:1], q)[0] or polygons.inside(q[:1], p)[0] for q in before):
+        if any(polygons.touch(p, q) or polygons.inside(p[:1], q)[0] or polygons.inside(q[:1], p)[0] for q in before):
             raise ValueError(f"{name} and another hole overlap")
 
 
-def _touch(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether edges of two polygons meet."""
-    (p, q), (r, s) = polygons.edges(a), polygons.edges(b)
-    return any(polygons.meet(i, j, r, s).any() for i, j in zip(p, q, strict=True))
+def _corners(corners: tuple) -> np.ndarray:
+    """Corners of a hole that bound its area (k, 2)."""
+    p = np.array(corners).reshape(-1, 2)
+    return p[polygons.distinct(p)]

@@ -64,6 +64,11 @@ class Mesh(Outlined):
     def _loops(self) -> list[np.ndarray]:
         return [self.unit * np.array(loop) for loop in self.file.loops]
 
+    @property
+    def has_nucleus(self) -> bool:
+        """Whether a region is the nucleus."""
+        return self.nucleus_region is not None
+
     @cached_property
     def _border(self) -> np.ndarray:
         return self._loops[0]

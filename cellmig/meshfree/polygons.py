@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+TINY = 1e-9  # of the size of an outline: what is smaller is rounding
+
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Out-of-plane component of a × b for vectors along the last axis."""
@@ -25,8 +27,22 @@ def joined(loops: list[np.ndarray]) -> np.ndarray:
 
 
 def distinct(polygon: np.ndarray) -> np.ndarray:
-    """A polygon without corners that occur twice in a row (k, 2)."""
-    return polygon[(polygon != np.roll(polygon, -1, axis=0)).any(axis=1)]
+    """Which corners (k,) int bound its area: without those that repeat the next one, and tips without width.
+
+    Corners closer than rounding, TINY of the size, are one: outlines are closed by their first point again, computed
+    anew; in a tip the outline turns back along itself.
+    """
+    kept = np.arange(len(polygon))
+    tiny = TINY * np.ptp(polygon, axis=0).max() if len(polygon) else 0.0
+    while True:
+        p = polygon[kept]
+        before, after = p - np.roll(p, 1, axis=0), np.roll(p, -1, axis=0) - p
+        size, other = np.linalg.norm(after, axis=1), np.linalg.norm(before, axis=1)
+        same = size <= tiny
+        tip = (np.abs(cross(before, after)) <= tiny * np.minimum(size, other)) & ((before * after).sum(axis=1) < 0.0)
+        if not (same | tip).any():
+            return kept
+        kept = kept[~(same if same.any() else tip)]
 
 
 def area(outline: np.ndarray) -> float:
@@ -100,6 +116,14 @@ def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
     i, j = near.T
     found = near[meet(p[i], q[i], p[j], q[j])]
     return tuple(map(int, min(found.tolist()))) if len(found) else None
+
+
+def touch(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether edges of two outlines meet."""
+    (p, q), (r, s) = sorted((edges(a), edges(b)), key=lambda ends: len(ends[0]))
+    low, high = np.minimum(p, q).min(axis=0), np.maximum(p, q).max(axis=0)
+    near = ((np.minimum(r, s) <= high) & (np.maximum(r, s) >= low)).all(axis=1)
+    return any(meet(i, j, r[near], s[near]).any() for i, j in zip(p, q, strict=True))
 
 
 def meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
