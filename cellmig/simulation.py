@@ -16,6 +16,7 @@ from .case.expression import evaluate
 from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
 from .case.schema import Case
+from .meshfree import formulas
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.rkpm import factorised
@@ -52,7 +53,10 @@ def particle_count(case: Case, shape: Any) -> int:
 
 
 def discretise(case: Case) -> Scene:
-    """The reference configuration of a case: one template for each kind of cell."""
+    """The reference configuration of a case: one template for each kind of cell.
+
+    Raises CaseError where particles do not suit a shape, or formulas have no value at them.
+    """
     used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
     kinds: dict = {}
     for cell in case.cells:
@@ -70,10 +74,12 @@ def discretise(case: Case) -> Scene:
             told = f"'{name}': {error}{getattr(shape, 'doubt', '')}"
             raise CaseError([Mistake(case.path, None, "particles", told)]) from error
         material_of.append((used.index(body), used.index(nucleus or body)))
-    return Scene(
+    scene = Scene(
         templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
         kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
         centre=np.array([c.centre for c in case.cells]))
+    formulas.check(case, scene)
+    return scene
 
 
 def find_terms(case: Case, prune: bool = True) -> Terms:
@@ -169,7 +175,7 @@ class Simulation:
         u, v, theta = np.zeros((len(ids), 2)), np.zeros((len(ids), 2)), np.zeros(len(ids))
         for i, c in enumerate(case.cells):
             on = cell == i
-            place = X[on] - np.array(c.centre)
+            place = scene.templates[scene.kind[i]].X[ids[on] - scene.offset[i]]
             u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
             v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
             v[on] += place @ np.array(c.velocity_gradient).T

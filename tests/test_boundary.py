@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, built, everywhere, example, piece
+from scenes import CASES, LEFT, RIGHT, built, case, everywhere, example, piece
 
 from cellmig.case.expression import Expression, evaluate
+from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.case.registry import laws
-from cellmig.simulation import Simulation
+from cellmig.meshfree import formulas
+from cellmig.simulation import Simulation, discretise
 
 HISTORIES = {"constant": {}, "ramp": {"duration": "1 us"}, "smooth": {"duration": "1 us"}, "sine": {"period": "2 us"}}
 CENTRE = np.array([3.0, 1.0])
@@ -248,3 +251,51 @@ def test_a_mistake_in_a_test_piece_is_told(sections: dict[str, Any], message: st
     with pytest.raises(CaseError) as caught:
         piece(**sections)
     assert message in str(caught.value), caught.value
+
+
+SINGULAR = [
+    ('cells.0.velocity=["1/x um/us", "0 um/us"]', "cells.0.velocity: '1/x um/us'", "it is inf there"),
+    ('cells.0.velocity=["0 um/us", "log(r) um/us"]', "cells.0.velocity: 'log(r) um/us'", "it is -inf there"),
+    ('cells.0.displacement=["0 um", "sqrt(x) um"]', "cells.0.displacement: 'sqrt(x) um'", "it is nan there"),
+    ('loads=[{name="l", traction=["1/x Pa", "0 Pa"]}]', "loads.0.traction: '1/x Pa'", "there"),
+    ('loads=[{name="l", pressure="log(x) Pa"}]', "loads.0.pressure: 'log(x) Pa'", "it is nan there"),
+    ('loads=[{name="l", body=["1/r Pa/um", "0 Pa/um"]}]', "loads.0.body: '1/r Pa/um'", "it is inf there"),
+    ('supports=[{name="s", displacement=["log(y) um", "free"]}]', "supports.0.displacement: 'log(y) um'", "it is nan"),
+]
+
+
+@pytest.mark.parametrize(("sets", "key", "what"), SINGULAR)
+def test_a_formula_without_a_value_at_a_particle_is_told_with_its_key_and_place(sets: str, key: str, what: str) -> None:
+    broken = load(CASES["nucleus"], ["particles.per_cell=60", sets])
+    with pytest.raises(CaseError) as error, built(broken):
+        pass
+    assert f"--set {sets}: {key} has no value that can be computed with at (" in str(error.value)
+    assert what in str(error.value) and "um from the centre of 'Nucleus'" in str(error.value)
+
+
+def test_a_formula_in_a_file_is_told_with_its_line_and_all_of_them_at_once(tmp_path: Path) -> None:
+    text = CASES["nucleus"].read_text(encoding="utf-8") + 'velocity = ["1/x um/us", "log(r) um/us"]\n'
+    (tmp_path / "case.toml").write_text(text.replace("1485", "60"), encoding="utf-8")
+    with pytest.raises(CaseError) as error, built(load(tmp_path / "case.toml")):
+        pass
+    told = str(error.value).splitlines()
+    assert len(told) == 2 and all(f"case.toml:{text.count(chr(10))}: cells.0.velocity: '" in line for line in told)
+
+
+def test_a_formula_that_has_a_value_at_all_particles_is_taken() -> None:
+    with built(case("nucleus", 'cells.0.velocity=["0.01/(r+1) um/us", "0 um/us"]', per_cell=60)) as sim:
+        sim.go(0.1)
+
+
+def test_a_history_without_a_value_is_told_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(laws("history")["ramp"], "value", lambda self, t: 1.0 / (t - 10.0) if t != 10.0 else np.inf)
+    broken = load(CASES["nucleus"], ["particles.per_cell=60", 'loads=[{name="l", traction=["1 Pa", "0 Pa"], '
+                                     'history={law="ramp", duration="1 us"}}]'])
+    with pytest.raises(CaseError, match=r"loads\.l\.history: has no finite value and rate at 10 us"):
+        formulas.check(broken, discretise(case("nucleus", per_cell=60)))
+
+
+def test_numbers_whose_inverse_cannot_be_computed_with_are_refused() -> None:
+    with pytest.raises(CaseError, match=r"history\.duration: expects a number of a size that can be computed with"):
+        load(CASES["nucleus"], ['loads=[{name="l", traction=["1 Pa", "0 Pa"], '
+                                'history={law="ramp", duration="1e-310 us"}}]'])

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import cellmig.meshfree
@@ -188,6 +189,46 @@ def test_a_quantity_written_as_text_is_read_back_the_same(value: float, unit: st
 def test_what_is_no_unit_is_refused_at_once(unit: str) -> None:
     with pytest.raises(units.UnitError):
         units.number(f"1 {unit}", "um")
+
+
+@pytest.mark.parametrize(("text", "unit", "value"), [
+    ("5 μm", "um", 5.0), ("5 µm", "um", 5.0), ("2 /µm²", "1/um^2", 2.0), ("3 μs⁻¹", "1/us", 3.0), ("−5 um", "um", -5.0),
+    ("5\u00a0um", "um", 5.0), ("5\u202fμm", "um", 5.0), ("－５．５　ｕｍ", "um", -5.5), ("5 Pa·s", "Pa s", 5e6),
+    ("5 kg·m⁻³", "kg/m^3", 5.0), ("5 ㎛", "um", 5.0), ("10 Å", "nm", 0.001), ("1e−3 m", "um", 1000.0),
+    ("5 um\ufeff", "um", 5.0), ("2 um^2", "um^2", 2.0), ("3 mmHg", "Pa", 399.967162245), ("2 min", "us", 1.2e8)])
+def test_quantities_are_read_in_the_characters_that_people_and_programs_write(text: str, unit: str,
+                                                                             value: float) -> None:
+    assert units.number(text, unit) == pytest.approx(value, rel=1e-9)
+
+
+@pytest.mark.parametrize(("text", "unit", "message"), [
+    ("7 kT", "pN um", "'kT' is no unit of energy here: 1 k_B T is 4.1 pN nm at 25 °C"),
+    ("5 px", "um", "'px' is no length: say how large a pixel is"), ("5 pixels", "um", "'pixels' is no length"),
+    ("5 Mm", "um", "did you mean 'mm'"), ("5 PN", "pN", "did you mean 'pN'"), ("5 Ms", "us", "did you mean 'ms'"),
+    ("5 MPA", "Pa", "did you mean 'MPa' or 'mPa'"), ("5 c", "um/us", "'c' is not a unit"),
+    ("5 kt", "um/us", "'kt' is not a unit"), ("5 ma", "us", "'ma' is not a unit"), ("5 pt", "um", "'pt' is not"),
+    ("5 point", "um", "'point' is not a unit"), ("5 a", "us", "'a' is not a unit"), ("5 um2", "um^2", "is not a unit"),
+    ("½ um", "um", "is not a number"), ("5² um", "um", "is not a unit"), ("1₂ um", "um", "not a"),
+    ("1,5 um", "um", "is not a unit"),
+    ("5 percent", "rad", "is not a unit"), ("5 degC", "us", "is not a unit"), ("5 pi um", "um", "is not a unit")])
+def test_units_that_mean_something_else_than_they_seem_are_refused(text: str, unit: str, message: str) -> None:
+    with pytest.raises(units.UnitError) as error:
+        units.number(text, unit)
+    assert message in str(error.value)
+
+
+def test_all_units_that_are_listed_are_known_to_the_library() -> None:
+    for name in units._known():
+        assert units._scale(name)[0] > 0.0
+
+
+def test_greek_letters_are_read_in_files_changes_and_formulas(written: Callable[..., Path]) -> None:
+    path = written(SOUND.replace('end = "4 us"', 'end = "4 μs"'))
+    for sets, end in (((), 4.0), (("time.end=6 μs",), 6.0), (('time.end="7\u00a0µs"',), 7.0)):
+        assert load(path, sets).time.end == end
+    found = load(path, ('cells.0.velocity=["0.1·x μm/μs","2−x² μm·μs⁻¹"]',))
+    X = np.array([[0.5, 0.0], [2.0, 1.0]])
+    assert [v(X).tolist() for v in found.cells[0].velocity] == [[0.05, 0.2], [1.75, -2.0]]
 
 
 # --------------------------------------------------------------------------------------------- extends and sets

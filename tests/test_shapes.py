@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from cellmig.case.registry import laws
 from cellmig.meshfree import polygons, rkpm
 from cellmig.meshfree.body import Template, template
 from cellmig.meshfree.mesh_file import Boundary
+from cellmig.simulation import discretise
 
 STAR = [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [5.0, 2.5] * 5, strict=True)]
 T = np.linspace(0, 2 * np.pi, 300, endpoint=False)
@@ -244,11 +247,163 @@ def test_corners_may_stand_in_a_file_beside_the_case(tmp_path: Path) -> None:
     ("x_um,y_um\n-2,-2,1\n2,-2\n0,3\n", "has 3 numbers in line 2, not two"),
     ("x_um,y_um\n-2,a\n2,-2\n0,3\n", "'a um' is not a number with a unit"),
     ("x_um,y_um\n-2,-2\n", "a polygon has at least three"), ("x_kg,y_um\n-2,-2\n2,-2\n0,3\n", "wrong dimension"),
+    ("x_um,y_um\n-2,-2\n\n2,a\n", "cell.csv' line 4: 'a um' is not a number"),
+    ("x_px,y_px\n-2,-2\n2,-2\n0,3\n", "counts in pixels: say how long 1 is, such as unit = \"0.1625 um\""),
+    ("X,Y\n-2,-2\n2,-2\n0,3\n", "names no unit: say how long 1 is, such as unit = \"0.1625 um\""),
+    ("x_um,y\n-2,-2\n", "has a unit for one of x and y alone"), ("x_px,y_um\n-2,-2\n", "'px' is no length"),
+    (" ,Area,X,Y\n1,5,-2,-2\n", "a table of measurements, not the points of one outline, which ImageJ writes by File"),
+    (" ,BX,BY,Width,Height\n1,5,-2,2,2\n", "the columns ',BX,BY,Width,Height': a table of measurements"),
 ])
 def test_a_file_that_holds_no_outline_is_named(tmp_path: Path, table: str, message: str) -> None:
     with pytest.raises(CaseError) as error:
         load(outlined(tmp_path, table))
     assert message in str(error.value) and "case.toml:" in str(error.value)
+
+
+# Pixels of 0.5 um, y downwards from the edge of a picture: a cell of 4 um x 6 um, whose middle is at 10 um and -20 um.
+PIXELS = [(16, 34), (24, 34), (24, 46), (16, 46)]
+ROWS = [f"{x},{y}" for x, y in PIXELS]
+
+
+@pytest.mark.parametrize("table", [
+    ["x_px,y_px", *ROWS], ["X,Y", *ROWS], ["x,y", *ROWS], [" ,X,Y", *(f"{n},{row}" for n, row in enumerate(ROWS, 1))],
+    ["X\tY", *(row.replace(",", "\t") for row in ROWS)], ROWS, ["Y,X", *(f"{y},{x}" for x, y in PIXELS)],
+    ["X,Y", *ROWS[::-1]], ["X,Y", *ROWS[2:], *ROWS[:2]], ["X,Y", *ROWS, ROWS[0]]])
+@pytest.mark.parametrize("centred", [True, False])
+def test_an_outline_in_pixels_has_a_scale_and_y_down(tmp_path: Path, table: list[str], centred: bool) -> None:
+    path = outlined(tmp_path, "\n".join(table) + "\n")
+    path.write_text(path.read_text().replace('"3 um"', '"30 um"')
+                    + f'unit = "0.5 µm"\ny_down = true\ncentred = {str(centred).lower()}\n', encoding="utf-8")
+    found = load(path)
+    shape = found.cells[0].shape
+    assert shape.area == 24.0 and shape.lowest() == (-3.0 if centred else -23.0)
+    assert sorted(shape._border.tolist()) == (
+        [[-2, -3], [-2, 3], [2, -3], [2, 3]] if centred else [[8, -23], [8, -17], [12, -23], [12, -17]])
+    assert from_dict(found.resolved()).cells == found.cells
+
+
+def test_a_table_that_names_its_unit_takes_no_other(tmp_path: Path) -> None:
+    path = outlined(tmp_path, "x_um,y_um\n-2,-2\n2,-2\n0,3\n")
+    path.write_text(path.read_text() + 'unit = "0.5 um"\n', encoding="utf-8")
+    with pytest.raises(CaseError, match="gives its own unit, um: leave out the key unit"):
+        load(path)
+
+
+def test_corners_in_the_case_are_numbers_where_there_is_a_unit() -> None:
+    tree = polygon_case(PIXELS)
+    tree["cells"][0] |= {"corners": [list(p) for p in PIXELS], "unit": "500 nm", "centre": ["0 um", "0 um"]}
+    shape = from_dict(tree).cells[0].shape
+    assert (shape.area, shape.lowest()) == (24.0, 17.0) and shape.corners[0] == (16.0, 34.0)
+    with pytest.raises(CaseError, match="'px' is no length"):
+        from_dict(tree | {"cells": [tree["cells"][0] | {"unit": "1 px"}]})
+
+
+def test_the_middle_of_an_outline_is_the_same_to_the_last_bit_for_any_first_corner_and_sense() -> None:
+    corners = [tuple(p) for p in (1e3 + WAVY).tolist()]
+    ways = [corners[k:] + corners[:k] for k in (0, 1, 17)]
+    shapes = [laws("shape")["polygon"](corners=tuple(way[::turn]), centred=True) for way in ways for turn in (1, -1)]
+    assert len({tuple(sorted(map(tuple, shape._border.tolist()))) for shape in shapes}) == 1
+    assert np.abs(polygons.centroid(shapes[0]._border)).max() < 1e-12  # measured 3e-14
+
+
+def closed_by_rounding() -> np.ndarray:
+    """The wave again, closed by its first point computed anew, and with points that repeat to rounding."""
+    t = np.linspace(0.0, 2.0 * np.pi, 51)
+    p = (5 + 0.5 * np.cos(4 * t))[:, None] * np.column_stack([np.cos(t), np.sin(t)])
+    return np.insert(p, 20, p[20] * (1 + 1e-14), axis=0)
+
+
+SPIKE = np.concatenate([WAVY[:10], [WAVY[9] + 2.0, WAVY[9]], WAVY[10:]])
+
+
+@pytest.mark.parametrize(("corners", "shift"), [(closed_by_rounding(), 0.0), (closed_by_rounding(), 1e4), (SPIKE, 0.0),
+                                                (np.repeat(WAVY, 3, axis=0), 0.0)])
+def test_points_that_repeat_to_rounding_and_tips_without_width_do_no_harm(corners: np.ndarray, shift: float) -> None:
+    for first in range(0, len(corners), 7):
+        p = np.roll(corners, first, axis=0) + shift
+        shape = laws("shape")["polygon"](corners=tuple(map(tuple, p.tolist())))
+        assert shape.area == pytest.approx(polygons.area(WAVY), rel=1e-9) and len(shape._border) == len(WAVY)
+
+
+@pytest.mark.parametrize("number", [3, 11, 24, 38])
+def test_two_neighbours_in_the_wrong_order_are_told_by_their_lines(tmp_path: Path, number: int) -> None:
+    points = WAVY.tolist()
+    points[number:number + 2] = points[number + 1], points[number]
+    table = ["x_um,y_um", *(f"{x!r},{y!r}" for x, y in points)]
+    path = outlined(tmp_path, "\n".join(table) + "\n")
+    path.write_text(path.read_text().replace('"3 um"', '"9 um"'), encoding="utf-8")
+    with pytest.raises(CaseError) as error:
+        load(path)
+    assert re.search(rf"crosses or touches itself: .*, lines {number + 1} and {number + 3} of '.*cell.csv'; "
+                     rf"are lines {number + 2} and {number + 3} of '.*cell.csv' in the right order\?", str(error.value))
+
+
+def test_neighbours_in_the_wrong_order_that_cross_nothing_are_told_as_well(tmp_path: Path) -> None:
+    text = CASES["outline"].read_text(encoding="utf-8").replace("paper.toml", str(CASES["paper"]))
+    text = text.replace("per_cell = 1000", "per_cell = 300").replace("5.135 um", "6 um")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    rows = (CASES["outline"].parent / "outline.csv").read_text().splitlines()
+    told = 0
+    for n in range(1, 16):
+        swapped = [*rows[:n], rows[n + 1], rows[n], *rows[n + 2:]]
+        (tmp_path / "outline.csv").write_text("\n".join(swapped) + "\n")
+        try:
+            found = load(tmp_path / "case.toml")
+        except CaseError as error:
+            assert f"lines {n + 1} and {n + 2} of" in str(error)
+            continue
+        try:
+            discretise(found)
+        except CaseError as error:
+            told += 1
+            assert f"are lines {n + 1} and {n + 2} of" in str(error)
+    assert told > 2  # measured 5 of 15; of the others some cross, and some are a rough outline that is laid out
+
+
+def cell_with(**keys: object) -> object:
+    """A polygon of the wave with a nucleus."""
+    return laws("shape")["polygon"](corners=tuple(map(tuple, WAVY.tolist())), **keys)
+
+
+SMALL = tuple(map(tuple, (0.4 * WAVY + [1.5, -0.5]).tolist()))
+
+
+@pytest.mark.parametrize("shape", [
+    lambda: cell_with(nucleus_corners=SMALL), lambda: cell_with(nucleus_corners=SMALL[::-1]),
+    lambda: cell_with(nucleus_ratio=0.4, nucleus_offset=(1.5, -0.5)),
+    lambda: laws("shape")["ellipse"](a=5.0, b=5.0, nucleus_ratio=0.4, nucleus_offset=(1.5, -0.5)),
+    lambda: laws("shape")["rectangle"](width=9.0, height=9.0, nucleus_ratio=0.4, nucleus_offset=(1.5, -0.5))])
+def test_a_nucleus_may_lie_off_the_middle(shape: Callable) -> None:
+    shape = shape()
+    layout = shape.particles(600)
+    assert np.abs(layout.X[layout.nucleus].mean(axis=0) - [1.5, -0.5]).max() < 0.1  # measured 0.03
+    assert layout.nucleus.sum() / 600 == pytest.approx(0.16, rel=0.12)  # measured 0.145 to 0.16
+    assert polygons.area(shape._nucleus[0]) == pytest.approx(0.16 * shape.area, rel=1e-5)
+
+
+@pytest.mark.parametrize(("keys", "message"), [
+    ({"nucleus_ratio": 0.5, "nucleus_offset": (3.0, 0.0)}, "nucleus_offset: the nucleus there does not lie within"),
+    ({"nucleus_offset": (3.0, 0.0)}, "nucleus_offset: is where a nucleus of the size nucleus_ratio lies"),
+    ({"nucleus_corners": SMALL, "nucleus_ratio": 0.4}, "nucleus_ratio: the nucleus has corners already"),
+    ({"nucleus_corners": ((4.0, 0.0), (6.0, 0.0), (5.0, 1.0))}, "nucleus_corners: the nucleus does not lie within it"),
+    ({"nucleus_corners": ((9.0, 0.0), (10.0, 0.0), (9.0, 1.0))}, "nucleus_corners: the nucleus does not lie within it"),
+    ({"nucleus_corners": tuple(map(tuple, (2.0 * WAVY).tolist()))}, "nucleus_corners: the nucleus does not lie within"),
+    ({"nucleus_corners": ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0))}, "nucleus_corners: the outline crosses"),
+    ({"nucleus_corners": ((0.0, 0.0), (1.0, 0.0))}, "nucleus_corners: a polygon has at least three")])
+def test_a_nucleus_that_is_not_within_its_cell_is_refused(keys: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        cell_with(**keys)
+
+
+def test_a_cell_traced_in_a_picture_lies_on_the_substrate_with_its_nucleus() -> None:
+    found = case("microscope", per_cell=300)
+    shape, template_ = found.cells[0].shape, discretise(found).templates[0]
+    trace = np.loadtxt(CASES["microscope"].with_suffix(".csv"), delimiter=",", skiprows=1)[:, 1:]
+    assert shape.area == pytest.approx(0.1625**2 * abs(polygons.area(trace)), rel=1e-12)
+    assert found.cells[0].centre[1] + shape.lowest() == pytest.approx(0.01, abs=1e-12)
+    assert template_.V.sum() == pytest.approx(shape.area, rel=0.005)  # measured 0.0015
+    nucleus = polygons.area(shape._nucleus[0])
+    assert template_.V[template_.nucleus].sum() == pytest.approx(nucleus, rel=0.05)  # measured 0.021
 
 
 def test_too_few_particles_for_an_outline_are_a_mistake_of_the_case() -> None:

@@ -33,19 +33,20 @@ class Expression:
     def __post_init__(self) -> None:
         """Refuse what is no such formula; the messages are for the user."""
         self._split()
-        with np.errstate(all="ignore"):
-            self(np.array([[0.3, 0.4]]))
+        self(np.array([[0.3, 0.4]]))
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
         """Values at places about the centre of the cell (n, 2) [µm], in the code's units (n,)."""
         formula, scale = self._split()
         names = {"x": X[:, 0], "y": X[:, 1], "r": np.hypot(X[:, 0], X[:, 1]), "pi": math.pi}
-        return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
+        with np.errstate(all="ignore"):  # who asks sees what is no number
+            return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
 
     def _split(self) -> tuple[ast.expr, float]:
         """The formula and the factor of its unit, which is what stands behind the last blank that leaves a formula."""
-        for blank in [m.start() for m in re.finditer(r"\s", self.text.strip())]:
-            formula, unit = self.text.strip()[:blank], self.text.strip()[blank:].strip()
+        text = units.plain(self.text).strip()
+        for blank in [m.start() for m in re.finditer(r"\s", text)]:
+            formula, unit = text[:blank], text[blank:].strip()
             try:
                 return ast.parse(formula, mode="eval").body, units.number(f"1 {unit}", self.unit)
             except (SyntaxError, units.UnitError):
@@ -72,7 +73,7 @@ class Expression:
 
 def is_formula(text: Any) -> bool:
     """Whether a text depends on the place, or multiplies as if it did."""
-    return isinstance(text, str) and _FORMULA.search(text) is not None
+    return isinstance(text, str) and _FORMULA.search(units.plain(text)) is not None
 
 
 def evaluate(value: float | Expression, X: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 
 from . import accuracy, registry, values
 from .checks import cell_names, check, expand, ordered, resolution
+from .expression import Expression
 from .messages import CaseError, show, suggest
 from .outline_file import Corners
 from .schema import Case, Cell, case_fields, case_path
@@ -60,7 +61,7 @@ def _case(source: Source, path: str) -> Case:
         source.wrong((), "holds a number too large or too small to compute with")
     if source.mistakes:
         raise CaseError(source.sorted_mistakes())
-    return Case(**found, path=path, chosen=chosen)
+    return Case(**found, path=path, formulas=reader.formulas, chosen=chosen)
 
 
 class _Reader:
@@ -68,6 +69,7 @@ class _Reader:
 
     def __init__(self, source: Source):
         self.source, self.wrong = source, source.wrong
+        self.formulas: dict[tuple, tuple] = {}
         self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
         materials = source.data.get("materials")
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
@@ -86,8 +88,18 @@ class _Reader:
             resolution(self.source)
         check(self.source, found, on_substrate)
         for name in [name for name, f in fields.items() if "items_of" in f.metadata]:
+            self.note_formulas(name, found[name])
             found[name] = tuple(item for item, _ in found[name])
         return found
+
+    def note_formulas(self, kind: str, items: list[tuple[Any, tuple]]) -> None:
+        """Keep where formulas stand: what they are at the particles is seen when these are laid out."""
+        for item, path in items:
+            for key in (key for key, f in declared(type(item)).items() if f.metadata.get("formula")):
+                given = getattr(item, key)
+                if any(isinstance(v, Expression) for v in (given if isinstance(given, tuple) else (given,))):
+                    where = (*path, key)
+                    self.formulas[kind, item.name, key] = (*self.source.place(where), ".".join(map(str, where)))
 
     def find(self, path: tuple) -> Any:
         """What stands at a path of tables, None if nothing."""

@@ -193,6 +193,8 @@ class Case:
     probes: tuple = _list(Probe, "what is recorded besides")
     numerics: Numerics = _section(Numerics, "choices of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
+    formulas: dict = field(default_factory=dict, compare=False, metadata={
+        "doc": "where formulas stand: (list, name of the item, key) to (file, line, dotted key)", "hidden": True})
     chosen: str = field(default="", compare=False, metadata={"doc": "what an accuracy chose", "hidden": True})
 
     @property

@@ -12,7 +12,7 @@ from . import units
 from .expression import Expression, is_formula
 from .messages import nearest, show, suggest
 
-LARGEST = 1e100  # its square and cube are finite, too
+LARGEST, LEAST = 1e100, 1e-100  # their squares and cubes are finite, too, and those of one over them
 
 
 def declared(cls: type) -> dict[str, dataclasses.Field]:
@@ -116,7 +116,7 @@ def _quantity(meta: Any, value: Any) -> Any:
         raise ValueError(f"expects a pure number such as 1.5, without quotes or unit{or_word}, not {show(value)}")
     else:
         number = value
-    if not abs(number) <= LARGEST:  # neither is a NaN
+    if not (abs(number) <= LARGEST and (number == 0 or abs(number) >= LEAST)):  # neither is a NaN
         raise ValueError(f"expects a number of a size that can be computed with, not {show(value)}")
     number = float(number)
     _within(meta, number, value)

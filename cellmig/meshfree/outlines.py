@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..case.outline_file import corners, named
+from ..case import outline_file
+from ..case.outline_file import named
 from ..case.registry import law, parameter, quantity
 from . import hollow, polygons
 from .fill import fill
@@ -148,7 +149,7 @@ class Polygon(_Solid):
     """
 
     corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
-                               minimum=-MOST, maximum=MOST, shape=(None, 2), or_file=corners, scaled=True)
+                               minimum=-MOST, maximum=MOST, shape=(None, 2), or_file=outline_file.corners, scaled=True)
     unit: float | None = quantity("um", "length that 1 is in corners and nucleus_corners, such as the size of a pixel: "
                                   "they are numbers then, in a file under 'x_px,y_px' or as ImageJ writes it", None,
                                   above=0)
@@ -156,8 +157,8 @@ class Polygon(_Solid):
     centred: bool = parameter("whether the middle of the area is the cell's centre, in place of the corners' zero",
                               False)
     nucleus_corners: tuple | None = parameter("corners of the nucleus, or a file of them, as those of the cell", None,
-                                              unit="um", minimum=-MOST, maximum=MOST, shape=(None, 2), or_file=corners,
-                                              scaled=True)
+                                              unit="um", minimum=-MOST, maximum=MOST, shape=(None, 2),
+                                              or_file=outline_file.corners, scaled=True)
 
     def __post_init__(self):
         """Refuse what bounds no area; the messages are for the user."""
