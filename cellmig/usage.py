@@ -176,7 +176,7 @@ def _checkpoints(command: argparse.ArgumentParser) -> None:
 
 
 def _accuracy(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--accuracy", metavar="5%", action="append", default=[], dest="sets",
+    command.add_argument("--accuracy", metavar="20%", action="append", default=[], dest="sets",
                          type="numerics.accuracy={}".format,
                          help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
                          "below this error")

@@ -1,12 +1,16 @@
 """Run time against error: fronts and gains on made-up points, and what an accuracy picks or refuses."""
 
+import re
+
 import numpy as np
 import pytest
 from scenes import CASES
 
+from cellmig import usage
 from cellmig.case import accuracy
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
+from cellmig.case.schema import Numerics
 from cellmig.study import modulus
 from cellmig.study.pareto import Point, gain, gains, levelled, pareto, time_at, verdict
 from cellmig.study.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
@@ -102,6 +106,17 @@ def test_what_is_no_accuracy_is_refused(text):
     with pytest.raises(ValueError, match="expects an accuracy"):
         accuracy.fraction(text)
     assert accuracy.fraction("1%") == accuracy.fraction(0.01) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("name", ["one_cell", "all_protrude", "outline", "nucleus"])
+def test_the_accuracy_that_the_help_gives_as_an_example_suits_all_kinds_of_scenes(name):
+    commands = usage.parser()._subparsers._group_actions[0].choices.values()
+    asked = {action.metavar for command in commands for action in command._actions
+             if "--accuracy" in action.option_strings}
+    assert len(asked) == 1
+    assert load(CASES[name], [f"numerics.accuracy={asked.pop()}"]).chosen.startswith("20 %")
+    example = re.search(r'such as "([^"]*%)"', Numerics.__dataclass_fields__["accuracy"].metadata["doc"])[1]
+    assert load(CASES[name], [f"numerics.accuracy={example}"]).chosen.startswith("20 %")
 
 
 def test_a_case_leaves_open_what_its_accuracy_fills_and_keeps_what_it_gives(tmp_path):

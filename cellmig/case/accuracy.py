@@ -24,13 +24,14 @@ def _measured() -> dict[str, Any]:
 
 def fraction(text: Any) -> float:
     """An accuracy such as "1 %" or 0.01.  Raises ValueError; its text is for the user."""
+    text = units.plain(text) if isinstance(text, str) else text
     percent = isinstance(text, str) and text.strip().endswith("%")
     try:
         value = float(text.strip()[:-1]) / 100.0 if percent else float(text)
     except (TypeError, ValueError):
         value = float("nan")
     if isinstance(text, bool) or not 0.0 < value < 1.0:
-        raise ValueError(f'expects an accuracy such as "1 %", not {show(text)}')
+        raise ValueError(f'expects an accuracy such as "20 %", not {show(text)}')
     return value
 
 
@@ -64,7 +65,7 @@ def pick(points: list[dict[str, Any]], kind: str | None, accuracy: float) -> dic
     if not good:
         best = min(own, key=lambda p: p["error"])
         raise ValueError(f"{100 * accuracy:g} % was not measured on this kind of scene ({kind}): the least is "
-                         f"{100 * best['error']:g} %, with {best['per_cell']} particles a cell")
+                         f"{100 * best['error']:g} %, with {best['per_cell']} particles a cell: ask for that or more")
     return min(good, key=lambda p: p["cost_s"])
 
 

@@ -52,7 +52,7 @@ class Numerics:
 
     bulk_viscosity: float = quantity("", "bulk viscosity of the mean stress, over ρ c h (velocity divergence)", 0.05,
                                      minimum=0)
-    accuracy: str | None = parameter("error such as \"5 %\": what the case leaves open of per_cell, dilation, "
+    accuracy: str | None = parameter("error such as \"20 %\": what the case leaves open of per_cell, dilation, "
                                      "step_factor and the reduced bulk modulus is the cheapest that was measured "
                                      "below it on such a scene", None)
 
