@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from .case.messages import CaseError, lenient
+from .exits import BROKEN, DIFFERENT, DONE, ENVIRONMENT, INPUT_OUTPUT, INTERRUPTED, WRONG
 from .parallel.arguments import split_arguments, start_petsc
 from .usage import COMMANDS, RANK, RANKS, UsageError, parse
-
-DONE, DIFFERENT, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
-
 
 # ---------------------------------------------------------------------------------------------------- commands
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from mpi4py import MPI
 
+from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
 from cellmig.output.manifest import environment
@@ -25,7 +26,7 @@ from cellmig.solve.step import NumericsError
 from . import modulus
 from .pareto import Point, draw, gains, levelled, pareto, time_at, verdict
 from .problems import PROBLEMS, Problem, Seen, Setting
-from .run import DONE, STOPPED, stop_requests
+from .run import stop_requests
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
          "cell": (150, 331, 631, 1485, 3000)}

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from cellmig.case.schema import Case
+from cellmig.exits import DONE, STOPPED
 
 from .batch import Ended, Job, counting, run_missing, write_rows
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 from .measures import CELLS, Outcome
-from .run import DONE, STOPPED, stop_requests
+from .run import stop_requests
 
 FOLDER = Path(__file__).parents[2] / "cases"
 # Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.

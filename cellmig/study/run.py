@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from cellmig import __version__
 from cellmig.case.schema import Case
+from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED
 from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
@@ -35,7 +36,6 @@ from .keep import FORMAT, STOP, USUALLY, Intervals, Keeper, check_files, check_m
 from .room import require_room
 from .said import laws_said, load_said, scene_said, skipped_said, span, step_said
 
-DONE, BROKEN, INPUT_OUTPUT, STOPPED = 0, 4, 5, 75
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
 
 

@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from cellmig.exits import DONE
 from cellmig.output.log import table
 from cellmig.output.manifest import processor
 
 from .probe import SURFACE, Scene
-from .run import DONE
 from .speed import keep, measured
 
 PER_CELL = 1500

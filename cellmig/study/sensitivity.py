@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cellmig.case.schema import Case
+from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import table
 from cellmig.output.sample import TOUCHING
@@ -18,9 +19,8 @@ from cellmig.output.sample import TOUCHING
 from .batch import Job, counting, run_missing, write_rows
 from .measures import Outcome
 from .paper import FOLDER, collect
-from .run import DONE, STOPPED, stop_requests
+from .run import stop_requests
 
-DIFFERENT = 1  # exit code where ranks change the bits
 LATE, PERCENTILE = 0.25, 99  # the peak stress is looked for in the last quarter of a run
 START, STEP = 20.0, 0.05  # of a plateau: begins this late [us], ends with this growth [um]
 _SPACINGS, _QUICK_SPACINGS = (331, 631, 1485), (150, 331, 631)

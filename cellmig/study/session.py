@@ -9,11 +9,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.exits import BROKEN, DONE, STOPPED
 from cellmig.output.directory import OutputError
 from cellmig.solve.step import NumericsError
 
 from .record import Record
-from .run import BROKEN, DONE, STOPPED, Run, stop_requests
+from .run import Run, stop_requests
 
 
 def run_here(case: Case, directory: Path, until: float | None, quiet: bool) -> Record:

@@ -17,6 +17,7 @@ from mpi4py import MPI
 from cellmig import meshfree, model
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
+from cellmig.exits import BROKEN, DIFFERENT, DONE, STOPPED, WRONG
 from cellmig.meshfree import polygons
 from cellmig.output.directory import Claim, replace
 from cellmig.output.manifest import read_manifest
@@ -27,9 +28,8 @@ from cellmig.simulation import discretise, particle_count
 from .batch import Count, Ended, Job, run_all
 from .draw import launch, scene, toml
 from .measures import outline
-from .run import BROKEN, CLOSURE, DONE, STOPPED, stop_requests
+from .run import CLOSURE, stop_requests
 
-REFUSED, UNSOUND = 2, 1
 VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
 SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
 AREA = 0.1  # share of that by which the area of a cell may have changed beyond what J of its particles says: 1 to 5 %
@@ -54,7 +54,7 @@ class Verdict:
 
 
 def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: Sequence[str] = ()) -> int:
-    """Draw `count` scenes, run each a while and judge; returns the exit code, UNSOUND if any ended badly.
+    """Draw `count` scenes, run each a while and judge; returns the exit code, DIFFERENT if any ended badly.
 
     `sets` : "KEY=VALUE", changes to all scenes.
     """
@@ -73,7 +73,7 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
     said = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
     replace(out / "stress.json", json.dumps(said, indent=1, ensure_ascii=False))
     print("\n".join([*table(verdicts), str(out / "stress.json")]))
-    return UNSOUND if any(v.ended == "bad" for v in verdicts) else DONE
+    return DIFFERENT if any(v.ended == "bad" for v in verdicts) else DONE
 
 
 def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = ()) -> Job:
@@ -138,7 +138,7 @@ def judge(ended: Ended, numbers: dict[str, Any], outlines: Sequence[np.ndarray])
 
     if ended.code == BROKEN:
         return say("stopped", ended.message) if CLEAN.search(ended.message) else say("bad", f"says '{ended.message}'")
-    if ended.code == REFUSED:
+    if ended.code == WRONG:
         return say("refused", ended.message) if ended.message else say("bad", "refused without a word")
     if ended.code:
         return say("bad", ended.message or f"exit code {ended.code}")

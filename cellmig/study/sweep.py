@@ -21,12 +21,13 @@ from matplotlib.figure import Figure
 
 from cellmig.case.messages import CaseError, Mistake, suggest
 from cellmig.case.schema import Case
+from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, further_columns, read_table
 
 from .batch import Job, run_missing, unsound, write_rows
-from .run import DONE, STOPPED, stop_requests
+from .run import stop_requests
 from .style import COLOURS, STYLE, save
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
