@@ -48,9 +48,9 @@ def shared_tmp() -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def outside_mpi() -> dict[str, str]:
     """The environment for a program that starts ranks: what Open MPI told this process would confuse it."""
-    from cellmig.study import batch
+    from cellmig.parallel import launch
 
-    return batch.outside_mpi()
+    return launch.outside_mpi()
 
 
 @pytest.fixture(scope="session")
@@ -59,8 +59,10 @@ def on_ranks(outside_mpi: dict[str, str]) -> Callable[..., subprocess.CompletedP
 
     def start(ranks: int, *arguments: object, env: dict[str, str] | None = None, timeout: float = 240,
               **options: object) -> subprocess.CompletedProcess[str]:
-        command = ["mpiexec.openmpi", "-q", "-n", ranks, sys.executable, *arguments]
-        return subprocess.run([str(word) for word in command], env=outside_mpi | (env or {}), text=True,
+        from cellmig.parallel import launch
+
+        command = launch.on_ranks(ranks, [sys.executable, *map(str, arguments)])
+        return subprocess.run(command, env=outside_mpi | (env or {}), text=True,
                               stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout, **options)
 
     return start

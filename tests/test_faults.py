@@ -21,6 +21,7 @@ from scenes import CASES
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
+from cellmig.parallel.launch import on_ranks
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]
 
@@ -32,8 +33,8 @@ CAN_MOUNT = subprocess.run(["unshare", "-m", "true"], capture_output=True).retur
 
 def call(run: Path, *words: object, ranks: int = 2) -> str:
     """The shell's line for a run on some ranks."""
-    mpi = ["mpiexec.openmpi", "-q", "-n", str(ranks)] if ranks > 1 else []
-    return shlex.join([*mpi, *map(str, (sys.executable, "-m", "cellmig", *CASE, "--out", run, *words))])
+    program = [*map(str, (sys.executable, "-m", "cellmig", *CASE, "--out", run, *words))]
+    return shlex.join(on_ranks(ranks, program) if ranks > 1 else program)
 
 
 # What is put into a run: text of a module that Python imports at its start, on rank RANK alone where that matters.

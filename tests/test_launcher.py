@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -22,12 +23,13 @@ here=$(dirname "$0")
 case "$1 ${2-}" in
     "-I -c") exit 0 ;;
     "-c "*) echo "$here/../site"; exit 0 ;;
+    "-m cellmig.parallel.launch") exec "REAL" -P "$@" ;;
     "-m pip") echo "$*" >>"$here/../pip.log"; exit 0 ;;
 esac
 [[ ${LINGER-} ]] && { trap 'exit 75' USR1; echo up; for _ in {1..100}; do sleep 0.1; done; }
 [[ ${OMPI_COMM_WORLD_RANK-0} == 0 ]] && echo "${OMPI_COMM_WORLD_SIZE-1}: $*"
 exit "${CODE-0}"
-"""
+""".replace("REAL", sys.executable)
 
 
 class Launcher:

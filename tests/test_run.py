@@ -22,6 +22,7 @@ from cellmig.case.load import load
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
 from cellmig.output.xdmf import frames
+from cellmig.parallel.launch import on_ranks
 from cellmig.study.shapes import _on_substrate
 
 pytestmark = pytest.mark.serial
@@ -328,7 +329,7 @@ def test_a_signal_ends_a_run_within_seconds_and_leaves_its_files_whole(outside_m
 
 
 def test_a_signal_ends_a_run_on_two_ranks_between_two_samples(outside_mpi, tmp_path):
-    launcher = ["mpiexec.openmpi", "-q", "-n", "2", sys.executable]
+    launcher = on_ranks(2, [sys.executable])
     case, run = tmp_path / "case.toml", tmp_path / "run"
     case.write_text(f'extends = "{PAPER}"\n[time]\nsamples = 1\nframes = 1\n')
     assert asked_to_stop(launcher, case, run, signal.SIGUSR1, outside_mpi, rows=1) == 75

@@ -9,7 +9,7 @@ import json
 import math
 import os
 import shlex
-import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -29,32 +29,17 @@ from cellmig import __version__, meshfree, model
 from cellmig.case.load import load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
+from cellmig.exits import BROKEN
 from cellmig.output.directory import Claim, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
+from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 
 from .preflight import cost
-from .run import BROKEN
 
 _SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
 CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
 _PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
-# What Open MPI tells a process that is a rank: those it starts would believe that they are, too.
-_LAUNCHER = ("OMPI_COMM", "OMPI_APP", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix", "PMIX_", "ORTE_",
-             "CELLMIG_TERMINAL")
-# What mpiexec needs in containers, which run as root and have no ptrace, and for more ranks than cores.
-_MPIEXEC = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-            "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
-
-
-def outside_mpi() -> dict[str, str]:
-    """The environment of a process that is no rank of this run, even if this one is."""
-    return _MPIEXEC | {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
-
-
-def on_ranks(ranks: int, command: Sequence[str]) -> list[str]:
-    """The command that starts another on some ranks."""
-    return [shutil.which("mpiexec.openmpi") or "mpiexec", "-q", "-n", str(ranks), *command]
 
 
 @dataclass(frozen=True)
@@ -102,7 +87,7 @@ class Job:
     def start(self, errors: IO[str]) -> subprocess.Popen:
         """Start it, or go on with it; what it says about a failure goes to `errors`."""
         going_on = ("--resume", "auto") if self.goes_on() else ()
-        command = [sys.executable, "-m", "cellmig", *self.arguments(), *going_on]
+        command = [*PYTHON, "-m", "cellmig", *self.arguments(), *going_on]
         if self.ranks > 1:
             command = on_ranks(self.ranks, command)
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
@@ -232,11 +217,11 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _kill(process: subprocess.Popen) -> None:
-    """End a process that hangs, and its ranks: mpiexec takes them with it, unless it is killed."""
-    with suppress(subprocess.TimeoutExpired):
-        if process.args[0] != sys.executable:
-            process.terminate()
-            process.wait(_GRACE)
+    """End a process that hangs, and its ranks: a second ^C ends them at once."""
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE / 2)
     process.kill()
     process.wait()
 

@@ -14,16 +14,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from cellmig.parallel.launch import PYTHON, mpiexec, on_ranks, outside_mpi
+
 OLDEST = (3, 11)
-MODULES = ("numpy", "scipy", "pint", "tqdm", "h5py", "meshio", "matplotlib", "mpi4py")  # Debian: python3-<name>
+# What is looked at, with the versions that the tests have run with, Debian 12's and 13's.
+MODULES = {"numpy": "1.24, 2.2", "scipy": "1.10, 1.15", "pint": "0.19, 0.24", "tqdm": "4.64, 4.67",
+           "h5py": "3.7, 3.13", "meshio": "5.0, 5.3", "matplotlib": "3.6, 3.10", "mpi4py": "3.1, 4.0"}
+TESTED = {**MODULES, "system": "Debian 12, 13", "Python": "3.11, 3.13", "PETSc": "3.18, 3.22",
+          "MPI": "Open MPI 4.1, 5.0"}
 PETSC = "from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
+MPI = "from mpi4py import MPI; print(MPI.Get_library_version().split(', package')[0].split('\\n')[0])"
 RANKS = "from mpi4py import MPI; MPI.COMM_WORLD.rank == 0 and print(MPI.COMM_WORLD.size)"
 # Nothing needs them: what they are good for, and the package that has them.
 OPTIONAL = {"pandas": ("tables as frames in Python", "python3-pandas"), "ffmpeg": ("films as mp4, else gif", "ffmpeg"),
             "pvpython": ("pictures by ParaView without a window", "python3-paraview"),
             "mkdocs": ("the documentation as a site", "mkdocs mkdocs-material")}
 PATIENCE = 60.0  # s for a program that is tried
-LAUNCHER = ("OMPI_COMM", "PMIX_", "ORTE_")  # would make a program that is tried believe that it is a rank
 
 
 class Finding(NamedTuple):
@@ -38,7 +44,7 @@ def examine() -> tuple[bool, str]:
     """Whether all is there, and the report for the user."""
     findings = list(_findings())
     width = max(len(f.name) for f in findings)
-    lines = [f"{f.name:<{width}}  {'LACKING: ' if f.mend else ''}{f.found}" for f in findings]
+    lines = [f"{f.name:<{width}}  {'LACKING: ' if f.mend else ''}{f.found}{_tested(f)}" for f in findings]
     mends = dict.fromkeys(f.mend for f in findings if f.mend)
     packages = sorted(mend.removeprefix("apt install ") for mend in mends if mend.startswith("apt install "))
     others = [mend for mend in mends if not mend.startswith("apt install ")]
@@ -48,12 +54,25 @@ def examine() -> tuple[bool, str]:
     return not mends, "\n".join(lines)
 
 
+def _tested(finding: Finding) -> str:
+    return f"   (tested: {TESTED[finding.name]})" if finding.name in TESTED else ""
+
+
+def _system() -> str:
+    """Of Linux, what it calls itself."""
+    try:
+        return platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):
+        return platform.platform()
+
+
 def _findings() -> Iterator[Finding]:
+    yield Finding("system", _system())
     python = "" if sys.version_info >= OLDEST else f"a Python of {'.'.join(map(str, OLDEST))} or later"
     yield Finding("Python", f"{platform.python_version()} ({sys.executable})", python)
     for name in MODULES:
         yield _tried(name, lambda name=name: _version(name), f"apt install python3-{name}")
-    yield _tried("PETSc", lambda: _output(sys.executable, "-c", PETSC), "apt install python3-petsc4py")
+    yield _tried("PETSc", lambda: _output(*PYTHON, "-c", PETSC), "apt install python3-petsc4py")
     yield from _mpi()
     yield _tried("C compiler", _compiler, "apt install gcc libc6-dev")
     yield _tried("kernel cache", _cache, "set CELLMIG_CACHE to a directory that can be written")
@@ -79,20 +98,19 @@ def _version(name: str) -> str:
 
 def _output(*command: str) -> str:
     """What a program writes; it fails where the program does."""
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
-    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True,
+    return subprocess.run(command, env=outside_mpi(), stdin=subprocess.DEVNULL, capture_output=True,
                           encoding="utf-8", errors="replace",
                           timeout=PATIENCE, check=True).stdout.strip()
 
 
 def _mpi() -> Iterator[Finding]:
-    launcher = shutil.which("mpiexec.openmpi") or shutil.which("mpiexec")
-    if not launcher:
+    if not (launcher := mpiexec()):
         yield Finding("MPI", "no mpiexec", "apt install openmpi-bin")
         return
-    root = ["--allow-run-as-root"] if os.geteuid() == 0 and "openmpi" in os.path.realpath(launcher) else []
-    command = (launcher, *root, "--oversubscribe", "-n", "2", sys.executable, "-c", RANKS)
-    yield _tried("MPI", lambda: f"{launcher} starts {_output(*command)} ranks", f"{launcher} -n 2 true    (tells more)")
+    yield _tried("MPI", lambda: _output(*PYTHON, "-c", MPI), "apt install python3-mpi4py")
+    command = on_ranks(2, [*PYTHON, "-c", RANKS])
+    yield _tried("mpiexec", lambda: f"{launcher} ({_output(launcher, '--version').splitlines()[0]}) starts "
+                                    f"{_output(*command)} ranks", f"{launcher} -n 2 true    (tells more)")
 
 
 def _compiler() -> str:

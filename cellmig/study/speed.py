@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from datetime import date
@@ -16,16 +15,16 @@ from typing import Any
 
 from mpi4py import MPI
 
+from cellmig.exits import DONE
 from cellmig.output.directory import replace
 from cellmig.output.log import table
 from cellmig.output.manifest import environment, processor
+from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 from cellmig.simulation import discretise
 
 from .baseline import Baseline
-from .batch import on_ranks, outside_mpi
 from .paper import FOLDER
 from .probe import Scene
-from .run import DONE
 
 PAPER = Scene(3, 1485)
 SCENES = ((PAPER, (1, 2)), (Scene(3, 6700), (1, 2)), (Scene(1, 100_000, False), (1, 2)),
@@ -74,7 +73,7 @@ def keep(place: Path, command: str, found: dict[str, Any], lines: Sequence[str])
 def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = False) -> dict[str, Any]:
     """What `probe` finds of a scene on some ranks, in processes of its own."""
     asked = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
-    command = [sys.executable, "-m", "cellmig.study.probe", asked]
+    command = [*PYTHON, "-m", "cellmig.study.probe", asked]
     if ranks > 1:
         command = on_ranks(ranks, command)
     return json.loads(_done(command))
@@ -84,7 +83,7 @@ def starts() -> dict[str, float]:
     """Wall seconds of a first run that takes no step to speak of, which compiles, and of a second."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "cellmig", "run", str(FOLDER / "all_protrude.toml"), "--until", "1 ns",
+        command = [*PYTHON, "-m", "cellmig", "run", str(FOLDER / "all_protrude.toml"), "--until", "1 ns",
                    "--quiet", "--out", str(Path(folder) / "run")]
         for name in ("first", "second"):
             begin = perf_counter()

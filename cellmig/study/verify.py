@@ -21,7 +21,6 @@ import math
 import os
 import queue
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -32,16 +31,16 @@ from typing import Any
 from mpi4py import MPI
 
 from cellmig.case.registry import discover
+from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import environment
+from cellmig.parallel.launch import PYTHON, outside_mpi
 
 from . import references
-from .batch import Count, Ended, outside_mpi, write_rows
+from .batch import Count, Ended, write_rows
 from .reference import FAILS, HOLDS, REFERENCES, Measured, Reference, Verdict, judge
-from .run import DONE, STOPPED, stop_requests
-
-FALLS_SHORT = 1  # exit code: something does not hold
+from .run import stop_requests
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: in
     verdicts = [v for r in chosen for v in judged(r, {p.resolution: a for p, a in found.items() if p.reference is r})]
     write(out, chosen, verdicts, quick)
     print("", *table(verdicts), "", *(str(out / f"verify.{kind}") for kind in ("json", "csv", "md")), sep="\n")
-    return FALLS_SHORT if any(v.why for v in verdicts) else DONE
+    return DIFFERENT if any(v.why for v in verdicts) else DONE
 
 
 def select(only: Sequence[str]) -> list[Reference]:
@@ -123,7 +122,7 @@ class Worker:
     def measure(self, point: Point) -> Measured | str:
         """What a point measured, or why it failed."""
         if self._process is None or self._process.poll() is not None:
-            self._process = subprocess.Popen([sys.executable, "-m", references.__name__], encoding="utf-8",
+            self._process = subprocess.Popen([*PYTHON, "-m", references.__name__], encoding="utf-8",
                                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                                              env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1"})
         try:
