@@ -303,7 +303,7 @@ def main() -> None:
 def failure(error: Exception, comm: Any) -> int:
     """Say what went wrong, once; errors of the user's are known to all ranks, others end all ranks here."""
     codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "CompilerError": ENVIRONMENT,
-             "NoRoom": ENVIRONMENT,
+             "NoRoom": ENVIRONMENT, "LaunchError": ENVIRONMENT,
              "OutputError": INPUT_OUTPUT, "NumericsError": BROKEN}
     code, message = codes.get(type(error).__name__), str(error)
     if isinstance(error, ImportError) and not (error.name or "").startswith("cellmig"):

@@ -10,15 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
+from .parallel.launch import told_rank, told_size
 
-
-def _told_by_mpiexec(what: str, alone: int) -> int:
-    """RANK or SIZE as Open MPI or MPICH tell it: known before MPI has started, and where it cannot start."""
-    told = os.environ.get(f"OMPI_COMM_WORLD_{what}") or os.environ.get(f"PMI_{what}")
-    return int(told) if told else alone
-
-
-RANK, RANKS = _told_by_mpiexec("RANK", 0), _told_by_mpiexec("SIZE", 1)
+RANK, RANKS = told_rank(), told_size()[1]
 
 
 class UsageError(Exception):

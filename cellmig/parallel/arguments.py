@@ -7,7 +7,13 @@ import re
 import sys
 from typing import Any
 
+from .launch import told_size
+
 _NUMBER = re.compile(r"-?(\d|\.\d)")
+
+
+class LaunchError(RuntimeError):
+    """The ranks do not know of each other; the message is for the user."""
 
 
 def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
@@ -24,7 +30,10 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
 
 
 def start_petsc(options: list[str]) -> Any:
-    """Start MPI and PETSc with its options, unless that is done; returns the communicator of all ranks."""
+    """Start MPI and PETSc with its options, unless that is done; returns the communicator of all ranks.
+
+    Raises LaunchError where a launcher has started several ranks and this MPI library knows of one.
+    """
     # Open MPI would start a daemon beside a process that mpiexec has not started: a quarter of a second for nothing.
     os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     import petsc4py
@@ -33,4 +42,11 @@ def start_petsc(options: list[str]) -> Any:
     # PETSc's own handler meets a signal with a trace of its stack, even where a reader of the output has just left.
     handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
     petsc4py.init([sys.argv[0], *options, *handler])
+    names, told = told_size()
+    if told > 1 == MPI.COMM_WORLD.size:
+        library = MPI.Get_library_version().split(",")[0].strip()
+        raise LaunchError(
+            f"by {' and '.join(names)} this is one of {told} ranks, but the MPI library here ({library}) knows of one: "
+            "each would compute the whole case.  Start the ranks with './run -n' or the mpiexec of that library, under "
+            f"Slurm with 'srun --mpi=pmix'; for {told} runs of their own, unset {' and '.join(names)}")
     return MPI.COMM_WORLD

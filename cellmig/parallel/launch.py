@@ -38,6 +38,33 @@ _OURS = {DONE, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, STOPPED}
 _PATIENCE = 60.0  # s for ranks that are tried
 
 
+# Where launchers tell a rank how many there are, and which it is: Open MPI, MPICH and its kin, MVAPICH.
+_SIZE = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "MV2_COMM_WORLD_SIZE")
+_RANK = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
+
+
+def told_size() -> tuple[list[str], int]:
+    """How many ranks a launcher has started, and the variables that say so: known before MPI has started, or without.
+
+    An allocation of Slurm has room for SLURM_NTASKS but one process, until srun starts the tasks of a step.
+    """
+    step = ["SLURM_STEP_NUM_TASKS"]
+    if "SLURM_STEP_ID" in os.environ or _number("SLURM_PROCID"):
+        step.append("SLURM_NTASKS")
+    said = {name: number for name in (*_SIZE, *step) if (number := _number(name))}
+    size = next(iter(said.values()), 1)
+    return [name for name in said if said[name] == size], size
+
+
+def told_rank() -> int:
+    """Which of several ranks this is, as the launcher tells it."""
+    return next((int(os.environ[name]) for name in _RANK if _number(name) is not None), 0) if told_size()[1] > 1 else 0
+
+
+def _number(name: str) -> int | None:
+    return int(value) if (value := os.environ.get(name, "")).isdecimal() else None
+
+
 def outside_mpi() -> dict[str, str]:
     """The environment of a process that is no rank of this run, even if this one is."""
     return SETTINGS | {key: value for key, value in os.environ.items() if not _TOLD.match(key)}
@@ -80,8 +107,9 @@ def launch(ranks: int, command: Sequence[str]) -> int:
     said = _Said(process.stderr)
     code = process.wait()
     said.join()
+    process.stderr.close()
     code = 128 - code if code < 0 else code
-    if code in _OURS or code >= 128 or asked:
+    if code in _OURS or 128 < code <= 128 + signal.SIGRTMAX or asked:
         return code
     return _examined(code, ranks, start, said)
 
