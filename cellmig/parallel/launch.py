@@ -31,9 +31,9 @@ SETTINGS = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
 _TOLD = re.compile(r"OMPI_(?!MCA_|ALLOW_)|OPAL_|PMIX_|PRTE_(?!MCA_)|ORTE_|PMI_|MPI_LOCAL|MV2_COMM|SLURM_(STEP|PROCID)"
                    r"|OMPI_MCA_(ess|orte_(?!default_hostfile)|pmix|initial_wdir|mpi_oversubscribe|shmem_RUNTIME"
                    r"|PREFIXES|cpu_type|mca_base_component_path|num_procs)|CELLMIG_TERMINAL")
-_RULE = "-" * 40  # begins and ends what Open MPI says
+_RULE = b"-" * 40  # begins and ends what Open MPI says
 # What it says of the program's own end and of our requests: the program tells these itself.
-_KNOWN = ("non-zero", "MPI_ABORT was invoked", "Forwarding signal")
+_KNOWN = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal")
 _OURS = {DONE, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, STOPPED}
 _PATIENCE = 60.0  # s for ranks that are tried
 
@@ -98,8 +98,8 @@ def launch(ranks: int, command: Sequence[str]) -> int:
 
     requests = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
     signal.pthread_sigmask(signal.SIG_BLOCK, requests)
-    process = subprocess.Popen([*start, *command], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-                               errors="replace", env=outside_mpi() | _terminal(), process_group=0,
+    process = subprocess.Popen([*start, *command], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                               env=outside_mpi() | _terminal(), process_group=0,
                                preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_UNBLOCK, requests))
     for number in requests:
         signal.signal(number, stop)
@@ -121,14 +121,14 @@ def _terminal() -> dict[str, str]:
 class _Said(threading.Thread):
     """Passes on, line by line, what comes from mpiexec and its ranks, but for what the program has told better."""
 
-    def __init__(self, stream: IO[str]):
+    def __init__(self, stream: IO[bytes]):
         super().__init__(daemon=True)
         self.stream, self.reason = stream, False
         self.start()
 
     def run(self) -> None:
         """Until the stream ends."""
-        held: list[str] = []
+        held: list[bytes] = []
         for line in self.stream:
             rule = line.strip().startswith(_RULE)
             if held or rule:
@@ -140,14 +140,14 @@ class _Said(threading.Thread):
                 held = []
         self._told(held)
 
-    def _told(self, lines: list[str]) -> None:
+    def _told(self, lines: list[bytes]) -> None:
         """A message of Open MPI's."""
-        self.reason |= self._pass("".join(lines))
+        self.reason |= self._pass(b"".join(lines))
 
-    def _pass(self, text: str) -> bool:
+    def _pass(self, text: bytes) -> bool:
         wanted = not any(known in text for known in _KNOWN)
         if wanted:
-            sys.stderr.write(text)
+            sys.stderr.buffer.write(text)
             sys.stderr.flush()
         return wanted and bool(text.strip())
 
@@ -155,14 +155,14 @@ class _Said(threading.Thread):
 def _examined(code: int, ranks: int, start: Sequence[str], said: _Said) -> int:
     """The exit code after an unusual end: 3 if ranks that do nothing but start MPI fail, too."""
     try:
-        tried = subprocess.run([*start, *PYTHON, "-c", "from mpi4py import MPI"], stdin=subprocess.DEVNULL, text=True,
-                               errors="replace", env=outside_mpi(), capture_output=True, timeout=_PATIENCE)
+        tried = subprocess.run([*start, *PYTHON, "-c", "from mpi4py import MPI"], stdin=subprocess.DEVNULL,
+                               env=outside_mpi(), capture_output=True, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
         return _failed(f"mpiexec has not started {ranks} ranks within {_PATIENCE:g} s")
     if not tried.returncode:
         return code
     if not said.reason and tried.stderr.strip():
-        print(tried.stderr.strip(), file=sys.stderr)
+        print(tried.stderr.decode(errors="replace").strip(), file=sys.stderr)
     return _failed(f"mpiexec could not start {ranks} ranks (its exit code was {code}); 'cellmig doctor' tells what is "
                    "here")
 
