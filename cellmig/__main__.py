@@ -201,9 +201,11 @@ def show(options: argparse.Namespace) -> int:
         _discover()
         from .case.handbook import handbook
         from .case.json_schema import json_schema
+        from .output.fields import handbook_of_fields
 
         unicode = "utf" in (sys.stdout.encoding or "").lower()  # else JSON has its own way to say it
-        page = handbook() if options.markdown else json.dumps(json_schema(), indent=2, ensure_ascii=not unicode) + "\n"
+        page = (handbook() + handbook_of_fields() if options.markdown else
+                json.dumps(json_schema(), indent=2, ensure_ascii=not unicode) + "\n")
         print(page, end="")
         return DONE
     if options.command == "plot":

@@ -71,11 +71,11 @@ def test_the_file_of_a_rank_opens_in_meshio_with_the_moving_particles(written):
         points, cells = reader.read_points_cells()
         now, data, _ = reader.read_data(0)
         assert now == 1.5 * first and points.shape == (len(data["id"]), 3)
-        assert np.array_equal(points, data["X"] + data["u"])
+        assert np.array_equal(points, data["X [um]"] + data["u [um]"])
         assert cells[0].type == "vertex" and len(cells[0].data) == len(points)
-        assert data["stress"].shape[1] == 9
+        assert data["stress [Pa]"].shape[1] == 9
         later, data, _ = reader.read_data(reader.num_steps - 1)
-        assert later == 4.5 and np.array_equal(data["effective_stress"], data["id"] + 4.5)
+        assert later == 4.5 and np.array_equal(data["effective_stress [Pa]"], data["id"] + 4.5)
 
 
 def test_the_index_is_a_temporal_collection_of_spatial_ones_that_matches_the_files(written):
@@ -137,7 +137,7 @@ def test_every_frame_opens_in_meshio_after_the_writer_was_killed(shared_tmp, out
         reader.read_points_cells()
         for number in range(reader.num_steps):
             now, data, _ = reader.read_data(number)
-            assert now == number and (data["u"][:, :2] == number).all() and len(data["u"]) == 200
+            assert now == number and (data["u [um]"][:, :2] == number).all() and len(data["u [um]"]) == 200
     assert 1 <= len(frames(mine)) <= reader.num_steps
     assert all((frame.read()["u"][:, :2] == frame.time).all() for frame in frames(mine))
     assert (mine / "ledger.csv").read_bytes().endswith(b"\n")

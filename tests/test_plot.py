@@ -7,18 +7,19 @@ import h5py
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from mpi4py import MPI
 
 from cellmig.output.directory import OutputError
 from cellmig.output.manifest import write_manifest
-from cellmig.output.tables import History, Ledger
+from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.study.compare import diff
-from cellmig.study.forces import pulls, smoothed
+from cellmig.study.forces import by_place, pulls, usual, within
 from cellmig.study.info import info
-from cellmig.study.plot import plot
+from cellmig.study.plot import _displacement, plot
 from cellmig.study.shapes import chosen, drawing
 
 COMM = MPI.COMM_WORLD
@@ -52,14 +53,16 @@ def scene(time: float, kick: float = 0.0) -> dict[str, np.ndarray]:
                      "effective_stress": 300.0 * flat * (1.0 + np.sin(x[:, 0]) * np.exp(-x[:, 1] / 3.0))}
 
 
-def leave_a_run(directory: Path, comm=COMM, kick: float = 0.0, samples: int = 21) -> Path:
+def leave_a_run(directory: Path, comm=COMM, kick: float = 0.0, samples: int = 21, names=()) -> Path:
     """A run as it would be on the ranks of `comm`, its particles dealt out in a way that changes with time."""
     if comm.rank == 0:
         directory.mkdir()
         manifest = {"case": {"title": "test scene"}, "ranks": comm.size, "wall_seconds": 65.0, "skipped": []}
         write_manifest(directory, manifest)
     comm.barrier()
-    writer, history, ledger = Frames(directory, comm, FIELDS), History(directory, comm), Ledger(directory, comm)
+    writer, ledger = Frames(directory, comm, FIELDS), Ledger(directory, comm)
+    history = History(directory, comm, ("name",) if names else ())
+    history.names = names
     for step in range(samples):
         time = 20.0 * step
         fields = scene(time, kick)
@@ -104,29 +107,59 @@ def test_a_film_has_all_frames_in_one_size_and_one_colour_scale(run, shared_tmp,
     assert apart[:, edge:].mean() < 2.0 < apart[:, :edge].mean()  # measured 0.55 and 46: palettes differ
 
 
-def test_the_traction_adds_up_to_the_forces_and_is_smooth():
-    place, force = np.array([0.0, 0.3, 5.0]), np.array([3.0, -1.0, 2.0])
-    x = np.linspace(-3, 8, 2000)
-    found = smoothed(x, place, force, 0.3)
-    assert found.sum() * (x[1] - x[0]) == pytest.approx(4.0, rel=1e-6)  # measured 2e-16
+SAMPLES = np.array([0.0, 1.0, 2.0, 4.0])
+TRACTION = {"time_us": np.array([0.0, 1.0, 1.0, 4.0]), "cell": np.array([1, 1, 2, 2]),
+            "x_um": np.array([-0.25, 0.25, 0.25, 1.75]), "normal_pa": np.array([np.nan, 3.0, 4.0, -5.0])}
 
 
-def test_a_pull_between_neighbours_is_that_along_the_line_of_their_centres():
-    fields = scene(0.0)
-    x, cell = fields["X"], fields["cell"]
-    near = {(1, 2): 5.5, (2, 3): 16.5}  # the middles between the cells
-    force = np.zeros((len(x), 3))
-    for (a, b), middle in near.items():
-        for one, sign in ((a, 1.0), (b, -1.0)):
-            on = np.flatnonzero((cell == one) & (fields["surface"] >= 0) & (np.abs(x[:, 0] - middle) < 1.0))
-            force[on, 0] = sign * (7.0 if a == 1 else -4.0) / len(on)
-    x = np.column_stack([x, np.zeros(len(x))])
-    padded = {"X": x, "u": 0.0 * x, "contact_force": force, "cell": cell, "surface": fields["surface"]}
-    assert pulls(padded) == {(1, 2): pytest.approx(7.0), (2, 3): pytest.approx(-4.0)}
+def test_the_map_of_traction_has_what_the_table_lists_and_nothing_elsewhere():
+    edges, found = by_place(TRACTION, SAMPLES, "normal_pa")
+    assert edges == pytest.approx([-0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
+    assert found.tolist() == [[0, 7, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, -5]]
+
+
+def test_pulls_go_by_the_names_of_cells_and_are_nothing_where_they_do_not_touch():
+    table = {"time_us": np.array([0.0, 1.0, 4.0, 4.0]), "cell": np.array([1, 1, 1, 2]),
+             "neighbour": np.array([2, 2, 2, 3]), "pull_pn_per_um": np.array([np.nan, 7.0, 2.0, -4.0]),
+             "name": np.array(["a", "a", "a", "b"]), "neighbour_name": np.array(["b", "b", "b", "c"])}
+    found = pulls(table, SAMPLES)
+    assert {pair: line.tolist() for pair, line in found.items()} == {("a", "b"): [7, 0, 2], ("b", "c"): [0, 0, -4]}
+
+
+@pytest.mark.serial
+def test_cells_go_by_their_names_and_by_numbers_in_runs_that_have_none(run, shared_tmp):
+    named = leave_a_run(shared_tmp / "named", names=("all", "left", "middle, old", "right"))
+    assert "middle, old moved 10 µm" in " ".join(info(named).split())
+    for directory, names in ((named, ["left", "middle, old", "right"]), (run, ["cell 1", "cell 2", "cell 3"])):
+        figure = _displacement(read_table(directory / "history.csv"))
+        assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["mean", *names]
+
+
+@pytest.mark.serial
+def test_one_peak_does_not_flatten_the_rest_and_is_told():
+    ax = Figure().subplots()
+    line = np.sin(np.arange(400.0))
+    line[0] = 7600.0
+    ax.plot(line)
+    within(ax, usual(line), "Pa")
+    assert ax.get_ylim()[1] == pytest.approx(3.0, rel=0.01)
+    assert "up to 7600 Pa" in ax.get_title(loc="right")
+    calm = Figure().subplots()
+    calm.plot(line[1:])
+    within(calm, usual(line[1:]), "Pa")
+    assert not calm.get_title(loc="right")
+
+
+@pytest.mark.serial
+def test_times_beyond_the_frames_are_told_and_drawn_as_the_nearest(run, shared_tmp, capsys):
+    plot(run, times=[20.0, 500.0], out=shared_tmp)
+    assert "the frames are from 0 to 400 µs: 500 µs is drawn" in capsys.readouterr().err
+    plot(run, times=[0.0, 400.0], out=shared_tmp)
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("times", "expected"), [
-    (None, [20.0, 200.0, 260.0]), ([90.0, 95.0, 1e9], [80.0, 100.0, 400.0]), ([1.0, 2.0], [0.0])])
+    (None, [20.0, 200.0, 400.0]), ([90.0, 95.0, 1e9], [80.0, 100.0, 400.0]), ([1.0, 2.0], [0.0])])
 def test_the_snapshots_are_the_frames_nearest_to_the_times_each_once(times, expected):
     found = [Frame(20.0 * step, ()) for step in range(21)]
     assert [frame.time for frame in chosen(found, times)] == expected

@@ -10,8 +10,10 @@ from scenes import built, case, everywhere
 
 from mpi4py import MPI
 
+from cellmig.output.fields import FIELDS
 from cellmig.output.interval import spread
 from cellmig.output.tables import History, read_table
+from cellmig.parallel.reduce import exact_sum
 from cellmig.simulation import Simulation
 
 COMM = MPI.COMM_WORLD
@@ -123,6 +125,31 @@ def test_cells_move_by_their_mean_velocity_from_row_to_row() -> None:
             assert after["vx_um_per_us"] * 0.3 == pytest.approx(after["ux_um"] - before["ux_um"], rel=1e-12)
             assert after["speed_um_per_us"] == math.hypot(after["vx_um_per_us"], after["vy_um_per_us"])
         assert third[1]["vx_um_per_us"] == pytest.approx(3.0, rel=0.1)
+
+
+def test_the_fields_of_a_frame_are_those_declared_whose_terms_the_scene_has() -> None:
+    for name, sets, absent in (("all_protrude", (DRAG,), {"director"}), ("nucleus", (), {
+            "director", "substrate", "contact", "friction", "protrusion"})):
+        with built(case(name, *sets, per_cell=60)) as sim:
+            fields = sim.sampler.fields()
+            assert set(fields) == {name for name, field in FIELDS.items() if field.term not in absent}
+            assert all(values.shape[1:] == FIELDS[name].shape for name, values in fields.items())
+
+
+def test_the_friction_of_the_fields_takes_what_the_ledger_loses_to_it() -> None:
+    with built(case("all_protrude", DRAG, FAST, per_cell=100)) as sim:
+        before = sim.sample()[1]
+        assert before["friction_loss"] == 0.0
+        sim.go(0.1)
+        m = sim.mechanics
+        after = sim.sample()[1]
+        drag = sim.sampler.fields()["friction_force"]
+        assert not drag[:, 1].any()
+        power, rate = (exact_sum(sim.comm, values) for values in (-(drag * m.state.owned[:, 2:]).sum(axis=1),
+                                                                  m.powers()["friction_loss"]))
+        assert float(power) == pytest.approx(float(rate), rel=1e-12) and rate > 50.0
+        assert after["friction_loss"] > 10.0
+        assert np.array_equal(m.surface_force("friction")[0], drag)  # looking changes nothing
 
 
 def test_a_scene_without_a_term_has_no_rows_of_it() -> None:

@@ -11,14 +11,12 @@ import numpy as np
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..parallel.reduce import exact_sum
+from .fields import FIELDS
 from .tables import further_columns
 
 STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
 AT_A_TIME = 1 << 16  # rows whose stress is computed at a time
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
-UNITS = {"id": "1", "cell": "1", "material": "1", "surface": "1", "X": "um", "u": "um", "v": "um/us", "stress": "Pa",
-         "effective_stress": "Pa", "J": "1", "pressure": "Pa", "director": "1", "adhesion_force": "pN/um",
-         "contact_force": "pN/um", "protrusion_force": "pN/um"}
 
 
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
@@ -112,9 +110,9 @@ class Sampler:
         out = {"id": m.ids.astype(np.int64), "cell": self.cell + 1, "material": self.material,
                "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.owned[:, :2].copy(),
                "v": m.state.owned[:, 2:].copy(), **self.stresses()}
-        for name, term in FORCES.items():
-            if getattr(terms, term) is not None:
-                out[name] = m.surface_force(term)[0]
+        for name, field in FIELDS.items():
+            if name.endswith("_force") and getattr(terms, field.term) is not None:
+                out[name] = m.surface_force(field.term)[0]
         if m.theta is not None:
             out["director"] = director_fields(m)["director"].T[: m.n_owned]
         return out
@@ -246,9 +244,6 @@ class Sampler:
     def momentum(self) -> np.ndarray:
         """Total momentum (2,) [pN µs/µm]; collective."""
         return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.owned[:, 2:])
-
-
-FORCES = {"adhesion_force": "substrate", "contact_force": "contact", "protrusion_force": "protrusion"}
 
 
 def _below_centre(scene: Any, cell: int) -> int:

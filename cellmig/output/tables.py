@@ -213,6 +213,13 @@ _COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER 
             "substrate.csv": SUBSTRATE, "neighbours.csv": NEIGHBOURS}
 
 
+def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
+    """Names of the cells by their numbers, from history.csv; those of older runs have none but "cell 1" …"""
+    cells, first = np.unique(history["cell"], return_index=True)
+    named = history["name"][first].tolist() if "name" in history else [f"cell {c}" if c else ALL for c in cells]
+    return dict(zip(cells.tolist(), named, strict=True))
+
+
 def read_table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table by name, (rows,) each, float64 (`cell`: int64, names: str); a run may still be writing it."""
     try:

@@ -1,7 +1,7 @@
 """Fields per particle as XDMF over HDF5: one file per rank and frame, so that a killed run leaves whole frames only.
 
-``cells.xdmf`` (rank 0) lists all frames of all ranks, ``rankNNNN.xdmf`` those of one rank; ParaView opens both,
-meshio's ``TimeSeriesReader`` the latter.  The frames lie in ``rankNNNN/sNNNNNNNN.h5``, by frame number.
+``cells.xdmf`` (rank 0) lists all frames of all ranks, for ParaView; ``rankNNNN.xdmf`` those of one rank, which meshio's
+``TimeSeriesReader`` opens, too.  The frames lie in ``rankNNNN/sNNNNNNNN.h5``, by frame number.
 """
 
 from __future__ import annotations
@@ -50,8 +50,11 @@ def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
             f"{file}:/{name}</DataItem>")
 
 
-def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray]) -> str:
-    """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do."""
+def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do.
+
+    Names that programs show have the unit behind; those in the HDF5 have it as an attribute.
+    """
     file = _file(rank, frame)
     lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time!r}"/>',
              f'<Topology TopologyType="Polyvertex" NumberOfElements="{n}" NodesPerElement="1">'
@@ -60,7 +63,8 @@ def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndar
     for name, values in data.items():
         if name not in _MESH:
             kind = _KIND[values.shape[1] if values.ndim > 1 else 1]
-            lines.append(f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">'
+            unit = f" [{units[name]}]" if units[name] not in ("", "1") else ""
+            lines.append(f'<Attribute Name="{name}{unit}" AttributeType="{kind}" Center="Node">'
                          f"{_item(file, name, values, n)}</Attribute>")
     return "\n".join([*lines, "</Grid>\n"])
 
@@ -118,13 +122,13 @@ class Frames:
             image = file.id.get_file_image()
         rank = self.comm.rank
         replace(self.directory / _file(rank, self.count), image)
-        self._mine += _grid(rank, self.count, time, n, data)
+        self._mine += _grid(rank, self.count, time, n, data, self.fields)
         name = _name(rank)
         replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
         return n
 
     def _write_index(self, time: float, counts: list[int], data: Mapping[str, np.ndarray]) -> None:
-        grids = (_grid(rank, self.count, time, n, data) for rank, n in enumerate(counts) if n)
+        grids = (_grid(rank, self.count, time, n, data, self.fields) for rank, n in enumerate(counts) if n)
         self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
                       f'<Time Value="{time!r}"/>\n{"".join(grids)}</Grid>\n')
         replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)

@@ -11,7 +11,7 @@ import numpy as np
 from cellmig.output.directory import the_run
 from cellmig.output.log import clock, duration, two_columns
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import read_table
+from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import frames
 
 Rows = Iterator[tuple[str, Any]]
@@ -82,14 +82,14 @@ def _history_rows(path: Path) -> Rows:
     table = read_table(path) if path.exists() else {}
     if not table or not len(table["cell"]):
         return
-    last = table["time_us"] == table["time_us"][-1]
+    last, names = table["time_us"] == table["time_us"][-1], names_of(table)
     yield "last sample", f"{table['time_us'][-1]:g} µs"
     for row in np.flatnonzero(last):
         cell = table["cell"][row]
         numbers = [f"{text} {_number(table[name][row])} µm" for text, name in
                    (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
                    if np.isfinite(table[name][row])]
-        yield f"cell {cell}" if cell else "aggregate", "  ".join(numbers)
+        yield names[int(cell)] if cell else "aggregate", "  ".join(numbers)
 
 
 def _ledger_rows(path: Path) -> Rows:

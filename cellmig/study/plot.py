@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,11 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, the_run
-from cellmig.output.tables import read_table
+from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import frames
 
 from .forces import between, traction
-from .shapes import chosen, film, shapes
+from .shapes import chosen, film, not_reached, shapes
 from .style import COLOURS, STYLE, save
 
 _LEAST_SPAN = 1e-3  # µm, of the displacement axis
@@ -27,7 +28,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     Parameters
     ----------
     directory : Path -- of the run.
-    times : list of float -- [us] of the snapshots, each the nearest frame; by default 5, 51 and 67 % of the end.
+    times : list of float -- [us] of the snapshots, each the nearest frame; by default early, in the middle, at the end.
     field : str -- fills the shapes; of a vector its length.
     out : Path -- where the pictures go; by default into the run's directory.
     formats : list of str -- "png", "pdf" or "svg".
@@ -42,9 +43,15 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         found = frames(directory)
-        some = chosen(found, times) if found else []
-        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(directory),
-                   "ledger": _ledger(directory), "traction": traction(found, some), "between": between(found)}
+        some = [frame.time for frame in chosen(found, times)] if found else []
+        if found and (remark := not_reached(found, times)):
+            print(f"cellmig: {remark}", file=sys.stderr)
+        history, ledger, substrate, neighbours = (
+            _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
+        samples = np.unique(history.get("time_us", []))
+        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(history),
+                   "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
+                   "between": between(neighbours, samples)}
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
@@ -52,11 +59,11 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     return [*paths, made] if made else paths
 
 
-def _displacement(directory: Path) -> Figure | None:
+def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
     """Displacement of every cell and the mean, what it touches, and its effective stress, against time."""
-    history = _table(directory / "history.csv")
     if not history:
         return None
+    names = names_of(history)
     cells = [cell for cell in np.unique(history["cell"]) if cell]
     contacts = [(name, text, style) for name, text, style in (("substrate_contact_um", "with the substrate", "-"),
                                                               ("cell_contact_um", "with cells", ":"))
@@ -69,7 +76,7 @@ def _displacement(directory: Path) -> Figure | None:
         rows = history["cell"] == cell
         time = history["time_us"][rows]
         colour = COLOURS[(cell - 1) % len(COLOURS)]
-        style = {"color": colour, "label": f"cell {cell}"} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
+        style = {"color": colour, "label": names[cell]} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
         axes[0].plot(time, history["ux_um"][rows], **style)
         for name, _, line in contacts if cell else ():
             axes[1].plot(time, history[name][rows], color=colour, ls=line)
@@ -91,9 +98,8 @@ def _displacement(directory: Path) -> Figure | None:
     return figure
 
 
-def _ledger(directory: Path) -> Figure | None:
+def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
     """Every entry of the energy ledger that the scene has, and what does not add up."""
-    ledger = _table(directory / "ledger.csv")
     if not ledger:
         return None
     figure = Figure(figsize=(6.0, 4.6), layout="constrained")

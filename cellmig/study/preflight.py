@@ -7,13 +7,11 @@ import math
 from time import perf_counter
 from typing import NamedTuple
 
-import numpy as np
-
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, two_columns
-from cellmig.output.sample import UNITS
 from cellmig.parallel.options import IMPLICIT, integrator_asked
 from cellmig.simulation import (
     TRIAL,
@@ -240,13 +238,11 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
 
 def _frame_bytes(case: Case) -> int:
     """Bytes of a particle in a frame."""
-    wide = {"stress": 72, "X": 24, "u": 24, "v": 24, "director": 24}
-    absent = {"director"} if case.director is None else set()
-    absent |= {"adhesion_force"} if case.substrate is None else set()
-    absent |= {"contact_force"} if case.contact is None or len(case.cells) == 1 else set()
-    absent |= {"protrusion_force"} if case.protrusion is None or not case.protrusion.cells else set()
-    fields = set(UNITS) - absent
-    return 28 + int(np.sum([wide.get(f, 24 if f.endswith("force") else 8) for f in fields]))
+    there = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
+             "contact": case.contact is not None and len(case.cells) > 1,
+             "friction": case.friction is not None and case.substrate is not None,
+             "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
+    return 28 + sum(field.stored for field in FIELDS.values() if there[field.term])
 
 
 def said_bytes(n: float) -> str:

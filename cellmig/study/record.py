@@ -13,11 +13,10 @@ from cellmig.case.load import from_dict
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
 from cellmig.output.directory import OutputError, the_run
+from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
-
-_PLANE = ("X", "u", "v", "adhesion_force", "contact_force", "protrusion_force", "director")
 
 
 class Record:
@@ -128,7 +127,7 @@ def _shaped(name: str, values: np.ndarray) -> np.ndarray:
     """A field without what the file has in it for ParaView."""
     if values.ndim == 2 and values.shape[1] == 9:
         return values.reshape(-1, 3, 3)
-    return values[:, :2] if name in _PLANE else values
+    return values[:, :2] if name in FIELDS and FIELDS[name].shape == (2,) else values
 
 
 def _pandas(name: str) -> Any:

@@ -22,9 +22,9 @@ from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
+from cellmig.output.fields import FIELDS
 from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
-from cellmig.output.sample import UNITS
 from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
@@ -226,7 +226,7 @@ class Run:
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
-            units = {name: UNITS[name] for name in fields}
+            units = {name: FIELDS[name].unit for name in fields}
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"])
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 

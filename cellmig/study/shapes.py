@@ -26,16 +26,24 @@ from cellmig.output.xdmf import Frame, frames
 
 from .style import UNITS
 
-_PAPER_TIMES = (0.05, 0.51, 0.67)  # of the end: 20, 204 and 268 of 400 us
+_SNAPSHOTS = (0.05, 0.5, 1.0)  # of the end
 _SECONDS, _MOST_PER_SECOND, _DPI = 10.0, 25.0, 140  # of a film
 _MAP = "viridis"
 
 
 def chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
-    """The frames nearest to `times` [us], each once, in order; by default at 5, 51 and 67 % of the end."""
+    """The frames nearest to `times` [us], each once, in order; by default at 5 and 50 % of the end, and the last."""
     there = np.array([frame.time for frame in found])
-    wanted = np.multiply(_PAPER_TIMES, there[-1]) if times is None else np.asarray(times)
+    wanted = np.multiply(_SNAPSHOTS, there[-1]) if times is None else np.asarray(times)
     return [found[k] for k in sorted({int(np.argmin(np.abs(there - time))) for time in wanted})]
+
+
+def not_reached(found: Sequence[Frame], times: Sequence[float] | None) -> str:
+    """What to say of `times` [us] far from any frame: the first or the last is drawn instead; "" if there are none."""
+    first, last = found[0].time, found[-1].time
+    if beyond := [f"{time:g}" for time in times or () if not first - 1e-9 <= time <= last * (1 + 1e-9)]:
+        return f"the frames are from {first:g} to {last:g} µs: {', '.join(beyond)} µs is drawn as the nearest of these"
+    return ""
 
 
 class Picture(Figure):

@@ -1,0 +1,98 @@
+"""The fields of a frame and the columns of the tables, each declared once: what it is, its symbol, unit, shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a frame, by particle.
+
+    symbol, unit, meaning : text;  shape : () scalar, (2,) vector in the plane, (3, 3) tensor;  term : of the scene,
+    without which it is not there, or "".
+    """
+
+    symbol: str
+    unit: str
+    shape: tuple[int, ...]
+    meaning: str
+    term: str = ""
+
+    @property
+    def stored(self) -> int:
+        """Bytes of a particle in the files, where vectors have a z that is 0."""
+        return 8 * int(np.prod([3 if n == 2 else n for n in self.shape]))
+
+
+FIELDS = {
+    "id": Field("", "1", (), "number of the particle, the same in all frames and on any number of ranks"),
+    "cell": Field("", "1", (), "number of its cell, from 1, as in history.csv"),
+    "material": Field("", "1", (), "number of its material, from 0, in the order of the case"),
+    "surface": Field("", "1", (), "place along the outline of its cell, loop by loop with one number left out between; "
+                                  "-1 inside"),
+    "X": Field("X", "um", (2,), "position at the start"),
+    "u": Field("u", "um", (2,), "displacement: it is at X + u, which is where the files have their points"),
+    "v": Field("v", "um/us", (2,), "velocity; of the leapfrog half a step before"),
+    "stress": Field("σ", "Pa", (3, 3), "Cauchy stress, recovered: linear fits over neighbours in the same material"),
+    "effective_stress": Field("σₑ", "Pa", (), "von Mises stress of it"),
+    "J": Field("J", "1", (), "volume over that at the start"),
+    "pressure": Field("p", "Pa", (), "minus a third of the trace of the stress"),
+    "director": Field("h", "1", (2,), "director, of length 1", "director"),
+    "adhesion_force": Field("F_cs", "pN/um", (2,), "force of the bonds to the substrate, at the instant", "substrate"),
+    "contact_force": Field("F_cc", "pN/um", (2,), "force of other cells, at the instant", "contact"),
+    "friction_force": Field("", "pN/um", (2,), "drag of the bonds to the substrate, at the instant", "friction"),
+    "protrusion_force": Field("F_d", "pN/um", (2,), "push of the protrusion, at the instant", "protrusion"),
+}
+
+# Columns of substrate.csv and neighbours.csv besides time, names and instants.
+_TRACTION = (("`x_um`", "middle of a piece of the substrate; all are as wide as the largest spacing of particles"),
+             ("`normal_pa`", "traction of the cell along y: > 0 where it pulls the substrate up, < 0 where it presses"),
+             ("`tangential_pa`", "traction along x: drag of the bonds, and the reaction to the push of the protrusion"),
+             ("`friction_pa`", "the part of it that is drag; nan without friction"))
+_PAIR = (("`cell`, `neighbour`", "numbers of two cells that touch, from 1, the lower first"),
+         ("`force_x_pn_per_um`, `force_y_pn_per_um`", "force on `cell` by `neighbour`, which has the opposite"),
+         ("`pull_pn_per_um`", "that along the line of their centres, > 0 where it draws them together"))
+
+
+_ABOUT_FIELDS = """
+## Fields of a frame
+
+By particle, in `rankNNNN/s*.h5` under these names; in `cells.xdmf` (for ParaView) and `rankNNNN.xdmf` (for meshio, too)
+with the unit behind, as in `u [um]`.  Vectors have a third component there, 0.  Forces are per µm of thickness.  A
+field whose term the scene lacks is not there.
+
+| field | symbol | unit | shape | term | meaning |
+|---|---|---|---|---|---|
+"""
+_ABOUT_TABLES = """
+## Tables of a run
+
+Units are in the names of the columns; `name` is the cell's, `all` that of the aggregate.
+
+- `history.csv`: `vx_um_per_us`, `vy_um_per_us`, `speed_um_per_us`: mean since the last sample, displacement over time.
+- `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,
+  activity and body forces, `friction_loss` what drag on the substrate took.
+- `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that
+  was taken.  At an instant forces ring with each bond that snaps; columns with `now` have those at the sample itself.
+  The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread
+  over the way that it went.
+
+"""
+
+
+def handbook_of_fields() -> str:
+    """Fields and tables of a run as Markdown."""
+    shapes = {(): "scalar", (2,): "vector", (3, 3): "tensor"}
+    fields = [(f"`{name}`", f.symbol, f.unit if f.unit != "1" else "", shapes[f.shape], f.term, f.meaning)
+              for name, f in FIELDS.items()]
+    tables = [("`substrate.csv`", column, meaning) for column, meaning in _TRACTION]
+    tables += [("`neighbours.csv`", column, meaning) for column, meaning in _PAIR]
+    head = "| table | column | meaning |\n|---|---|---|\n"
+    return _ABOUT_FIELDS + _rows(fields) + _ABOUT_TABLES + head + _rows(tables)
+
+
+def _rows(rows: list[tuple[str, ...]]) -> str:
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
