@@ -87,7 +87,8 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
 
     Returns
     -------
-    list of dict -- a row for each run that is done and cell (0 is the aggregate); ``pandas.DataFrame(rows)`` takes it.
+    list of dict -- a row for each run that is done and cell (0 is the aggregate), and one, without cell, for each that
+        failed, with its cause; ``pandas.DataFrame(rows)`` takes it.
     """
     from .study.sweep import Sweep, sweep
 

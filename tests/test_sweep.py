@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ import pytest
 from cellmig.__main__ import sweep as command
 from cellmig.case.messages import CaseError
 from cellmig.output.manifest import read_manifest
-from cellmig.study.sweep import Sweep, array_script, sweep, variation
+from cellmig.study.sweep import Sweep, _column, _in_a_name, _toml, array_script, sweep, variation
 from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
@@ -112,7 +114,67 @@ def test_a_run_that_was_stopped_goes_on_in_its_middle_if_it_is_of_the_same_case(
 def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
     plan = Sweep(ONE, {"time.step": ["auto", "100 ns"]}, tmp_path, COARSE)
     assert sweep(plan, at_once=2) == 4
-    assert {row["time.step"] for row in table(tmp_path)} == {"auto"}
+    *good, bad = table(tmp_path)
+    assert [(row["time.step"], row["cell"], row["exit_status"], row["cause"]) for row in good] == [
+        ("auto", cell, "0", "") for cell in "01"]
+    assert (bad["time.step"], bad["cell"], bad["exit_status"], bad["ux_um"]) == ("100 ns", "", "4", "")
+    assert "the numbers broke at" in bad["cause"] and Path(bad["directory"]).is_dir()
+    told = list(plan.rows(plan.jobs()))[-1]  # as from Python: its manifest tells
+    assert told["exit_status"] == 4 and "the numbers broke at" in told["cause"]
+
+
+def test_lists_of_who_protrudes_are_varied_in_directories_of_their_own(tmp_path):
+    plan = Sweep(ONE.with_name("all_protrude.toml"), dict([variation('protrusion.cells=["Cell-1"],["Cell-2"]')]),
+                 tmp_path, (*COARSE, "time.end='0.1 us'"))
+    assert sweep(plan, at_once=2) == 0
+    rows = table(tmp_path)
+    assert [row["protrusion.cells"] for row in rows] == ['["Cell-1"]'] * 4 + ['["Cell-2"]'] * 4
+    assert len({row["directory"] for row in rows}) == 2
+    assert [job.load().protrusion.cells for job in plan.jobs().values()] == [("Cell-1",), ("Cell-2",)]
+
+
+@pytest.mark.parametrize("values", [
+    ("x*10 Pa", "x/10 Pa", "x+10 Pa", "x-10 Pa"), ("4 /um", "4 um", "4_um", "4 um^2", "4 um ", "4um"),
+    (1, True, 1.0, "1", "true"), (["a", "b"], ["a b"], ["ab"], [["a"], "b"]), ({"law": "a"}, {"law": ["a"]}, "law a")])
+def test_values_that_differ_have_names_that_differ_and_do_not_hang_on_the_others(values):
+    names = [_in_a_name(value) for value in values]
+    assert len(set(names)) == len(values)
+    assert all(re.fullmatch(r"[\w.+^-]+", name) for name in names)
+
+
+def test_names_of_usual_values_are_plain():
+    values = (4000, 0.5, True, "8000 /um^2", "2 kPa", "leapfrog", "1e-3 µm")
+    assert [_in_a_name(value) for value in values] == [
+        "4000", "0.5", "true", "8000_per_um^2", "2_kPa", "leapfrog", "1e-3_µm"]
+
+
+@pytest.mark.parametrize(("values", "column", "shown"), [
+    (("900 Pa", "2 kPa"), "a.b [Pa]", [900.0, 2000.0]), (("1 kPa", "3 kPa"), "a.b [kPa]", [1.0, 3.0]),
+    (("10*x Pa", "10/x Pa"), "a.b", ["10*x Pa", "10/x Pa"]), (("auto", "100 ns"), "a.b", ["auto", "100 ns"]),
+    (("1 Pa", "1 um"), "a.b", ["1 Pa", "1 um"]), ((1, 2.5), "a.b", [1, 2.5]), ((["a"], []), "a.b", ['["a"]', "[]"])])
+def test_a_column_of_what_is_varied_has_numbers_in_one_unit_or_the_values_as_they_are(values, column, shown):
+    name, by_text = _column("a.b", values)
+    assert (name, list(by_text.values())) == (column, shown)
+
+
+@pytest.mark.parametrize("value", [
+    1, 0.5, 1e-300, float("inf"), True, "a \"b\" µ", ["x", ["y", 1]], {"law": "a", "k b": [1.5]}])
+def test_a_value_is_the_same_after_it_was_written_for_set(value):
+    assert tomllib.loads(f"a = {_toml(value)}")["a"] == value
+
+
+def test_results_of_another_version_do_not_count_and_are_told(tmp_path, capsys):
+    plan = Sweep(ONE, {"seed": [1, 2]}, tmp_path, COARSE)
+    assert sweep(plan, at_once=2) == 0
+    old, _ = plan.jobs().values()
+    path = old.directory / "manifest.json"
+    path.write_text(re.sub(r'"version": "[^"]*"', '"version": "0.0.1"', path.read_text()))
+    assert not old.is_done() and {row["seed"] for row in plan.rows(plan.jobs())} == {2}
+    capsys.readouterr()
+    assert sweep(plan, at_once=2) == 0
+    assert "1 of them are there already; 1 are there of another version" in capsys.readouterr().out
+    assert read_manifest(old.directory)["version"] != "0.0.1"
+    assert read_manifest(old.directory.with_name("seed=1.1"))["version"] == "0.0.1"
 
 
 def test_the_array_for_slurm_has_a_task_for_each_run_with_its_words_whole(done, tmp_path):

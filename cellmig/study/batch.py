@@ -62,15 +62,22 @@ class Job:
     def is_done(self) -> bool:
         """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
         manifest = read_manifest(self.directory)
-        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self._is_of(manifest)
+        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self.is_of(manifest)
+
+    def is_outdated(self) -> bool:
+        """Whether what its directory holds was done by another version of cellmig."""
+        manifest = read_manifest(self.directory)
+        return manifest.get("exit_status") == 0 and manifest.get("version") != __version__
 
     def goes_on(self) -> bool:
         """Whether its directory holds this very run with a checkpoint, stopped or killed before its end."""
         manifest = read_manifest(self.directory)
-        return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("version") == __version__
-                and self._is_of(manifest))
+        return any(self.directory.glob("checkpoint/c*.h5")) and self.is_of(manifest)
 
-    def _is_of(self, manifest: Mapping[str, Any]) -> bool:
+    def is_of(self, manifest: Mapping[str, Any]) -> bool:
+        """Whether a manifest is of this case, by this version: what another computed may differ."""
+        if manifest.get("version") != __version__:
+            return False
         case = self.load()
         return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
 
@@ -149,7 +156,10 @@ def run_missing(out: Path, jobs: Iterable[Job], at_once: int, asked: Sequence[in
 def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longest_first: bool) -> dict[Job, Ended]:
     load = os.getloadavg()[0]
     missing = [job for job in jobs if not job.is_done()]
-    print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already", flush=True)
+    outdated = sum(job.is_outdated() for job in missing)
+    print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already"
+          + (f"; {outdated} are there of another version of cellmig: they are moved aside and done again" if outdated
+             else ""), flush=True)
     if not missing:
         return {}
     seconds = _costs(missing)

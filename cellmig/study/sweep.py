@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import itertools
 import json
 import os
@@ -10,8 +11,10 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib
@@ -21,19 +24,22 @@ from matplotlib.figure import Figure
 
 from cellmig.case.messages import CaseError, Mistake, suggest
 from cellmig.case.schema import Case
+from cellmig.case.units import UnitError, number
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, further_columns, read_table
 
-from .batch import Job, run_missing, unsound, write_rows
+from .batch import Ended, Job, run_missing, unsound, write_rows
 from .run import stop_requests
 from .style import COLOURS, STYLE, save
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # letters of a directory's name
+_SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity whose unit may stand in a name
+_WORD, _SIGNS = re.compile(r"[\w.+^-]+"), re.compile(r"[^\w.+^-]+")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
-_MANIFEST = ("exit_status", "worst_closure", "steps", "wall_seconds", "state_hash")
+_MANIFEST = ("exit_status", "cause", "worst_closure", "steps", "wall_seconds", "state_hash")
 
 
 def variation(text: str) -> tuple[str, tuple[Any, ...]]:
@@ -83,32 +89,43 @@ class Sweep:
     sets: tuple[str, ...] = ()
     ranks: int = 1
 
-    def jobs(self) -> dict[tuple, Job]:
-        """All runs by their values, the first key slowest.  Raises CaseError if a value does not suit the case."""
+    def jobs(self) -> dict[tuple[str, ...], Job]:
+        """All runs by their values as TOML, the first key slowest.  Raises CaseError if one does not suit the case."""
         short = [key.rpartition(".")[2] for key in self.vary]
         names = short if len(set(short)) == len(short) else list(self.vary)
         jobs, varied = {}, set()
-        for number, values in enumerate(itertools.product(*self.vary.values()), 1):
+        for values in itertools.product(*self.vary.values()):
             name = "_".join(f"{key}={_in_a_name(value)}" for key, value in zip(names, values, strict=True))
-            name = name if len(name) <= _LONGEST else f"run{number:05d}"
-            sets = [f"{key}={json.dumps(value)}" for key, value in zip(self.vary, values, strict=True)]
+            name = name if len(name) <= _LONGEST else f"run-{_digest(name)}"
+            texts = tuple(map(_toml, values))
+            sets = [f"{key}={text}" for key, text in zip(self.vary, texts, strict=True)]
             varied.update(sets)
-            jobs[values] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
+            jobs[texts] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
         _check(jobs.values(), varied)
         return jobs
 
-    def rows(self, jobs: Mapping[tuple, Job]) -> Iterator[dict[str, Any]]:
-        """Of each run that is done: what it varied, how it ended, and the last row of history for each cell."""
-        for values, job in jobs.items():
-            if not job.is_done():
-                continue
-            varied = dict(_column(*pair) for pair in zip(self.vary, values, strict=True))
-            manifest = read_manifest(job.directory)
-            ended = {key: manifest[key] for key in _MANIFEST}
-            history = read_table(job.directory / "history.csv")
-            for row in np.flatnonzero(history["time_us"] == history["time_us"][-1]):
-                yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended,
-                       "directory": str(job.directory)}
+    def rows(self, jobs: Mapping[tuple[str, ...], Job], failed: Mapping[Job, Ended] = MappingProxyType({})
+             ) -> Iterator[dict[str, Any]]:
+        """Of each run that is done: what it varied, the last row of history for each cell, and how it ended.
+
+        One row of each that failed, or ended early, with its exit status and cause, and no numbers of cells; `failed`
+        are those that are known, others are told from their manifests.
+        """
+        columns = [_column(key, values) for key, values in self.vary.items()]
+        for texts, job in jobs.items():
+            varied = {name: values[text] for (name, values), text in zip(columns, texts, strict=True)}
+            manifest, done = read_manifest(job.directory), job.is_done()
+            if not done and not (manifest.get("exit_status") and job.is_of(manifest)):
+                manifest = {}  # of another run
+            ended = {key: manifest.get(key) for key in _MANIFEST} | {"directory": str(job.directory)}
+            if job in failed:
+                ended |= {"exit_status": failed[job].code, "cause": failed[job].message}
+            if done:
+                history = read_table(job.directory / "history.csv")
+                for row in np.flatnonzero(history["time_us"] == history["time_us"][-1]):
+                    yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended}
+            elif ended["exit_status"] is not None:
+                yield {**varied, "time_us": manifest.get("time_us"), **ended}
 
 
 def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
@@ -127,22 +144,55 @@ def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
 def _check_columns(case: Case, shown: Iterable[str]) -> None:
     """Refuse to draw what history.csv will not have."""
     there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
-                                            (one.name for one in (*case.supports, *case.plates))))
+                                            (one.name for one in (*case.supports, *case.plates)))[:-1])  # but names
     if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
                     for name in shown if name not in there]:
         raise CaseError(mistakes)
 
 
+def _toml(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, str | bool | np.bool_):
+        return json.dumps(value if isinstance(value, str) else bool(value), ensure_ascii=False)
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
 def _in_a_name(value: Any) -> str:
-    """A value as part of the name of a directory."""
-    return re.sub(r"[^\w.+^-]+", "_", str(value)).strip("_")
+    """A value as part of the name of a directory, which no other value has: a digest stands for signs that are lost."""
+    text = _toml(value)
+    if not isinstance(value, str):
+        if _WORD.fullmatch(text):
+            return text
+    elif quantity := _SHORT.fullmatch(value):
+        return f"{quantity[1]}_{'per_' if quantity[2] else ''}{quantity[3]}"
+    elif _WORD.fullmatch(value) and value[0].isalpha() and value not in ("true", "false", "inf", "nan"):
+        return value
+    return f"{_SIGNS.sub('_', text).strip('_')}-{_digest(text)}"
 
 
-def _column(key: str, value: Any) -> tuple[str, Any]:
-    """Name of a column, with the unit of the value, and the number in it; other values stay as they are."""
-    if isinstance(value, str) and (quantity := _QUANTITY.fullmatch(value)) and quantity[2]:
-        return f"{key} [{quantity[2]}]", float(quantity[1])
-    return key, value if isinstance(value, bool | int | float) else str(value)
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _column(key: str, values: Sequence[Any]) -> tuple[str, dict[str, Any]]:
+    """Name of the column of what is varied, and what stands there for each value, by its text as TOML.
+
+    Quantities are numbers in the unit of the first, which the name has; where not all are, they stay as they are.
+    """
+    quantities = [_QUANTITY.fullmatch(value) if isinstance(value, str) else None for value in values]
+    if all(quantity and quantity[2] for quantity in quantities):
+        unit = quantities[0][2]
+        with suppress(UnitError):
+            one = number(f"1 {unit}", unit)
+            return f"{key} [{unit}]", {
+                _toml(value): float(quantity[1]) if quantity[2] == unit else float(f"{number(value, unit) / one:.12g}")
+                for value, quantity in zip(values, quantities, strict=True)}
+    return key, {_toml(value): value if isinstance(value, bool | int | float) else
+                 value if isinstance(value, str) else _toml(value) for value in values}
 
 
 def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN) -> int:
@@ -162,9 +212,8 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     _check_columns(next(iter(jobs.values())).load(), shown)
     with stop_requests() as asked:
         failed = run_missing(plan.out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
-    rows = list(plan.rows(jobs))
     failed |= unsound(job for job in jobs.values() if job.is_done())
-    if rows:
+    if rows := list(plan.rows(jobs, failed)):
         write_rows(plan.out / "sweep.csv", rows)
         print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), sep="\n")
     if asked:
@@ -178,7 +227,9 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
 
 def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> list[Path]:
     """The aggregate at the end against the first key; a line, the mean over seeds, for each choice of the others."""
-    rows = [row for row in rows if row["cell"] == 0]
+    rows = [row for row in rows if row.get("cell") == 0]
+    if not rows:
+        return []
     keys = list(itertools.takewhile(lambda name: name != "time_us", rows[0]))
     across, *others = [key for key in keys if key != "seed"] or ["seed"]
     shown = [name for name in shown if any(row.get(name) for row in rows)] or list(shown[:1])
