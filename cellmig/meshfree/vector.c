@@ -109,7 +109,11 @@ static inline v4 v4_exp(v4 x)
 
 static inline v4 v4_cbrt(v4 x) { return v4_exp(v4_log(x) * (1.0 / 3)); }
 static inline v4 v4_sqrt(v4 x) { return (v4){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}; }
+static inline v4 v4_where(i4 yes, v4 a, v4 b) { return (v4)(((i4)a & yes) | ((i4)b & ~yes)); }
+static inline v4 v4_minimum(v4 a, v4 b) { return v4_where(a < b, a, b); }
+static inline v4 v4_maximum(v4 a, v4 b) { return v4_where(a > b, a, b); }
+static inline v4 v4_pow(v4 a, v4 b) { return (v4){pow(a[0], b[0]), pow(a[1], b[1]), pow(a[2], b[2]), pow(a[3], b[3])}; }
+#define OF_LIBM(f) static inline v4 v4_of_##f(v4 a) { return (v4){f(a[0]), f(a[1]), f(a[2]), f(a[3])}; }
+OF_LIBM(exp) OF_LIBM(sin) OF_LIBM(cos) OF_LIBM(tan) OF_LIBM(atan) OF_LIBM(sinh) OF_LIBM(cosh) OF_LIBM(tanh) OF_LIBM(fabs)
 static inline double d_minimum(double a, double b) { return a < b ? a : b; }
 static inline double d_maximum(double a, double b) { return a > b ? a : b; }
-static inline double d_sin(double a) { return sin(a); }
-static inline double d_cos(double a) { return cos(a); }

@@ -21,12 +21,6 @@ from cellmig.meshfree.translate import Translator
 
 _LEAST = 0.2  # s that are timed at a time
 
-# numpy's names for what a law calls, on single numbers.
-_MATH = """
-static inline double d_log(double a) { return log(a); }
-static inline double d_cbrt(double a) { return cbrt(a); }
-"""
-
 _LOOP = """
 /* F += dt Ḟ, then V P, and -S v. */
 void stress(long n, const long *first, const int *column, const double *G, const long *first_s,
@@ -118,7 +112,7 @@ class Baseline:
         self._prepare_c(G)
 
     def _prepare_c(self, G: Any) -> None:
-        parts, chosen, self._vectors = [VECTORS.read_text(encoding="utf-8"), _MATH], [], []
+        parts, chosen, self._vectors = [VECTORS.read_text(encoding="utf-8")], [], []
         for i, material in enumerate(self.materials):
             t = Translator(material, "double")
             parts.append(t.function("stress", f"stress_{i}"))
