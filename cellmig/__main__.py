@@ -251,6 +251,16 @@ def _discover() -> None:
     discover(meshfree)
 
 
+def _include(files: list[Path]) -> None:
+    """Laws of one's own, on every rank."""
+    if files:
+        from .case.own_laws import include
+
+        _discover()
+        for file in files:
+            include(file)
+
+
 def _load(path: Path, sets: list[str]) -> Any:
     _discover()
     from .case.load import load
@@ -286,6 +296,7 @@ def main() -> None:
         options = parse(words if serial else ours)
         if not serial or options.command in ("validate", "sweep", "paper", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
+        _include(getattr(options, "laws", ()))
         if not serial:
             code = (run if options.command == "run" else resume)(options, comm)
         else:  # nothing to share: other ranks than the first are idle
@@ -304,7 +315,8 @@ def main() -> None:
 
 def failure(error: Exception, comm: Any) -> int:
     """Say what went wrong, once; errors of the user's are known to all ranks, others end all ranks here."""
-    codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "CompilerError": ENVIRONMENT,
+    codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "LawError": WRONG, "LawFileError": WRONG,
+             "CompilerError": ENVIRONMENT,
              "NoRoom": ENVIRONMENT, "LaunchError": ENVIRONMENT,
              "OutputError": INPUT_OUTPUT, "NumericsError": BROKEN}
     code, message = codes.get(type(error).__name__), str(error)

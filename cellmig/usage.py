@@ -67,6 +67,7 @@ def parser() -> Parser:
     _checkpoints(run)
     _accuracy(run)
     _sets(run)
+    _laws(run)
     resume = commands.add_parser(
         "resume", help="go on with a run that was stopped or killed", epilog="Options with one dash are PETSc's: give "
         "those again that the run was given.", description="Go on from the newest whole checkpoint of a run, on any "
@@ -74,11 +75,13 @@ def parser() -> Parser:
     resume.add_argument("directory", type=Path, help="of the run")
     resume.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
     _checkpoints(resume)
+    _laws(resume)
 
     validate = commands.add_parser("validate", help="check cases and say what a run will cost")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
     _accuracy(validate)
     _sets(validate)
+    _laws(validate)
     _sweep(commands)
     _looks(commands)
     return top
@@ -102,6 +105,7 @@ def _sweep(commands: Any) -> None:
     sweep.add_argument("--slurm", action="store_true", help="write a Slurm array that does the runs, and do none")
     _accuracy(sweep)
     _sets(sweep)
+    _laws(sweep)
 
 
 def _looks(commands: Any) -> None:
@@ -158,6 +162,7 @@ def _looks(commands: Any) -> None:
                        "output/bench-quick)")
     schema = commands.add_parser("schema", help="JSON schema of a case file, for editors")
     schema.add_argument("--markdown", action="store_true", help="all keys and laws as a page to read, instead")
+    _laws(schema)
     commands.add_parser("doctor", help="what this machine has and lacks")
 
 
@@ -179,6 +184,11 @@ def _accuracy(command: argparse.ArgumentParser) -> None:
 def _sets(command: argparse.ArgumentParser) -> None:
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="sets",
                          help="change a value of the case: --set particles.per_cell=500 --set time.step='1 ns'")
+
+
+def _laws(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--law", action="append", default=[], type=Path, metavar="FILE.py", dest="laws",
+                         help="a file of laws of one's own: the case may name them; again for another")
 
 
 COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schema", "doctor",

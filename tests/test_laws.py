@@ -430,7 +430,7 @@ def test_every_function_that_a_formula_may_have_is_the_same_in_c(method: str, nu
     out, p = np.zeros_like(r), np.array(translator.vector() or [0.0])
     addresses = [ctypes.c_void_p(a.ctypes.data) for a in (p, r, out)]
     ctypes.CDLL(str(compiled(source))).run(ctypes.c_long(len(r)), *addresses)
-    assert np.abs(out - expected).max() <= 3e-15 * np.abs(expected).max()  # measured 4e-16: the last bit of libm
+    assert np.abs(out - expected).max() <= 3e-15 * np.abs(expected).max()  # measured 1.3e-15, of v4_log
 
 
 @pytest.mark.parametrize("method", [name for name in vars(Formulas) if inspect.isfunction(getattr(Formulas, name))])
@@ -438,7 +438,7 @@ def test_every_function_that_a_formula_may_have_has_its_derivative(method: str) 
     r, function = np.linspace(-1.9, 1.93, 50), getattr(Formulas(), method)
     value, found = derivative(function, r)
     expected = slope(lambda x: function(x) + 0.0 * x, r, 1e-4)
-    assert np.abs(found[0] - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())  # measured 4e-11, of differences
+    assert np.abs(found[0] - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())  # measured 6e-11, of differences
     assert np.abs(value - function(r)).max() <= 1e-15 * np.abs(value).max()
 
 

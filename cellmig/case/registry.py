@@ -33,6 +33,12 @@ def laws(kind: str) -> dict[str, type]:
     return dict(sorted(_LAWS.get(kind, {}).items()))
 
 
+def restore(known: dict[str, dict[str, type]]) -> None:
+    """Forget all laws but those `known`, as `laws` gave them by kind."""
+    _LAWS.clear()
+    _LAWS.update({kind: dict(named) for kind, named in known.items()})
+
+
 def discover(package: Any) -> None:
     """Import every module of `package`, so that its laws are registered: a new law is a new file."""
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):

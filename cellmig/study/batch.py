@@ -27,6 +27,7 @@ from mpi4py import MPI
 
 from cellmig import __version__, meshfree, model
 from cellmig.case.load import load
+from cellmig.case.own_laws import included
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
 from cellmig.exits import BROKEN
@@ -79,11 +80,13 @@ class Job:
         if manifest.get("version") != __version__:
             return False
         case = self.load()
-        return manifest["end_us"] == case.time.end and manifest["case"] == json.loads(json.dumps(case.resolved()))
+        return (manifest["end_us"] == case.time.end and manifest.get("laws", []) == included()
+                and manifest["case"] == json.loads(json.dumps(case.resolved())))
 
     def arguments(self) -> list[str]:
         """What the command line says of it."""
         sets = [word for text in self.sets for word in ("--set", text)]
+        sets += [word for one in included() for word in ("--law", one["file"])]
         return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *self.options]
 
     def command(self) -> str:

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from cellmig import __version__
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError, Mistake
+from cellmig.case.own_laws import include_all, included
 from cellmig.case.schema import Case
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
@@ -89,7 +90,8 @@ class Keeper:
 
 def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
     """What a checkpoint has to be of, as JSON has it; `end` [µs]."""
-    return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune}
+    laws = {"laws": included()} if included() else {}
+    return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune, **laws}
 
 
 def method(simulation: Simulation) -> dict[str, Any]:
@@ -144,7 +146,8 @@ def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -
     """Refuse to go on with another case than that of a run."""
     _check_version(about)
     now = json.loads(json.dumps(identity(case, end, prune)))
-    for name, what in (("case", ""), ("end_us", "--until"), ("prune", "--no-prune")):
+    about, now = ({**one, "laws": [file["sha256"] for file in one.get("laws", ())]} for one in (about, now))
+    for name, what in (("case", ""), ("end_us", "--until"), ("prune", "--no-prune"), ("laws", "--law")):
         if about.get(name) != now[name]:
             found = what or next(_differences(about["case"], now["case"]))
             raise CaseError([Mistake(case.path, None, found, "is not what it was in the run that is there: give what "
@@ -201,4 +204,5 @@ def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) 
         raise OutputError(f"there is nothing to resume in '{directory}'")
     if state:
         _check_version(about)
+    include_all(about.get("laws", ()))
     return from_dict(about["case"], about["case_file"]), about["end_us"], about["prune"]

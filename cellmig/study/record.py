@@ -10,6 +10,7 @@ import numpy as np
 
 from cellmig import meshfree, model
 from cellmig.case.load import from_dict
+from cellmig.case.own_laws import include_all
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
 from cellmig.output.directory import OutputError, the_run
@@ -47,6 +48,7 @@ class Record:
         manifest = self.manifest
         if "case" not in manifest:
             raise OutputError(f"'{self.directory}' does not tell its case: the run was stopped before it wrote it")
+        include_all(manifest.get("laws", ()))
         return from_dict(manifest["case"], manifest["case_file"])
 
     # ------------------------------------------------------------ tables
