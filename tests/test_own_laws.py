@@ -109,13 +109,14 @@ BODY = '    rate: float = quantity("", "rate")\n    def energy(self, stretch):\n
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("x = (1\n", "law.py:1: not Python: '(' was never closed"), ("import nothing_there\n", "law.py:1: ModuleNotFoundError"),
+    ("x = (1\n", "law.py:1: not Python: '(' was never closed"),
+    ("import nothing_there\n", "law.py:1: ModuleNotFoundError"),
     (HEAD + "1 / 0\n", "law.py:3: ZeroDivisionError: division by zero"), (HEAD, "law.py' has no law"),
     (HEAD + '@law("cortx", "own")\nclass Own:\n    """Own."""\n', "no kind of law 'cortx'; did you mean 'cortex'?"),
     (HEAD + '@law("cortex", "line-tension")\nclass Own:\n    """Own."""\n' + BODY.format("1.0", "1.0"),
      "there is a law 'line-tension' of the kind 'cortex' already"),
-    (HEAD + '@law("cortex", "stiffening")\nclass Own:\n    """Own."""\n    energy = 1.0\n', "lacks what a law of the kind "
-     "'cortex' has: tension"),
+    (HEAD + '@law("cortex", "stiffening")\nclass Own:\n    """Own."""\n    energy = 1.0\n',
+     "lacks what a law of the kind 'cortex' has: tension"),
     ("import sys\nsys.exit(3)\n", "law.py:2: SystemExit: 3"), (None, "law.py' cannot be read: No such file"),
 ])
 def test_a_file_of_laws_that_cannot_be_used_is_told_with_its_line(registered: None, tmp_path: Path, text: str | None,
