@@ -36,20 +36,22 @@ def run(options: argparse.Namespace, comm: Any) -> int:
         elif is_done(manifest):
             check_identity(manifest, case, end, prune)
             return _done_already(directory, options)
-    return _go(options, comm, case, directory, end, prune, state, claim)
+    return _go(options, comm, case, directory, end, prune, state, claim, options.origin)
 
 
 def resume(options: argparse.Namespace, comm: Any) -> int:
     """Go on with the run in a directory on all ranks."""
     _discover()
     from .output.directory import Claim
-    from .study.keep import is_done, look, origin
+    from .study.keep import is_done, look, new_end, origin
 
+    until = _time(options.until, "--until") if options.until else None
     claim = Claim(options.directory, comm)
-    manifest, state = look(claim, comm, options.quiet)
-    if is_done(manifest):
+    manifest, state = look(claim, comm, options.quiet, done_too=until is not None)
+    if is_done(manifest) and until in (None, manifest.get("end_us")):
         return _done_already(options.directory, options)
     case, end, prune = origin(options.directory, manifest, state)
+    end = end if until is None else new_end(until, state, manifest, options.directory)
     return _go(options, comm, case, options.directory, end, prune, state, claim)
 
 
@@ -60,7 +62,7 @@ def _done_already(directory: Path, options: argparse.Namespace) -> int:
 
 
 def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end: float, prune: bool,
-        state: Any, claim: Any) -> int:
+        state: Any, claim: Any, origin: Path | None = None) -> int:
     from .study.keep import Intervals
     from .study.run import Run, stop_requests
 
@@ -69,7 +71,7 @@ def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end:
     simulated = _time(options.checkpoint_time, "--checkpoint-time") if options.checkpoint_time else None
     with stop_requests() as asked:
         return Run(case, directory, comm, until=end, prune=prune, quiet=options.quiet, state=state,
-                   intervals=Intervals(**wall, simulated=simulated), claim=claim).go(asked)
+                   intervals=Intervals(**wall, simulated=simulated), claim=claim, origin=origin).go(asked)
 
 
 def validate(options: argparse.Namespace) -> int:

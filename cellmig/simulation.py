@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from fractions import Fraction
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from .model.director import start_angle
 from .output.interval import Interval
 from .output.log import duration
 from .output.sample import Sampler
+from .parallel.collect import shared
 from .parallel.direct import solve_positive
 from .parallel.options import IMPLICIT, integrator_asked
 from .parallel.partition import partition
@@ -43,6 +45,7 @@ discover(meshfree)
 LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
 TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each part of a trial, implicit and explicit
 GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
+SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
@@ -143,15 +146,20 @@ class Simulation:
     """
 
     def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True,
-                 parts: tuple[Scene, Terms] | None = None):
-        """Build everything; `parts` : scene and terms, if they are there already or not the case's; collective."""
+                 parts: tuple[Scene, Terms] | None = None, start: dict[str, np.ndarray] | None = None):
+        """Build everything; collective.
+
+        `parts` : scene and terms, if they are there already or not the case's;  `start` : on rank 0 arrays of a
+        checkpoint of the same particles, whose u, v and director it begins with, instead of the case's.
+        """
         self.reason = ""  # of an integrator that was chosen
         if integrator_asked(case.time.integrator) == "auto":
             case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
         self.scene, self.terms = parts or (discretise(case), find_terms(case, prune))
         owner = partition(self.scene.X, self.scene.cell, self.scene.material, comm.size)
-        self.swarm = Swarm(comm, self._start(np.arange(self.scene.size)[comm.rank :: comm.size]))
+        own = np.arange(self.scene.size)[comm.rank :: comm.size]
+        self.swarm = Swarm(comm, self._start(own) | ({} if start is None else self._begun(start, own)))
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()
         protruding = np.array([c.name in names for c in case.cells])
@@ -182,6 +190,21 @@ class Simulation:
             if case.director is not None:
                 theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
         return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 5))}
+
+    def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
+        """State of some particles as a checkpoint has it; collective."""
+        why = "a static case is solved from rest" if self.case.static else ""
+        if not same_places(arrays, self.scene, self.comm):
+            why = ("the run to start from has other particles: shapes, places, nuclei and [particles] have to be the "
+                   "same; materials, adhesion, protrusion … may differ")
+        if why:
+            raise CaseError([Mistake(self.case.path, None, "--from", why)])
+        found = shared(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
+                                   if name in ("particle state", "particle theta")})
+        begun = {"u": found["state"][ids, :2], "v": found["state"][ids, 2:]}
+        if self.case.director is not None and "theta" in found:
+            begun["theta"] = found["theta"][ids].ravel()
+        return begun
 
     def go(self, stop: float) -> float:
         """Go on to the time `stop` [µs]; returns the time reached (less if -ts_max_steps ended it); collective."""
@@ -218,7 +241,7 @@ class Simulation:
         """
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
-            arrays["X"] = self.scene.X
+            arrays["X"], arrays["surface"] = self.scene.X, surface_of(self.scene)
         return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                 "interval": self.interval.saved()}, arrays
 
@@ -250,6 +273,21 @@ class Simulation:
         self.integrator.destroy()
         self.mechanics.destroy()
         self.swarm.destroy()
+
+
+def surface_of(scene: Scene) -> np.ndarray:
+    """Global ids of the surface particles of all cells, in their order (m,)."""
+    return np.concatenate([scene.surface(cell) for cell in range(len(scene.kind))])
+
+
+def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:
+    """Whether arrays of a checkpoint, on rank 0, are of the particles of a scene: but for rounding; collective."""
+    same = True
+    if comm.rank == 0:
+        X, surface, spacing = arrays["X"], arrays["surface"], min(t.spacing for t in scene.templates)
+        same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
+                and np.array_equal(surface, surface_of(scene)))
+    return comm.bcast(same)
 
 
 def cheaper(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
@@ -335,10 +373,15 @@ def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
 
 
 def stops(case: Case, end: float) -> list[tuple[float, bool, bool]]:
-    """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame."""
+    """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame.
+
+    Parts of the case's end are exact fractions, rounded once: what falls together is one time, whatever its digits.
+    """
+    whole, before = Fraction(str(float(case.time.end))), end * (1.0 - 1e-12)
 
     def every(count: int) -> set[float]:
-        return {round(case.time.end * i / count, 9) for i in range(int(end / case.time.end * count * (1 + 1e-12)) + 1)}
+        times = (float(whole * i / count) for i in range(int(end / case.time.end * count) + 2))
+        return {t for t in times if t < before}
 
     sample, frame = every(case.time.samples), every(case.time.frames)
-    return [(t, t in sample or t == end, t in frame or t == end) for t in sorted(sample | frame | {end})]
+    return [*((t, t in sample, t in frame) for t in sorted(sample | frame)), (end, True, True)]

@@ -59,6 +59,8 @@ def parser() -> Parser:
                                           "SIGTERM and SIGUSR1 end a run with all its files whole and a checkpoint.")
     run.add_argument("case", type=Path, help="case file")
     run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
+    run.add_argument("--from", type=Path, metavar="DIR", dest="origin", help="start at time 0 with the last state of "
+                     "the run in DIR: the same particles; all else may differ")
     run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
     run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
     run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
@@ -69,10 +71,12 @@ def parser() -> Parser:
     _sets(run)
     _laws(run)
     resume = commands.add_parser(
-        "resume", help="go on with a run that was stopped or killed", epilog="Options with one dash are PETSc's: give "
-        "those again that the run was given.", description="Go on from the newest whole checkpoint of a run, on any "
-        "number of ranks: the same bits as if it had never ended.  What it wrote since is written again.")
+        "resume", help="go on with a run that was stopped or killed, or is to be longer",
+        epilog="Options with one dash are PETSc's: give those again that the run was given.", description="Go on "
+        "from the newest whole checkpoint of a run, on any number of ranks: the same bits as if it had never ended.  "
+        "What it wrote since is written again.")
     resume.add_argument("directory", type=Path, help="of the run")
+    resume.add_argument("--until", metavar='"800 us"', help="end there, earlier or later; a run that is done goes on")
     resume.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
     _checkpoints(resume)
     _laws(resume)

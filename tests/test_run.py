@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
@@ -19,6 +20,7 @@ import pytest
 from scenes import CASES
 
 from cellmig.case.load import load
+from cellmig.meshfree import compiler
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
 from cellmig.output.xdmf import frames
@@ -231,6 +233,37 @@ def test_help_and_what_looks_at_runs_come_once_on_several_ranks(on_ranks, runs):
 
 
 # -------------------------------------------------------------------------------------------- what the machine may lack
+
+
+ANSWER = "int answer(void) {{ return {}; }}"
+
+
+@pytest.mark.parametrize("left", [0, 100, 0.5, -1], ids=["nothing", "100 bytes", "half", "all but a byte"])
+def test_a_compiled_kernel_that_was_cut_short_is_made_anew(left, tmp_path, monkeypatch):
+    monkeypatch.setenv("CELLMIG_CACHE", str(tmp_path))
+    source = ANSWER.format(40)
+    path = compiler.compiled(source)
+    whole = path.read_bytes()
+    assert path.parent == tmp_path and compiler.compiled(source) == path
+    path.write_bytes(whole[:int(left * len(whole)) if isinstance(left, float) else left])
+    assert compiler.loaded(source).answer() == 40
+    assert path.stat().st_size == len(whole) and [*tmp_path.iterdir()] == [path]
+
+
+def test_a_kernel_on_a_disk_where_nothing_is_executed_is_loaded_from_memory_or_a_remedy_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("CELLMIG_CACHE", str(tmp_path))
+    load = ctypes.CDLL
+
+    def refuse(path, places):
+        if path.startswith(places):
+            raise OSError("failed to map segment from shared object")
+        return load(path)
+
+    monkeypatch.setattr("ctypes.CDLL", lambda path: refuse(path, (str(tmp_path),)))
+    assert compiler.loaded(ANSWER.format(41)).answer() == 41
+    monkeypatch.setattr("ctypes.CDLL", lambda path: refuse(path, (str(tmp_path), "/proc")))
+    with pytest.raises(compiler.CompilerError, match=r"failed to map segment.*noexec, set CELLMIG_CACHE"):
+        compiler.loaded(ANSWER.format(42))
 
 
 def test_without_a_compiler_the_message_says_what_to_install(alone, tmp_path):

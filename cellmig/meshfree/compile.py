@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiler import compiled, library
+from .compiler import library, loaded
 from .terms import Terms
 from .translate import Translator
 
@@ -103,7 +103,7 @@ class Kernel:
         self._address = ctypes.byref(self._structure)
         self._arrays: dict[str, np.ndarray] = {}
         self.source = text
-        self.library = ctypes.CDLL(str(compiled(text)))
+        self.library = loaded(text)
         for name, values in vectors.items():
             self[name] = np.array(values or [0.0])
 

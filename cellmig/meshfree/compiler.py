@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+_SEAL = hashlib.sha256().digest_size  # bytes
 MENDS = "apt install gcc libc6-dev, or without root: pip install ziglang"
 
 
@@ -53,13 +54,30 @@ def compiler() -> list[str]:
     raise CompilerError(f"no C compiler found: {MENDS}; or set CC")
 
 
+def loaded(source: str) -> ctypes.CDLL:
+    """Functions of `source`.  Raises CompilerError if they cannot be had."""
+    path = compiled(source)
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        reason = error
+    try:  # of a disk that is mounted noexec, memory has a copy
+        with open(os.memfd_create("kernel"), "wb") as memory:
+            memory.write(path.read_bytes())
+            memory.flush()
+            return ctypes.CDLL(f"/proc/self/fd/{memory.fileno()}")
+    except OSError:
+        raise CompilerError(f"the compiled kernel cannot be loaded ({reason}): if the disk of '{path.parent}' is "
+                            "mounted noexec, set CELLMIG_CACHE to a directory on another") from None
+
+
 def compiled(source: str) -> Path:
     """Shared library of `source`, from the cache or compiled now; safe when many processes ask at once."""
     command = compiler()
     command += [*FLAGS, *_architecture("ziglang" in command)]
     key = hashlib.sha256("\0".join([source, *command]).encode()).hexdigest()[:24]
     library = cache_directory() / f"{key}.so"
-    if library.exists():
+    if _is_whole(library):
         return library
     with tempfile.TemporaryDirectory() as scratch:
         code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
@@ -77,19 +95,29 @@ def compiled(source: str) -> Path:
 @cache
 def library(source: Path) -> ctypes.CDLL:
     """A file of C, compiled and loaded once a process."""
-    return ctypes.CDLL(str(compiled(source.read_text(encoding="utf-8"))))
+    return loaded(source.read_text(encoding="utf-8"))
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library in the cache is as it was put there: one that was cut ends the process that loads it."""
+    try:
+        content = library.read_bytes()
+    except OSError:
+        return False
+    return content[-_SEAL:] == hashlib.sha256(content[:-_SEAL]).digest()
 
 
 def _kept(made: Path, library: Path) -> Path:
     """The library in the cache, there whole or not at all; where there is no room for it, in a file of this process."""
+    content = made.read_bytes()
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
         part = library.with_suffix(f".{os.getpid()}")
-        shutil.copyfile(made, part)
+        part.write_bytes(content + hashlib.sha256(content).digest())  # behind its end, which no loader minds
         part.replace(library)
         return library
     except OSError:
         with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as own:
-            shutil.copyfileobj(made.open("rb"), own)
+            own.write(content)
         atexit.register(Path(own.name).unlink, missing_ok=True)
         return Path(own.name)

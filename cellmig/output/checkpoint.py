@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -41,15 +40,15 @@ class Checkpoint:
     arrays: dict[str, np.ndarray]
 
 
-def write(directory: Path, comm: Any, checkpoint: Checkpoint) -> Path:
-    """Add a checkpoint to those of a run, whole and on the disk when this returns, and drop all but the last two.
+def write(directory: Path, comm: Any, checkpoint: Checkpoint, kept: int = KEPT) -> Path:
+    """Add a checkpoint to those of a run, whole and on the disk when this returns, and drop all but the last `kept`.
 
     Collective; rank 0 writes.  Returns its path.
     """
-    return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint), root_only=True)[0]
+    return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint, kept), root_only=True)[0]
 
 
-def _write(folder: Path, checkpoint: Checkpoint) -> Path:
+def _write(folder: Path, checkpoint: Checkpoint, kept: int) -> Path:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
@@ -58,7 +57,7 @@ def _write(folder: Path, checkpoint: Checkpoint) -> Path:
     path = folder / f"c{max(numbers, default=0) + 1:08d}.h5"
     image = _image(checkpoint)
     replace(path, image + _SEAL + hashlib.sha256(image).hexdigest().encode(), lasting=True)
-    for _, old in listed(folder)[:-KEPT]:
+    for _, old in listed(folder)[:-kept]:
         old.unlink(missing_ok=True)
     return path
 
@@ -121,16 +120,3 @@ def _read(path: Path) -> Checkpoint:
     with h5py.File(io.BytesIO(image), "r") as file:
         arrays = {name: data[()] for name, data in file.items()}
     return Checkpoint(json.loads(bytes(arrays.pop(_ABOUT))), arrays)
-
-
-def remove(directory: Path, comm: Any) -> None:
-    """Drop all checkpoints of a run that is done; collective."""
-
-    def act() -> None:
-        folder = Path(directory) / FOLDER
-        for path in folder.glob("c*.h5*"):
-            path.unlink(missing_ok=True)
-        if folder.exists() and not any(folder.iterdir()):
-            os.rmdir(folder)
-
-    together(comm, act, root_only=True)

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from cellmig.meshfree.body import Scene
 from cellmig.meshfree.compile import VECTORS
-from cellmig.meshfree.compiler import compiled
+from cellmig.meshfree.compiler import loaded
 from cellmig.meshfree.translate import Translator
 
 _LEAST = 0.2  # s that are timed at a time
@@ -123,7 +123,7 @@ class Baseline:
             chosen.append(f"if (material[i] == {i}) {{ {call} }}")
             self._vectors.append(np.array(t.vector()))
         each = f"#define EACH_MATERIAL {' else '.join(chosen)}"
-        self.library = ctypes.CDLL(str(compiled("\n".join([*parts, each, _LOOP, _LIMITS]))))
+        self.library = loaded("\n".join([*parts, each, _LOOP, _LIMITS]))
         self._parameters = np.array([v.ctypes.data for v in self._vectors], np.uint64)
         self._first, self._column = G.indptr.astype(np.int64), G.indices.astype(np.int32)
         self._G = np.column_stack([part.data for part in self.G]).ravel()

@@ -73,7 +73,8 @@ class Job:
     def goes_on(self) -> bool:
         """Whether its directory holds this very run with a checkpoint, stopped or killed before its end."""
         manifest = read_manifest(self.directory)
-        return any(self.directory.glob("checkpoint/c*.h5")) and self.is_of(manifest)
+        return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("exit_status") != 0
+                and self.is_of(manifest))
 
     def is_of(self, manifest: Mapping[str, Any]) -> bool:
         """Whether a manifest is of this case, by this version: what another computed may differ."""

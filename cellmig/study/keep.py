@@ -11,8 +11,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 from mpi4py import MPI
 
 from cellmig import __version__
@@ -27,13 +25,12 @@ from cellmig.output.log import Log
 from cellmig.output.manifest import processor, read_manifest
 from cellmig.output.tables import up_to
 from cellmig.output.xdmf import check_frames
-from cellmig.simulation import Simulation
+from cellmig.simulation import Simulation, same_places
 
 FORMAT = 2  # of checkpoints: what they hold, and what it is called
 GO_ON, SAVE, STOP = 0, 1, 2
 USUAL = 300.0  # wall seconds between checkpoints, if nobody says
 SHARE = 0.02  # of the wall time that they may take, if nobody says how often
-SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
 SPARE = 3.0  # wall seconds kept back for the start and the end, besides what the slowest steps and checkpoints take
 
 
@@ -124,22 +121,13 @@ def check_method(state: Checkpoint, simulation: Simulation) -> None:
     if then["kernel"] != now["kernel"]:
         raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
                           "that, or begin anew")
-    if not same_particles(state, simulation):
+    if not same_places(state.arrays, simulation.scene, simulation.comm):
         raise OutputError("the checkpoint is of other particles than are laid out by this version of cellmig on this "
                           f"processor ({processor()}; it is of {state.about['processor']}): go on there, or begin anew")
     for name in ("integrator", "step"):
         if then[name] != now[name]:
             raise OutputError(f"the checkpoint is of a run with {name} {then[name] or 'auto'}, not "
                               f"{now[name] or 'auto'}: give the PETSc options that were given then")
-
-
-def same_particles(state: Checkpoint, simulation: Simulation) -> bool:
-    """Whether a checkpoint is of the particles of a simulation: at the same places but for rounding; collective."""
-    scene, comm, same = simulation.scene, simulation.comm, True
-    if comm.rank == 0:
-        X, spacing = state.arrays["X"], min(t.spacing for t in scene.templates)
-        same = X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
-    return comm.bcast(same)
 
 
 def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:
@@ -172,15 +160,16 @@ def _differences(a: Any, b: Any, path: str = "") -> Any:
         yield path
 
 
-def look(claim: Claim, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, Any], Checkpoint | None]:
+def look(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = False
+         ) -> tuple[dict[str, Any], Checkpoint | None]:
     """The manifest of the run in a directory and its newest whole checkpoint, as far as there are; collective.
 
-    Who looks has claimed it before, and keeps it.  A run that is done needs no checkpoint.
+    Who looks has claimed it before.  A run that is done needs no checkpoint, unless `done_too` asks for its last state.
     """
     directory = claim.path
     manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
     state = None
-    if not is_done(manifest):
+    if done_too or not is_done(manifest):
         state = checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
     if state:
         _check_version(state.about.get("run", {}))
@@ -195,6 +184,32 @@ def look(claim: Claim, comm: MPI.Comm, quiet: bool = False) -> tuple[dict[str, A
 def is_done(manifest: dict[str, Any]) -> bool:
     """Whether a run came to its end."""
     return manifest.get("exit_status") == 0 and not manifest.get("cause")
+
+
+def state_of(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint:
+    """The last state of a run that another one is to start from; collective."""
+    with Claim(directory, comm) as claim:
+        _, state = look(claim, comm, quiet, done_too=True)
+    if state is None:
+        raise OutputError(f"'{directory}' has no checkpoint to start from")
+    return state
+
+
+def parent(directory: Path, state: Checkpoint) -> dict[str, Any]:
+    """What a manifest says of the run that another one started from."""
+    about = state.about
+    return {"directory": str(directory), "run_id": about["id"], "time_us": about["time_us"],
+            "case_file": about["case_file"], "title": about["run"]["case"].get("title", "")}
+
+
+def new_end(until: float, state: Checkpoint | None, manifest: dict[str, Any], directory: Path) -> float:
+    """The end [µs] that a run is given anew.  Raises OutputError or CaseError if it cannot go on to there."""
+    if state is None and is_done(manifest):
+        raise OutputError(f"the run in '{directory}' is done and has no checkpoint to go on from")
+    if state and until < (reached := state.about["time_us"]):
+        raise CaseError([Mistake("--until", None, "", f"the run in '{directory}' is at {reached:.12g} µs already, "
+                                 f"beyond {until:.12g} µs; 'run CASE --from DIR' starts another case from its state")])
+    return until
 
 
 def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) -> tuple[Case, float, bool]:

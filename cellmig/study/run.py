@@ -16,8 +16,9 @@ import numpy as np
 from mpi4py import MPI
 
 from cellmig import __version__
+from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
-from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED
+from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
 from cellmig.meshfree.tangles import tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
@@ -32,7 +33,8 @@ from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 
-from .keep import FORMAT, STOP, USUALLY, Intervals, Keeper, check_files, check_method, identity, method
+from . import keep
+from .keep import STOP, USUALLY, Intervals, Keeper
 from .room import require_room
 from .said import laws_said, load_said, scene_said, skipped_said, span, step_said
 
@@ -44,40 +46,43 @@ class Run:
 
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
                  quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None,
-                 claim: Claim | None = None):
+                 claim: Claim | None = None, origin: Path | None = None):
         """Make the directory and build the simulation; with a `state`, go on from there; collective.
 
-        `claim` : of the directory, where that was looked into before.
+        `claim` : of the directory, where that was looked into before;  `origin` : of a run whose last state this one
+        starts with, at time 0.
         """
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         if not state:
             require_room(case, directory, comm)
+        begun = keep.state_of(origin, comm, quiet) if origin and not state else None
+        parent = keep.parent(origin, begun) if begun else state and state.about["from"]
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = Path(directory)
         self.claim = claim or Claim(self.directory, comm, make=True)
         self.aside = None if state else self.claim.clear()
         if state:
-            check_files(state, self.directory, comm)
+            keep.check_files(state, self.directory, comm)
         self.log = Log(comm, self.directory, quiet)
         self.begin = perf_counter()
         self.end = case.time.end if until is None else until
-        self.identity = identity(case, self.end, prune)
+        self.identity = keep.identity(case, self.end, prune)
         self.manifest = {**self.identity, "run_id": state.about["id"] if state else comm.bcast(uuid4().hex),
                          "case_file": case.path, "exit_status": None, **environment(comm), "petsc": petsc_version(),
-                         "seed": case.seed,
+                         "seed": case.seed, **({"from": parent} if parent else {}),
                          **({"accuracy": case.chosen} if case.chosen else {})}
         if not state:
             self._save_manifest()
         self._say_header()
         with self.timers("build"), options_obeyed():
-            self.simulation = Simulation(case, comm, prune)
+            self.simulation = self._built(prune, begun)
         if state:
-            check_method(state, self.simulation)
+            keep.check_method(state, self.simulation)
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_closure = self.step_seconds = self.wall_before = 0.0
-        self.looked, self.stopping, self.resumed = 0, "", []
+        self.looked, self.stopping, self.resumed = -1.0, "", []  # looked up at [µs]
         self.frames: Frames | None = None
         self._open(state.about["files"] if state else {"frames": 0})
         if state:
@@ -86,6 +91,14 @@ class Run:
         self.keeper = Keeper(self.directory, comm, intervals, self.begin, self.simulation.time)
         if not self._integrator.between_samples:
             self.keeper.held = self._state()
+
+    def _built(self, prune: bool, begun: Checkpoint | None) -> Simulation:
+        try:
+            return Simulation(self.case, self.comm, prune, start=begun.arrays if begun else None)
+        except CaseError as error:  # known once there are particles
+            self.manifest |= {"exit_status": WRONG, "cause": str(error)}
+            self._save_manifest()
+            raise
 
     def _open(self, ends: dict[str, Any]) -> None:
         """The files, up to where they are to go on."""
@@ -103,7 +116,9 @@ class Run:
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
         status, cause = DONE, ""
         try:
-            for stop, sample, frame in stops(self.case, self.end)[self.looked :]:
+            for stop, sample, frame in stops(self.case, self.end):
+                if stop <= self.looked:
+                    continue
                 if stop > 0.0:
                     self._advance(stop)
                 status, cause = self._ended_early(stop, asked)
@@ -111,7 +126,7 @@ class Run:
                     self._look(sample or bool(cause), frame or bool(cause))
                 if cause:
                     break
-                self.looked += 1
+                self.looked = stop
                 if not self._integrator.between_samples:
                     self.keeper.held = self._state()
         except NumericsError as error:
@@ -121,10 +136,9 @@ class Run:
             status, cause = INPUT_OUTPUT, str(error)
         finally:
             progress.close()
+        if status == DONE:
+            self._keep_the_last()
         self._finish(status, cause)
-        if status == DONE and not cause:
-            with suppress(OutputError):  # they are of no use, and do no harm
-                checkpoint.remove(self.directory, self.comm)
         self.claim.release()
         return status
 
@@ -165,16 +179,25 @@ class Run:
             self.tables.settle()
             self.keeper.save(self._state)
 
+    def _keep_the_last(self) -> None:
+        """Of the checkpoints that of the end alone, for who wants the run longer, or another from there."""
+        with self.timers("checkpoints"):
+            last = self.keeper.held or self._state()
+            try:
+                checkpoint.write(self.directory, self.comm, last, kept=1)
+            except OutputError as error:  # the run is done all the same
+                self.log(f"its last state is not kept: {error}")
+
     def _state(self) -> Checkpoint:
         """All that has to be known to go on from here; collective."""
         about, arrays = self.simulation.saved()
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
-        return Checkpoint({"format": FORMAT, "id": self.manifest["run_id"], "run": self.identity,
-                           "case_file": self.case.path, "time_us": self._integrator.time,
-                           "processor": self.manifest["processor"], "method": method(self.simulation), "files": files,
-                           "past": run, "state": about}, arrays)
+        return Checkpoint({"format": keep.FORMAT, "id": self.manifest["run_id"], "from": self.manifest.get("from"),
+                           "run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
+                           "processor": self.manifest["processor"], "method": keep.method(self.simulation),
+                           "files": files, "past": run, "state": about}, arrays)
 
     def _restore(self, state: Checkpoint) -> None:
         self.simulation.restore(state.about["state"], state.arrays)
@@ -185,6 +208,9 @@ class Run:
         self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
         self.manifest["resumed"] = self.resumed
         self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
+        if (end := state.about["run"]["end_us"]) != self.end:
+            self.resumed[-1]["until_us"] = self.end
+            self.log(f"its end is now {self.end:.12g} µs, no longer {end:.12g} µs")
         before, now = state.about["processor"], self.manifest["processor"]
         if before != now:
             self.resumed[-1]["processor"] = now
@@ -264,6 +290,8 @@ class Run:
             *([("chosen", s.reason)] if s.reason else []),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
              run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+            *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
+              if "from" in self.manifest else []),
             ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
