@@ -5,11 +5,18 @@ from __future__ import annotations
 import os
 import re
 import sys
+import tempfile
+from collections.abc import Callable
 from typing import Any
 
+from ..exits import WRONG
 from .launch import told_size
 
 _NUMBER = re.compile(r"-?(\d|\.\d)")
+
+
+class OptionError(ValueError):
+    """A PETSc option, or what a case says of PETSc, cannot be followed; the message is for the user."""
 
 
 class LaunchError(RuntimeError):
@@ -41,7 +48,12 @@ def start_petsc(options: list[str]) -> Any:
 
     # PETSc's own handler meets a signal with a trace of its stack, even where a reader of the output has just left.
     handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
-    petsc4py.init([sys.argv[0], *options, *handler])
+    if wrong := _refused(lambda: petsc4py.init(["cellmig", *options, *handler])):
+        error = OptionError(f"PETSc cannot read its options: {wrong}")
+        if MPI.COMM_WORLD.size > 1:  # rank 0 alone reads files; the others wait for it
+            print(f"cellmig: {error}", file=sys.stderr, flush=True)
+            MPI.COMM_WORLD.Abort(WRONG)
+        raise error
     names, told = told_size()
     if told > 1 == MPI.COMM_WORLD.size:
         library = MPI.Get_library_version().split(",")[0].strip()
@@ -50,3 +62,25 @@ def start_petsc(options: list[str]) -> Any:
             "each would compute the whole case.  Start the ranks with './run -n' or the mpiexec of that library, under "
             f"Slurm with 'srun --mpi=pmix'; for {told} runs of their own, unset {' and '.join(names)}")
     return MPI.COMM_WORLD
+
+
+def _refused(start: Callable[[], None]) -> str:
+    """Why PETSc does not start, of all that it writes about it; "" if it does."""
+    with tempfile.TemporaryFile() as said:
+        screen = os.dup(2)
+        os.dup2(said.fileno(), 2)
+        try:
+            start()
+            wrong = ""
+        except (RuntimeError, UnicodeError) as error:
+            wrong = str(error)
+        finally:
+            os.dup2(screen, 2)
+            os.close(screen)
+        said.seek(0)
+        written = said.read()
+    if not wrong:
+        os.write(2, written)
+        return ""
+    lines = re.findall(r"PETSC ERROR: (.*)", written.decode("utf-8", "replace"))
+    return lines[2] if len(lines) > 2 else wrong  # after a rule and the kind of error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,14 +11,16 @@ from petsc4py import PETSc
 
 from cellmig.case.messages import suggest
 
+from .arguments import OptionError
 from .ghosts import petsc_library
 
 IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that our tangent serves
 EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need no more than a rate of change
 
 
-class OptionError(ValueError):
-    """A PETSc option, or what a case says of PETSc, cannot be followed; the message is for the user."""
+_OURS = {"no_signal_handler"}
+# What shows something, or says where to stop, decides no number.
+_SHOWS = re.compile(r"(^|_)(monitor|view|log|info|malloc|left|max_steps|memory|help|version|skip_petscrc)(_|$)")
 
 
 def check_integrator(of_case: str, place: str) -> None:
@@ -48,6 +51,31 @@ def check_integrator(of_case: str, place: str) -> None:
 def integrator_asked(of_case: str) -> str:
     """The integrator of the options, else that of the case."""
     return PETSc.Options().getString("ts_type", of_case)
+
+
+def step_asked(of_case: float | None) -> float | None:
+    """The step [µs] of the options, else that of the case."""
+    options = PETSc.Options()
+    if not options.hasName("ts_dt"):
+        return of_case
+    try:
+        step = options.getReal("ts_dt")
+    except KeyError:
+        step = 0.0
+    if not step > 0.0:
+        raise OptionError("-ts_dt: expects a step in µs, such as 1e-3")
+    return step
+
+
+def options_given() -> dict[str, str]:
+    """PETSc's options and their values, from the command line, PETSC_OPTIONS and files, by name."""
+    found = PETSc.Options().getAll()
+    return {name: found[name] or "" for name in sorted(found) if name not in _OURS}
+
+
+def deciding(options: dict[str, str]) -> dict[str, str]:
+    """Those options that may change a result."""
+    return {name: value for name, value in options.items() if not _SHOWS.search(name)}
 
 
 @contextmanager

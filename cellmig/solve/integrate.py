@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.options import defaulted
+from ..parallel.options import defaulted, step_asked
 from .accounts import accounts
 from .mechanics import Mechanics
 from .step import NumericsError, StepControl, binding
@@ -41,8 +41,7 @@ class Integrator:
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
-        options = PETSc.Options()
-        self.fixed_step = options.getReal("ts_dt") if options.hasName("ts_dt") else fixed_step
+        self.fixed_step = step_asked(fixed_step)
         self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         self._connect()
@@ -145,6 +144,9 @@ class Integrator:
             ts.setTimeStep(min(self.dt, stop - ts.getTime()))
             ts.restartStep()  # a rate kept from the last step is not that of a state which was saved
             self._account_start()
+        elif not self.steps:  # for -ts_monitor, whose first line comes before the first batch
+            self.look()
+            ts.setTimeStep(self.evenly(stop)[1])
         ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
             self.broken("PETSc rejected a step as often as it may",
@@ -158,6 +160,14 @@ class Integrator:
     def after(self, steps: int) -> float:
         """Time after so many steps [µs], of a fixed length."""
         return self.origin[0] + (steps - self.origin[1]) * self.fixed_step
+
+    def evenly(self, stop: float) -> tuple[int, float]:
+        """How many steps are left to a stop, and their length [µs]."""
+        left = stop - self.time
+        if self.fixed_step:
+            return round(left / self.dt), self.dt
+        count = max(1, math.ceil(left / self.dt * (1.0 - 1e-12)))
+        return count, left / count
 
     def look(self) -> int:
         """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
@@ -319,12 +329,10 @@ class Leapfrog:
         if run.touches:
             run.mechanics.undo.keep()
         while True:
+            left, dt = run.evenly(stop)
             if run.fixed_step:
-                left, dt = round((stop - t) / run.dt), run.dt
                 run.mechanics.set_clock(t, run.origin[0], taken - run.origin[1])
             else:
-                left = max(1, math.ceil((stop - t) / run.dt * (1.0 - 1e-12)))
-                dt = (stop - t) / left
                 run.mechanics.set_clock(t, t)
             n = min(allowed, left, ts.getMaxSteps() - taken)
             run.mechanics.advance(n, dt)

@@ -25,6 +25,7 @@ from cellmig.output.log import Log
 from cellmig.output.manifest import processor, read_manifest
 from cellmig.output.tables import up_to
 from cellmig.output.xdmf import check_frames
+from cellmig.parallel.options import deciding
 from cellmig.simulation import Simulation, same_places
 
 FORMAT = 2  # of checkpoints: what they hold, and what it is called
@@ -91,11 +92,11 @@ def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
     return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune, **laws}
 
 
-def method(simulation: Simulation) -> dict[str, Any]:
+def method(simulation: Simulation, options: dict[str, str]) -> dict[str, Any]:
     """What is known once a simulation is built, and has to be the same: code and options."""
     run = simulation.integrator
     return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
-            "integrator": run.said, "step": run.fixed_step}
+            "integrator": run.said, "step": run.fixed_step, "options": deciding(options)}
 
 
 def _code(source: str) -> str:
@@ -115,9 +116,9 @@ def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
     together(comm, act, root_only=True)
 
 
-def check_method(state: Checkpoint, simulation: Simulation) -> None:
+def check_method(state: Checkpoint, simulation: Simulation, options: dict[str, str]) -> None:
     """Refuse to go on by another method than that of a checkpoint, or with other particles; collective."""
-    then, now = state.about["method"], method(simulation)
+    then, now = state.about["method"], method(simulation, options)
     if then["kernel"] != now["kernel"]:
         raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
                           "that, or begin anew")
@@ -128,6 +129,11 @@ def check_method(state: Checkpoint, simulation: Simulation) -> None:
         if then[name] != now[name]:
             raise OutputError(f"the checkpoint is of a run with {name} {then[name] or 'auto'}, not "
                               f"{now[name] or 'auto'}: give the PETSc options that were given then")
+    if other := sorted(dict(then["options"].items() ^ now["options"].items())):
+        was, here = (", ".join(f"-{name} {of['options'][name]}".strip() for name in other if name in of["options"])
+                     or "without" for of in (then, now))
+        raise OutputError(f"the checkpoint is of a run with other PETSc options (on the command line, in PETSC_OPTIONS "
+                          f"or in a file .petscrc): {was} then, {here} now")
 
 
 def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:

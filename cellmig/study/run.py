@@ -28,7 +28,7 @@ from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
-from cellmig.parallel.options import check_integrator, options_obeyed, petsc_version, unused_options
+from cellmig.parallel.options import check_integrator, options_given, options_obeyed, petsc_version, unused_options
 from cellmig.simulation import Simulation, stops
 from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
@@ -52,6 +52,7 @@ class Run:
         `claim` : of the directory, where that was looked into before;  `origin` : of a run whose last state this one
         starts with, at time 0.
         """
+        options = options_given()
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         if not state:
             require_room(case, directory, comm)
@@ -69,6 +70,7 @@ class Run:
         self.identity = keep.identity(case, self.end, prune)
         self.manifest = {**self.identity, "run_id": state.about["id"] if state else comm.bcast(uuid4().hex),
                          "case_file": case.path, "exit_status": None, **environment(comm), "petsc": petsc_version(),
+                         "petsc_options": options,
                          "seed": case.seed, **({"from": parent} if parent else {}),
                          **({"accuracy": case.chosen} if case.chosen else {})}
         if not state:
@@ -77,7 +79,7 @@ class Run:
         with self.timers("build"), options_obeyed():
             self.simulation = self._built(prune, begun)
         if state:
-            keep.check_method(state, self.simulation)
+            keep.check_method(state, self.simulation, options)
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
@@ -194,10 +196,11 @@ class Run:
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
+        now = keep.method(self.simulation, self.manifest["petsc_options"])
         return Checkpoint({"format": keep.FORMAT, "id": self.manifest["run_id"], "from": self.manifest.get("from"),
                            "run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
-                           "processor": self.manifest["processor"], "method": keep.method(self.simulation),
-                           "files": files, "past": run, "state": about}, arrays)
+                           "processor": self.manifest["processor"], "method": now, "files": files,
+                           "past": run, "state": about}, arrays)
 
     def _restore(self, state: Checkpoint) -> None:
         self.simulation.restore(state.about["state"], state.arrays)
