@@ -235,6 +235,40 @@ def test_help_and_what_looks_at_runs_come_once_on_several_ranks(on_ranks, runs):
 # -------------------------------------------------------------------------------------------- what the machine may lack
 
 
+@pytest.mark.parametrize(("ranks", "rc", "more", "said"), [
+    (2, "hello world", (), "options file .petscrc line 1: hello"), (2, "-ts_dt", (), "-ts_dt: expects a step"),
+    (1, "-ts_dt -1", (), "-ts_dt: expects a step"), (1, "-ts_dt abc", (), "abc"),
+    (2, "", ("-a", os.fsdecode(b"\xe9")), "utf-8")])
+def test_options_of_petsc_that_cannot_be_read_are_told_in_one_line(on_ranks, tmp_path, ranks, rc, more, said):
+    (tmp_path / ".petscrc").write_text(f"{rc}\n")
+    done = on_ranks(ranks, "-m", "cellmig", PAPER, *SHORT, *more, "--out", "run", "--quiet", cwd=tmp_path, timeout=60,
+                    env={"PYTHONPATH": str(PAPER.parent.parent)})
+    told = [line for line in done.stderr.splitlines() if line.startswith("cellmig: ")]
+    assert done.returncode == 2 and len(told) == 1 and said in told[0] and "Traceback" not in done.stderr, done
+
+
+def test_options_of_petsc_from_anywhere_are_in_the_manifest_and_have_to_be_the_same_to_go_on(alone, tmp_path):
+    (tmp_path / ".petscrc").write_text("-ts_dt 1e-4\n")
+    path = {"PYTHONPATH": str(PAPER.parent.parent)}
+    here = {"cwd": tmp_path, "env": {"PETSC_OPTIONS": "-snes_rtol 1e-9"} | path}
+    done = alone(PAPER, *SHORT, "--out", "run", "--quiet", "--wall-time", "1 s", "-log_view", ":log", **here)
+    assert done.returncode == 75
+    found = read_manifest(tmp_path / "run")["petsc_options"]
+    assert found == {"log_view": ":log", "snes_rtol": "1e-9", "ts_dt": "1e-4"}
+    (tmp_path / ".petscrc").write_text("-ts_dt 1e-4\n-snes_rtol 1e-8\n")
+    done = alone("resume", "run", "--quiet", cwd=tmp_path, env=path)
+    assert done.returncode == 5 and "-snes_rtol 1e-9 then, -snes_rtol 1e-8 now" in done.stderr, done
+    assert alone("resume", "run", "--quiet", "-ts_monitor", **here).returncode == 0
+
+
+def test_the_monitor_of_petsc_begins_with_the_step_that_is_taken(alone, tmp_path):
+    for step in ("auto", "0.5 ns"):
+        done = alone(PAPER, *SHORT, "--out", tmp_path / "run", "--quiet", "--set", f"time.step={step}", "-ts_monitor")
+        first, second = ([float(line.split()[at]) for at in (0, 3, 5)] for line in done.stdout.splitlines()[:2])
+        assert first[:1] == [0.0] and first[2] == 0.0
+        assert first[1] == pytest.approx(second[2] / second[0], rel=1e-4)  # six digits are printed
+
+
 ANSWER = "int answer(void) {{ return {}; }}"
 
 
