@@ -261,12 +261,12 @@ def test_options_of_petsc_from_anywhere_are_in_the_manifest_and_have_to_be_the_s
     assert alone("resume", "run", "--quiet", "-ts_monitor", **here).returncode == 0
 
 
-def test_the_monitor_of_petsc_begins_with_the_step_that_is_taken(alone, tmp_path):
-    for step in ("auto", "0.5 ns"):
-        done = alone(PAPER, *SHORT, "--out", tmp_path / "run", "--quiet", "--set", f"time.step={step}", "-ts_monitor")
-        first, second = ([float(line.split()[at]) for at in (0, 3, 5)] for line in done.stdout.splitlines()[:2])
-        assert first[:1] == [0.0] and first[2] == 0.0
-        assert first[1] == pytest.approx(second[2] / second[0], rel=1e-4)  # six digits are printed
+@pytest.mark.parametrize(("case", "step"), [("all_protrude", "0.5 ns"), ("nucleus", "auto")])
+def test_the_monitor_of_petsc_begins_with_the_step_that_is_taken(alone, tmp_path, case, step):
+    done = alone(CASES[case], *SHORT, "--out", tmp_path / "run", "--quiet", "--set", f"time.step={step}", "-ts_monitor")
+    first, second = ([float(line.split()[at]) for at in (0, 3, 5)] for line in done.stdout.splitlines()[:2])
+    assert first[0] == first[2] == 0.0
+    assert first[1] == pytest.approx(second[2] / second[0], rel=1e-5)  # six digits are printed
 
 
 ANSWER = "int answer(void) {{ return {}; }}"

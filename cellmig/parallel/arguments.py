@@ -50,7 +50,7 @@ def start_petsc(options: list[str]) -> Any:
     handler = [] if "-no_signal_handler" in options else ["-no_signal_handler"]
     if wrong := _refused(lambda: petsc4py.init(["cellmig", *options, *handler])):
         error = OptionError(f"PETSc cannot read its options: {wrong}")
-        if MPI.COMM_WORLD.size > 1:  # rank 0 alone reads files; the others wait for it
+        if MPI.COMM_WORLD.size > 1 and MPI.COMM_WORLD.rank == 0:  # it alone reads files, and the others wait for it
             print(f"cellmig: {error}", file=sys.stderr, flush=True)
             MPI.COMM_WORLD.Abort(WRONG)
         raise error
