@@ -326,7 +326,7 @@ def _explicit(simulation: Simulation) -> float:
 
 class Trial(NamedTuple):
     """Implicit steps at the start of a run: in the last of them, simulated [µs] and wall [s] time, steps, and steps of
-    Newton's; taken : how many there were in all;  reached : simulated time [µs].
+    Newton's; taken : how many there were in all;  reached : simulated time [µs];  particles : how many there are.
     """
 
     simulated: float
@@ -335,6 +335,7 @@ class Trial(NamedTuple):
     newton: int
     taken: int
     reached: float
+    particles: int
 
     @property
     def speed(self) -> float:
@@ -363,7 +364,7 @@ def try_implicit(simulation: Simulation, burst: int = TRIAL, least: float = 0.0)
         idle = 0 if speed > GROWING * best else idle + 1
         best = max(best, speed)
     taken = (b - a for a, b in zip(at[len(at) // 2 - 1 if len(at) > 3 else 0], at[-1], strict=True))
-    return Trial(*taken, run.steps, simulation.time)
+    return Trial(*taken, run.steps, simulation.time, simulation.scene.size)
 
 
 def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.meshfree.body import Template
 from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, two_columns
 from cellmig.parallel.options import IMPLICIT, integrator_asked
@@ -29,7 +30,9 @@ from cellmig.solve.step import NumericsError, binding
 from .said import load_said, scene_said, skipped_said, step_said
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
-TRIED, FEW = 5_000, 3  # the same of implicit steps, and how many of them if they are of one length
+TRIED, FEW = 1_500, 3  # the same of implicit steps, and how many of them if they are of one length
+KIND = 5_000  # and particles of a cell, at most, that are laid out for that
+LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
 LONG, LONG_TRIAL = 86400.0, 5.0  # seconds of explicit steps from which implicit ones are tried, and for how long
 RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
@@ -42,7 +45,8 @@ class Cost(NamedTuple):
 
     particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
     step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
-    memory : float -- bytes in all, beside RANK_BYTES on each rank;  skipped : dict -- terms that are, and why.
+    memory : float -- bytes in all, beside RANK_BYTES on each rank;  coarse : bool -- whether it was timed on fewer
+    particles of a cell, whose coefficients stay in the caches;  skipped : dict -- terms that are, and why.
     """
 
     particles: int
@@ -52,6 +56,7 @@ class Cost(NamedTuple):
     steps: int
     per_step: float
     memory: float
+    coarse: bool
     skipped: dict[str, str]
 
     @property
@@ -61,17 +66,44 @@ class Cost(NamedTuple):
 
 
 def cost(case: Case) -> Cost:
-    """What a case takes; timed now, on some cells of it if it is large."""
-    size = sum(particle_count(case, c.shape) for c in case.cells)
-    part = dataclasses.replace(case, cells=case.cells[: max(1, PROBE * len(case.cells) // max(size, 1))])
-    scene, terms = discretise(part), find_terms(case)
+    """What a case takes; timed now, on some cells of it if it is large, and on fewer particles if a cell is."""
+    size, terms = _size(case), find_terms(case)
+    part, ratio = _part(case, PROBE)
+    scene = discretise(part)
+    scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
     stable = step_control(case, scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
     per_step, row_bytes = _timed(part)
     kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
     memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
     return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                memory, terms.skipped)
+                memory, ratio < 1.0, terms.skipped)
+
+
+def _size(case: Case) -> int:
+    """Particles of a case."""
+    shapes = {c.shape: 0 for c in case.cells}
+    shapes = {shape: particle_count(case, shape) for shape in shapes}
+    return sum(shapes[c.shape] for c in case.cells)
+
+
+def _part(case: Case, most: int) -> tuple[Case, float]:
+    """Some cells of a case, of `most` particles in all and KIND in each; and the case's spacing over theirs."""
+    cells = case.cells[: max(1, most * len(case.cells) // _size(case))]
+    largest = max(particle_count(case, shape) for shape in {c.shape for c in cells})
+    count, p = min(most, KIND), case.particles
+    ratio = math.sqrt(min(1.0, count / largest))
+    if ratio < 1.0:
+        p = dataclasses.replace(p, per_cell=p.per_cell and count, spacing=p.spacing and p.spacing / ratio)
+    return dataclasses.replace(case, cells=cells, particles=p), ratio
+
+
+def _finer(t: Template, ratio: float) -> Template:
+    """What a particle sees about it if spacings are `ratio` times as long: the same picture, shrunk."""
+    viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
+                  if m and (v := m.numerical_viscosity(t.spacing))) if t.S.nnz else 1.0
+    return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=t.G / ratio, S=viscous * t.S,
+                               spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t
 
 
 def report(case: Case) -> str:
@@ -80,8 +112,10 @@ def report(case: Case) -> str:
         return _static_report(case)
     chosen: list[tuple[str, str]] = []
     if integrator_asked(case.time.integrator) == "auto":
-        case, reason = cheaper(case, MPI.COMM_SELF)
-        chosen = [("chosen", reason)]
+        part, _ = _part(case, PROBE)
+        part, reason = cheaper(part, MPI.COMM_SELF)
+        case = dataclasses.replace(case, time=part.time)
+        chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
     if integrator_asked(case.time.integrator) in IMPLICIT:
         return _implicit_report(case, chosen)
     c = cost(case)
@@ -93,7 +127,7 @@ def report(case: Case) -> str:
         ("time step", step_said(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
-                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
+                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
         *_faster(case, c),
         ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
@@ -103,14 +137,15 @@ def report(case: Case) -> str:
 
 def _static_report(case: Case) -> str:
     """The report of a static case, which has no steps in time."""
-    scene = discretise(case)
+    part, ratio = _part(case, PROBE)
+    size, spacing = _size(case), ratio * max(t.spacing for t in discretise(part).templates)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, scene.size, max(t.spacing for t in scene.templates)), *scene_said(case, case.time.end),
+        _particles(case, size, spacing), *scene_said(case, case.time.end),
         ("load steps", load_said(case)),
-        ("time", f"about {duration(NEWTON * scene.size)} for each step of Newton on one core, 4 to 8 to a load step, "
+        ("time", f"about {duration(NEWTON * size)} for each step of Newton on one core, 4 to 8 to a load step, "
                  "as measured elsewhere with a direct solver"),
-        ("memory", f"about {said_bytes(STATIC_BYTES * scene.size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
-        _disk(case, scene.size),
+        ("memory", f"about {said_bytes(STATIC_BYTES * size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        _disk(case, size),
         *skipped_said(find_terms(case).skipped),
     ])
 
@@ -139,11 +174,11 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
 
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
     """Implicit steps of a case of `size` particles, or of some cells of it; how many times larger it is; the solver."""
-    cells = case.cells[: max(1, TRIED * len(case.cells) // size)]
-    s = Simulation(dataclasses.replace(case, cells=cells), MPI.COMM_SELF)
+    part, ratio = _part(case, TRIED)
+    s = Simulation(part, MPI.COMM_SELF)
     try:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
-        return trial, size / s.scene.size, s.integrator.steps_said
+        return trial, size / s.scene.size / ratio, s.integrator.steps_said  # factors of n particles cost n^1.5
     finally:
         s.destroy()
 
@@ -168,8 +203,8 @@ def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
 def _as_tried(trial: Trial) -> str:
     """Where an estimate comes from."""
     mean, reached = (duration(1e-6 * t) for t in (trial.simulated / trial.steps, trial.reached))
-    return (f"as the last {trial.steps} of {trial.taken} steps of a trial went, {mean} long in the mean, {reached} "
-            "after the start; steps lengthen where the motion slows")
+    return (f"as the last {trial.steps} of {trial.taken} steps of a trial of {trial.particles} particles went, {mean} "
+            f"long in the mean, {reached} after the start; steps lengthen where the motion slows")
 
 
 def _end(case: Case) -> str:
