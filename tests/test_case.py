@@ -554,3 +554,55 @@ def test_a_new_law_reaches_case_file_schema_and_messages_by_its_declaration(writ
     assert case.resolved()["materials"]["new"] == {"law": "jelly", "stiffness": "2 kPa"}
     assert "must be > 1 kPa, not 0.5 kPa" in messages(written(text.replace("2 kPa", "0.5 kPa")))[0]
     assert '"jelly"' in json.dumps(json_schema())
+
+
+ROW = 'name = "R"\nrepeat = [3]\npitch = [["11 um", "0 um"]]'
+OTHER = '\n[cells.R-2]\nradius = "4 um"\ncentre = ["21.01 um", "4.01 um"]\n[cells.R-3]\nmaterial = "core"\n'
+
+
+def repeated(more: str = OTHER) -> str:
+    """SOUND with the second cell thrice, and what differs in some."""
+    head, tail = SOUND.split('name = "Right"')
+    cell, rest = tail.split("[adhesion", 1)
+    return f"{head}{ROW}{cell}{more}[adhesion{rest}"
+
+
+def test_a_copy_of_a_repeated_cell_differs_in_what_its_own_table_says(written: Callable[..., Path]) -> None:
+    cells = {cell.name: cell for cell in load(written(repeated())).cells}
+    assert list(cells) == ["Left", "R-1", "R-2", "R-3"]
+    assert [c.shape.radius for c in cells.values()] == [5.0, 5.0, 4.0, 5.0]
+    assert [c.material for c in cells.values()] == ["gel", "gel", "gel", "core"]
+    assert [c.centre for c in cells.values()] == [(0.0, 5.01), (10.01, 5.01), (21.01, 4.01), (32.01, 5.01)]
+    case = load(written(repeated()))
+    assert from_dict(case.resolved()).cells == case.cells
+
+
+def test_a_copy_is_changed_on_the_command_line_by_its_name(written: Callable[..., Path]) -> None:
+    changed = load(written(repeated("")), ["cells.R-2.radius=4 um", 'cells.R-2.centre=["21.01 um", "4.01 um"]',
+                                           "cells.R-3.material=core"])
+    assert changed.cells == load(written(repeated())).cells
+    low = load(written(repeated("")), ["cells.R-2.radius=4 um", "cells.R-2.rest=true"]).cells
+    assert [c.centre for c in low] == [(0.0, 5.01), (10.01, 5.01), (21.01, 4.01), (32.01, 5.01)]
+    all_low = load(written(repeated("")), ["cells.1.rest=true", "cells.R-3.radius=3 um"]).cells
+    assert [c.centre[1] for c in all_low] == [5.01, 5.01, 5.01, 3.01]
+
+
+@pytest.mark.parametrize(("more", "sets", "part"), [
+    ('[cells.R-4]\nradius = "4 um"\n', [], "cells.1.R-4: no such copy; did you mean 'R-3'?"),
+    ('[cells.R-2]\nradus = "4 um"\n', [], "cells.1.R-2.radus: no such key; did you mean 'radius'?"),
+    ('[cells.R-2]\nradius = "4 s"\n', [], "cells.1.R-2.radius: "),
+    ('[cells.R-2]\nrepeat = [2]\n', [], "cells.1.R-2.repeat: is that of all copies"),
+    ('[cells.R-2]\nradius = "6 um"\n', [], "cells.1.R-2.centre: 'R-2' reaches 0.99 um below the substrate"),
+    ("", ["cells.R-9.radius=4 um"], "cells.R-9.radius: no such item; did you mean 'R-3'?"),
+    ("", ["cells.R-2.radus=4 um"], "cells.1.R-2.radus: no such key; did you mean 'radius'?"),
+])
+def test_a_mistake_about_a_copy_is_told_with_its_name(written: Callable[..., Path], more: str, sets: list,
+                                                       part: str) -> None:
+    with pytest.raises(CaseError) as error:
+        load(written(repeated(more)), sets)
+    told = [str(m) for m in error.value.mistakes if part in str(m)]
+    assert len(told) == 1, str(error.value)
+    text = repeated(more).split("\n")
+    if not sets:
+        line = int(told[0].split(":")[1])
+        assert text[line - 1].split(" ")[0] in (part.split(":")[0].split(".")[-1], "[cells.R-2]", "[cells.R-4]")

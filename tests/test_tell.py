@@ -111,12 +111,12 @@ def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
 
 
 def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
-    found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # upon it: 0.39 µm, of 0.5
+    found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # 0.39 µm upon it; bonds reach 0.5
                   {"centre": ["40 um", "7 um"]}, {"centre": ["50.01 um", "7 um"]})
     assert list(lie(found).floating) == [2, 3]
     warning = told(found)["WARNING"]
     assert "2 cells float" in warning and "'Cell-3' by 2 µm, 'Cell-4' by 2 µm; rest = true" in warning
-    assert "beyond the 0.5 µm that its bonds reach" in warning
+    assert "beyond the 1 µm that its bonds reach" in warning
 
 
 def test_a_smaller_radius_leaves_the_cell_afloat_and_rest_sets_it_down() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import re
 from typing import Any
 
@@ -16,62 +14,10 @@ from .schema import Cell, Particles
 from .source import Source
 from .values import declared
 
-MOST_CELLS, MOST_PARTICLES = 100_000, 1e9
+MOST_PARTICLES = 1e9
 MOST_TOLD = 20  # overlaps that are told: when all cells overlap, so do all pairs
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("range", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
-
-
-def cell_names(cells: list) -> list[str]:
-    """Names of the cells that tables [[cells]] make, as far as they can be read."""
-    names = []
-    for item in cells:
-        name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
-        whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
-        if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
-            names += _numbered(name, math.prod(repeat))
-    return names
-
-
-def _numbered(name: str, total: int) -> list[str]:
-    """Names of the copies of a cell."""
-    pattern = name if "{}" in name or total == 1 else name + "-{}"
-    return [pattern.replace("{}", str(k + 1)) for k in range(total)]
-
-
-def expand(source: Source, cells: list[tuple[Cell, tuple]], floor: float | None) -> list[tuple[Cell, tuple]]:
-    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest.
-
-    `floor` : height at which cells rest on the substrate [µm], None without one.
-    """
-    if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
-        source.wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
-        return []
-    found = []
-    for cell, path in cells:
-        total = math.prod(cell.repeat)
-        if cell.rest and floor is None:
-            source.wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
-        elif cell.rest:
-            cell = dataclasses.replace(cell, centre=(cell.centre[0], floor - cell.shape.lowest()))
-        if len(cell.pitch) != len(cell.repeat) and total > 1:
-            source.wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
-            continue
-        for k, name in enumerate(_numbered(cell.name, total)):
-            centre = _centre(cell, k)
-            copy = dataclasses.replace(cell, name=name, centre=centre, repeat=(1,), pitch=(),
-                                       rest=cell.rest and centre[1] == _centre(cell, 0)[1])
-            found.append((copy, path))
-    return found
-
-
-def _centre(cell: Cell, k: int) -> tuple[float, ...]:
-    """Centre of copy k of a cell [µm]."""
-    centre = list(cell.centre)
-    for n, pitch in zip(cell.repeat, cell.pitch, strict=False):
-        k, step = divmod(k, n)
-        centre = [c + step * p for c, p in zip(centre, pitch, strict=True)]
-    return tuple(float(f"{c:.15g}") for c in centre)
 
 
 def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:

@@ -46,7 +46,8 @@ def _section(f: Any) -> list[str]:
     if "section" in meta:
         return [f"## `[{path}]`", "", f"{_sentence(meta['doc'])}.", "", *_table(declared(meta["section"]).items())]
     if "items_of" in meta:
-        more = "  Beside these stand the keys of its shape, below under *shape*." if meta["items_of"] is Cell else ""
+        more = ("  Beside these stand the keys of its shape, below under *shape*.  After a repeated cell, a table "
+                "`[cells.NAME]` holds what differs in the copy of that name.") if meta["items_of"] is Cell else ""
         return [f"## `[[{path}]]`", "", f"{_sentence(meta['doc'])}.{more}", "",
                 *_table(declared(meta["items_of"]).items())]
     known = ", ".join(f"[`{name}`](#{_anchor(meta['kind'], name)})" for name in registry.laws(meta["kind"]))

@@ -52,6 +52,7 @@ def _choice(kind: str, key: str, around: type | None = None) -> dict:
         option = _record(cls, doc=_first_sentence(cls))
         if around:
             option["properties"] |= _record(around)["properties"]
+            option["additionalProperties"] = {"type": "object", "description": "what differs in the copy of this name"}
         option["properties"][key] = {"const": name, "description": said}
         options.append(option)
     return {"type": "object", "properties": {key: {"enum": list(known), "description": said}}, "anyOf": options}

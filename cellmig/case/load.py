@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from . import accuracy, registry, values
-from .checks import cell_names, check, expand, ordered, resolution
+from .checks import check, ordered, resolution
+from .copies import cell_names, copy_names, expand
 from .expression import Expression
 from .messages import CaseError, show, suggest
 from .outline_file import Corners
@@ -72,6 +73,7 @@ class _Reader:
         self.formulas: dict[tuple, tuple] = {}
         self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
         materials = source.data.get("materials")
+        self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that differ
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
         if isinstance(source.data.get("cells"), list):
             self.names["cell"] = cell_names(source.data["cells"])
@@ -83,7 +85,7 @@ class _Reader:
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
         floor = getattr(found["substrate"], "range", 0.0) if on_substrate else None
-        found["cells"] = expand(self.source, found["cells"], floor)
+        found["cells"] = expand(self.source, found["cells"], floor, self.changed)
         if not self.partial:
             resolution(self.source)
         check(self.source, found, on_substrate)
@@ -151,8 +153,28 @@ class _Reader:
         if not isinstance(value, list):
             self.wrong(path, "is a list of tables: write [[cells]]")
             return []
-        found = [(self.cell(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
+        found = [(self.repeated(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
         return [cell for cell in found if cell[0] is not None]
+
+    def repeated(self, data: Any, path: tuple) -> Cell | None:
+        """A cell, not yet repeated; what tables of their own say of its copies is kept in `changed`."""
+        if not isinstance(data, dict):
+            return self.cell(data, path)
+        names = copy_names(data)
+        known = {*declared(Cell), *declared(registry.laws("shape").get(str(data.get("shape")), Cell))}
+        own = {k: v for k, v in data.items() if k not in known and isinstance(v, dict) and len(names) > 1}
+        data = {k: v for k, v in data.items() if k not in own}
+        cell = self.cell(data, path)
+        for name, says in own.items():
+            if name not in names:
+                self.wrong((*path, name), f"no such copy{suggest(name, names)}")
+            elif wrong := {"name", "repeat", "pitch"} & set(says):
+                self.wrong((*path, name, min(wrong)), "is that of all copies")
+            elif cell is not None:
+                alone = {k: v for k, v in data.items() if k not in ("repeat", "pitch")}
+                if (copy := self.cell({**alone, **says}, (*path, name))) is not None:
+                    self.changed[(*path, name)] = copy, says
+        return cell
 
     def items(self, cls: type, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
         """What the tables of a list say, with their paths; those without mistakes."""

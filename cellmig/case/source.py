@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from .copies import cell_names, copy_names
 from .lines import key_lines
 from .messages import Mistake, nearest, show, suggest
 
@@ -179,6 +180,9 @@ def assign(source: Source, name: str, value: object, place: str) -> None:
         source.mistakes.append(Mistake(place, None, "", what))
         return
     where, path = source.data, ()
+    cells = where.get("cells")
+    if keys[0] == "cells" and isinstance(cells, list) and len(keys) > 1 and _step(cells, keys[1]) is None:
+        keys[1:1] = [str(n) for n, item in enumerate(cells) if keys[1] in copy_names(item)][:1]
     for key in keys:
         if path:
             if isinstance(where, dict) and path[-1] not in where:
@@ -188,7 +192,7 @@ def assign(source: Source, name: str, value: object, place: str) -> None:
         path = (*path, _step(where, key))
         if path[-1] is None:
             items = where if isinstance(where, list) else []
-            names = [item["name"] for item in items if isinstance(item, dict) and isinstance(item.get("name"), str)]
+            names = cell_names(items)
             message = f"no such item{suggest(key, names)}" if names else "is not in a table"
             source.mistakes.append(Mistake(place, None, name, message))
             return

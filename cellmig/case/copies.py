@@ -1,0 +1,83 @@
+"""Cells that are repeated: the names of the copies, where they are, and what differs in some of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .schema import Cell
+    from .source import Source
+
+MOST_CELLS = 100_000
+
+
+def cell_names(cells: list) -> list[str]:
+    """Names of the cells that tables [[cells]] make, as far as they can be read."""
+    return [name for item in cells for name in copy_names(item)]
+
+
+def copy_names(item: object) -> list[str]:
+    """Names of the cells that one table [[cells]] makes."""
+    name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
+    whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
+    if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
+        return _numbered(name, math.prod(repeat))
+    return []
+
+
+def _numbered(name: str, total: int) -> list[str]:
+    """Names of the copies of a cell."""
+    pattern = name if "{}" in name or total == 1 else name + "-{}"
+    return [pattern.replace("{}", str(k + 1)) for k in range(total)]
+
+
+Changed = Mapping[tuple, tuple["Cell", Mapping]]  # by path: a copy as it is to be, and the table that says what differs
+
+
+def expand(source: Source, cells: list[tuple[Cell, tuple]], floor: float | None,
+           changed: Changed) -> list[tuple[Cell, tuple]]:
+    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest.
+
+    `floor` : height at which cells rest on the substrate [µm], None without one.
+    """
+    if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
+        source.wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
+        return []
+    found = []
+    for cell, path in cells:
+        total = math.prod(cell.repeat)
+        if len(cell.pitch) != len(cell.repeat) and total > 1:
+            source.wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
+            continue
+        first = _set_down(source, cell, path, floor)
+        for k, name in enumerate(_numbered(cell.name, total)):
+            centre, place = _centre(first, k), (*path, name)
+            rest = cell.rest and centre[1] == _centre(first, 0)[1]
+            own, says = changed.get(place, (cell, {}))
+            copy = dataclasses.replace(own, name=name, centre=own.centre if "centre" in says else centre, repeat=(1,),
+                                       pitch=(), rest=own.rest if "rest" in says else rest)
+            place = place if says else path
+            found.append((_set_down(source, copy, place, floor) if says else copy, place))
+    return found
+
+
+def _set_down(source: Source, cell: Cell, path: tuple, floor: float | None) -> Cell:
+    """The cell on the substrate, if it is to rest there."""
+    if not cell.rest:
+        return cell
+    if floor is None:
+        source.wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
+        return cell
+    return dataclasses.replace(cell, centre=(cell.centre[0], float(f"{floor - cell.shape.lowest():.15g}")))
+
+
+def _centre(cell: Cell, k: int) -> tuple[float, ...]:
+    """Centre of copy k of a cell [µm]."""
+    centre = list(cell.centre)
+    for n, pitch in zip(cell.repeat, cell.pitch, strict=False):
+        k, step = divmod(k, n)
+        centre = [c + step * p for c, p in zip(centre, pitch, strict=True)]
+    return tuple(float(f"{c:.15g}") for c in centre)
