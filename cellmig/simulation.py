@@ -101,16 +101,17 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
         return next((reason for holds, reason in conditions if holds), None)
 
     nothing = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=0.01)
-    substrate = unless(why((case.substrate is None, "the case has none"),
-                           (case.substrate is not None and case.substrate.work == 0, "its bonds have no energy")),
-                       "adhesion to the substrate", case.substrate or nothing)
-    contact = unless(why((len(case.cells) == 1, "one cell alone"), (case.contact is None, "the case has none")),
-                     "adhesion between cells", case.contact or nothing)
+    substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
+                       solid(case.substrate) if case.substrate else nothing)
+    between = case.contact or dataclasses.replace(nothing, range=case.substrate.range if case.substrate else 0.01)
+    contact = unless(why((len(case.cells) == 1, "one cell alone"),
+                         (case.static and case.contact is None, "the case has none")),
+                     "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
                             (push is not None and not push.cells, "no cell protrudes"),
                             (push is not None and push.strength == 0, "its strength is zero"),
-                            (case.substrate is None, "no adhesion to the substrate")),
+                            (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
     uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
@@ -137,6 +138,13 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
                  director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
                  acceleration=force, histories=outside, single=single, skipped=skipped)
+
+
+def solid(law: Any) -> Any:
+    """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
+    if law.work == 0.0:
+        law = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=law.range, cutoff=law.cutoff)
+    return getattr(law, "solid", law)
 
 
 class Simulation:

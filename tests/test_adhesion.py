@@ -150,12 +150,12 @@ def test_rigid_cylinder_rests_where_the_closed_form_says() -> None:
         assert pull(0.95 * rest) < 0.0 < pull(1.05 * rest)
 
 
-@pytest.mark.parametrize(("term", "apart"), [("substrate", [0.0, 0.6]), ("contact", [0.6, 0.0])])
+@pytest.mark.parametrize(("term", "apart"), [("substrate", [0.0, 1.2]), ("contact", [0.6, 0.0])])
 def test_nothing_acts_beyond_the_cutoff(term: str, apart: list[float]) -> None:
     with built(case("all_protrude")) as sim:
         u = -np.outer(np.arange(3.0)[sim.scene.cell], [1.0, 0.0]) * apart + [0.0, apart[1]]  # Cell-1 is on the right
         assert np.abs(force(sim, term)).max() > 0.0
         put(sim, u)
         assert not force(sim, term).any() and energy(sim, term) == 0.0
-        put(sim, u * 0.7)  # 0.42 µm: the cutoff is 0.5 µm
+        put(sim, u * 0.7)  # 0.84 and 0.42 µm: the cutoffs are 1 and 0.5 µm
         assert force(sim, term).any() and energy(sim, term) < 0.0

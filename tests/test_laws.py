@@ -6,6 +6,7 @@ Every registered law is tested; `scenes.example` gives it parameters.
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import inspect
 from math import pi
 from typing import Any
@@ -298,6 +299,32 @@ def test_stiffness_is_the_largest_curvature(name: str) -> None:
         assert curvature[r >= least].max() * law.bonds <= law.stiffness(least) * (1 + 1e-9)
         assert slope(law.slope, np.array([least]), 2e-5 * law.range)[0] * law.bonds == pytest.approx(
             law.stiffness(least), rel=1e-6)
+
+
+@pytest.mark.parametrize("attraction", [0.0, 0.3])
+def test_repulsion_without_all_of_the_attraction_has_a_potential(attraction: float) -> None:
+    law = dataclasses.replace(example("adhesion", "seifert"), attraction=attraction)
+    r = distances(law)
+    r = r[np.abs(r - law.range) > 1e-4 * law.range]
+    assert_close(slope(law.potential, r, 2e-5 * law.range), law.slope(r), 1e-10)  # measured 1.3e-11
+    assert_close(slope(law.primitive, r, 2e-5 * law.range), law.potential(r), 1e-10)  # measured 1e-11
+    h = 1e-7 * law.range
+    for function, unit in ((law.potential, 1.0), (law.slope, 1 / law.range), (law.primitive, law.range)):
+        assert abs(function(law.range + h) - function(law.range - h)) <= 2e-5 * law.energy * unit
+    assert law.potential(law.range) == pytest.approx(-attraction * law.energy, rel=2.4e-3, abs=1e-18)
+    assert (law.slope(r[r < 0.999 * law.range]) < 0.0).all()
+    assert attraction or not law.slope(r[r > law.range]).any()
+
+
+@pytest.mark.parametrize("bonds", [0.0, 10.0, 5000.0])
+def test_bodies_repel_each_other_however_few_bonds_they_have(bonds: float) -> None:
+    law = dataclasses.replace(example("adhesion", "seifert"), bonds=bonds)
+    solid = law.solid
+    assert solid.work == pytest.approx(law.work, rel=1e-14)
+    assert solid.bonds * solid.energy >= 24.0  # pN/µm
+    r = np.linspace(1.0, 5.0) * law.range
+    pull, scale = solid.bonds * solid.slope(r), 240.0 / law.range
+    assert np.abs(pull - bonds * law.slope(r)).max() < 1e-14 * scale  # measured 1e-17
 
 
 def test_seifert_well_has_its_depth_at_the_equilibrium_distance() -> None:

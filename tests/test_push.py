@@ -71,3 +71,19 @@ def test_contact_and_stress_keep_the_angular_momentum_of_a_collision(name: str) 
     momentum, turning, ledger = collide(name, *UNSTABILISED)
     assert momentum < 1e-13 and turning < 1e-13  # measured 4e-16, 5e-16
     assert ledger["closure"] < 3e-3  # measured 1.1e-3, 5.1e-4, 1.0e-3, 6e-4
+
+
+@pytest.mark.parametrize("sets", ['adhesion.cells.bonds="0 /um^2"', 'adhesion.cells.energy="0 pN um"',
+                                  "adhesion.cells.attraction=0", 'adhesion.cells.bonds="10 /um^2"'])
+def test_cells_without_bonds_or_with_few_keep_each_other_out(sets: str) -> None:
+    with built(colliding("two", sets)) as sim:
+        (momentum, _), first = per_particle(sim), sim.sample()[1]
+        sim.go(4.0)
+        gaps = sim.comm.allreduce(list(sim.mechanics.foot["gap"]))
+        history, ledger = sim.sample()
+        assert history[1]["cell_contact_um"] > 1.0  # they are pressed together
+        assert min(gaps) > 0.004  # [µm]; measured 0.0072
+        assert ledger["adhesion_cells"] > 0.0 or "10 /um" in sets
+        assert ledger["closure"] < 2e-3  # measured 3e-4
+        assert np.abs((per_particle(sim)[0] - momentum).sum(axis=0)).max() < 1e-13 * np.abs(momentum).sum()
+        assert ledger["kinetic"] < 0.9 * first["kinetic"]

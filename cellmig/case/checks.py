@@ -30,6 +30,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _names(source, cells)
     _parts(source, found)
     _equilibria(source, found)
+    _reach_of_push(source, found["protrusion"], found["substrate"])
     if on_substrate:
         _above_substrate(source, cells)
     _overlaps(source, cells)
@@ -62,6 +63,15 @@ def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
         source.wrong((*path, "nucleus"), f"a nucleus has a size, too: {keys[0]} is missing")
     elif cell.nucleus is None and given:
         source.wrong((*path, given[0]), "a nucleus has a material, too: nucleus is missing")
+
+
+def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
+    """What protrudes is pushed no higher than bonds to the substrate reach."""
+    reach = getattr(substrate, "cutoff", math.inf)
+    if push is not None and push.height > reach:
+        height, reach = (units.text(v, "um") for v in (push.height, reach))
+        source.wrong(("protrusion", "height"), f"{height} is beyond the reach of the bonds to the substrate, "
+                     f"adhesion.substrate.cutoff = {reach}: take at most that, or a longer cutoff")
 
 
 def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:

@@ -23,7 +23,7 @@ class EdgeProtrusion:
 
     cells: tuple = parameter("names of the cells that protrude", items="cell")
     strength: float = quantity("", "ratio β of the push to the adhesion energy", 0.06, minimum=0)
-    height: float = quantity("um", "height ℓ of the pushing edge, at most the cutoff of the bonds", "0.5 um", above=0)
+    height: float = quantity("um", "height ℓ of the pushing edge, at most the cutoff of the bonds", "1 um", above=0)
     random: bool = parameter("whether α is random in [0, 1]; else it is 1/2 everywhere", True)
     patch: float = quantity("um", "distance of the points where α is drawn, linear between them", "0.4 um", above=0)
 

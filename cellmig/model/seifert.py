@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from numpy import where
 
 from ..case.registry import law, quantity
+
+WALL = 24.0  # pN/µm: surfaces repel each other as bonds with this work of adhesion do, if they have fewer or none
 
 
 @law("adhesion", "seifert")
@@ -12,18 +16,29 @@ class Seifert:
     r"""Bonds with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] each (3), N of them per reference area.
 
     Two additions keep it integrable in time: below 0.8 ε the potential goes on as its quadratic Taylor polynomial
-    (twice differentiable), and it is lowered to reach zero with zero slope at the cutoff.
+    (twice differentiable), and it is lowered to reach zero with zero slope at the cutoff.  A third keeps bodies apart
+    that do not adhere: the attraction, all beyond ε and the depth of the well, can be a share a of what belongs to the
+    repulsion, from 1 (the paper's bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
     """
 
     bonds: float = quantity("1/um^2", "bond density N", minimum=0)
     energy: float = quantity("pN um", "depth of the well σ", minimum=0)
     range: float = quantity("um", "equilibrium distance ε", above=0)
-    cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "0.5 um", above=0)
+    cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "1 um", above=0)
+    attraction: float = quantity("", "share a of the bonds that attract; all repel", 1, minimum=0, maximum=1)
 
     @property
     def work(self) -> float:
-        """Work of adhesion w = N σ [pN/µm]."""
-        return self.bonds * self.energy
+        """Work of adhesion w = a N σ [pN/µm]."""
+        return self.attraction * self.bonds * self.energy
+
+    @property
+    def solid(self) -> Seifert:
+        """The same adhesion between bodies that repel each other by WALL at least, however few bonds they have."""
+        if self.bonds * self.energy >= WALL:
+            return self
+        energy = self.energy or 1.0
+        return replace(self, energy=energy, bonds=WALL / energy, attraction=self.work / WALL)
 
     @property
     def cap(self) -> float:
@@ -33,7 +48,23 @@ class Seifert:
     def stiffness(self, least: float) -> float:
         """Largest stiffness N U'' [Pa/µm] of a contact with gaps of at least `least` [µm]; 47 N σ/ε² if pressed."""
         q = (self.range / max(least, self.cap)) ** 2
-        return self.bonds * self.energy / self.range**2 * max(q * q * (20.0 * q - 12.0), 0.0)
+        share = 1.0 if least < self.range else self.attraction
+        return share * self.bonds * self.energy / self.range**2 * max(q * q * (20.0 * q - 12.0), 0.0)
+
+    @property
+    def lift(self) -> float:
+        """Energy by which the repulsion is higher than that of the paper's bonds, (1 - a) σ [pN µm]."""
+        return (1.0 - self.attraction) * self.energy
+
+    @property
+    def well_primitive(self) -> float:
+        """What makes the primitive continuous at ε [pN µm²]."""
+        return -(1.0 - self.attraction) * self.pair_primitive(self.range) - self.lift * self.range
+
+    @property
+    def shift(self) -> float:
+        """Slope of the attraction at the cutoff, by which it is lowered to reach zero there [pN]."""
+        return self.attraction * self.cut_slope
 
     @property
     def cap_potential(self) -> float:
@@ -90,13 +121,16 @@ class Seifert:
         s = r - self.cap
         inner = self.cap_potential + s * (self.cap_slope + 0.5 * s * self.cap_curvature)
         uncut = where(r < self.cap, inner, self.pair(where(r < self.cap, self.cap, r)))
-        return where(r < self.cutoff, uncut - self.cut_potential - self.cut_slope * (r - self.cutoff), 0.0)
+        shared = where(r < self.range, uncut + self.lift, self.attraction * uncut)
+        cut = shared - self.attraction * self.cut_potential - self.shift * (r - self.cutoff)
+        return where(r < self.cutoff, cut, 0.0)
 
     def slope(self, r):
         """d(potential)/dr, minus the bond's force [pN]."""
         inner = self.cap_slope + (r - self.cap) * self.cap_curvature
         uncut = where(r < self.cap, inner, self.pair_slope(where(r < self.cap, self.cap, r)))
-        return where(r < self.cutoff, uncut - self.cut_slope, 0.0)
+        shared = where(r < self.range, uncut, self.attraction * uncut)
+        return where(r < self.cutoff, shared - self.shift, 0.0)
 
     def primitive(self, r):
         """Primitive Ψ of the potential, zero from the cutoff on [pN µm²]: integrates it along a surface exactly."""
@@ -105,6 +139,7 @@ class Seifert:
             self.cap_potential + s * (0.5 * self.cap_slope + s * self.cap_curvature / 6.0)
         )
         uncut = where(r < self.cap, inner, self.pair_primitive(where(r < self.cap, self.cap, r)))
+        shared = where(r < self.range, uncut + self.lift * r + self.well_primitive, self.attraction * uncut)
         t = r - self.cutoff
-        cut = uncut - self.cut_primitive - t * (self.cut_potential + 0.5 * t * self.cut_slope)
+        cut = shared - self.attraction * (self.cut_primitive + t * self.cut_potential) - 0.5 * t * t * self.shift
         return where(r < self.cutoff, cut, 0.0)

@@ -10,7 +10,7 @@ from ..parallel.reduce import extreme
 from .mechanics import Mechanics
 from .stiffness import Stiffness
 
-NEAR = 1e-7  # µm by which particles move, at most, for a difference of forces
+NEAR = 4e-7  # spacings by which particles move, at most, for a difference of forces
 KEPT_FROM = 1_000  # particles of the scene: beyond, a tangent is kept as a preconditioner, as its factors cost most
 SERVES, CHANGE = 12, 2.0  # iterations of Krylov methods, and change of the step, up to which a tangent is kept
 
@@ -26,6 +26,7 @@ class Equations:
     def __init__(self, mechanics: Mechanics):
         """Collective."""
         self.mechanics = m = mechanics
+        self.spacing = min(t.spacing for t in m.scene.templates)
         self.stiffness = Stiffness(m)
         self.mass = 1.0 / m.kernel["inverse_mass"][: m.n_owned, None]
         self.matrix = self.stiffness.matrix()
@@ -77,7 +78,7 @@ class Equations:
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual with changes of u, v and a (n_owned, 2), by a difference of forces; collective."""
         t, u0, v0, _, _, a0 = self.at
-        step = NEAR / max(extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0], 1e-300)
+        step = NEAR * self.spacing / max(extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0], 1e-300)
         return self.mass * (a - (self.accelerate(t, u0 + step * u, v0 + step * v) - a0) / step)
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -21,14 +21,14 @@ from .reduction import Reduction
 from .static import DEFAULTS
 
 SKIN = 4.0  # spacings: search lists last longer, whose cost is nothing against that of a step
-FINE, MOST_PARTS = 0.01, 20  # µm: pieces of a step's path in which its work is integrated, and most of them
+FINE, MOST_PARTS = 0.04, 20  # spacings: pieces of a step's path in which its work is integrated, and most of them
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
 LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
 FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
 # Where the foot of a contact is as near on two segments, forces jump from one to the other and no state is in balance:
-# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean [µm,
-# µm/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
-SETTLED, ROUGH = 1e-5, 1e-4
+# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean [spacings,
+# spacings/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
+SETTLED, ROUGH = 4e-5, 1e-4
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
 STEPS = {"snes_max_it": "10"}  # of Newton's method: what has not converged then wants a shorter step in time
@@ -141,7 +141,7 @@ class Implicit(Integrator):
             return reason.CONVERGED_FNORM_ABS
         if norm > DIVERGED * first:
             return reason.DIVERGED_DTOL
-        settled = moved < SETTLED * np.sqrt(2.0 * self.mechanics.scene.size) and 0.5 * last < norm < self._rough
+        settled = moved < SETTLED * self.equations.spacing * np.sqrt(2.0 * self.mechanics.scene.size) and 0.5 * last < norm < self._rough
         return reason.CONVERGED_SNORM_RELATIVE if settled else reason.ITERATING
 
     # ------------------------------------------------------------ equations
@@ -264,7 +264,7 @@ class Implicit(Integrator):
         after, mass = m.state.owned.copy(), self.equations.mass
         moved, work = after[:, :2] - before[:, :2], np.zeros(m.n_owned)
         longest = extreme(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
-        parts = int(min(max(1.0, np.ceil(longest / FINE)), MOST_PARTS))
+        parts = int(min(max(1.0, np.ceil(longest / (FINE * self.equations.spacing))), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts
             a = self.equations.accelerate(start + at * dt, before[:, :2] + at * moved, moved / dt)

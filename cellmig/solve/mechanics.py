@@ -21,7 +21,7 @@ from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Impulses, rates
 from .director import Director
 from .places import SurfacePlaces
-from .push import Push
+from .push import Push, depth
 from .undo import Undo
 
 SKIN = 0.85  # spacings by which surfaces may approach each other before the search lists are made anew
@@ -135,7 +135,7 @@ class Mechanics:
         self.impulses = Impulses(k, s, own, self._segments)
         if self.terms.substrate is not None:
             k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
-            k["substrate_depth"] = self.terms.substrate.energy
+            k["substrate_depth"] = depth(self.terms.substrate)
         if self.terms.contact is not None:
             c = self.terms.contact
             k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff

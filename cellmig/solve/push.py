@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,11 @@ from ..meshfree.compile import Kernel
 from ..meshfree.contact import Surfaces
 from ..meshfree.rows import Numbering
 from .roughness import roughness
+
+
+def depth(law: Any) -> float:
+    """Energy of a bond that is closed [pN µm]; infinite where there are none, so that none is closed."""
+    return law.work / law.bonds if law.work else math.inf
 
 
 class Push:

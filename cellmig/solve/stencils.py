@@ -10,6 +10,7 @@ import numpy as np
 
 from ..meshfree.boundary import GAUSS
 from .mechanics import Mechanics
+from .push import depth
 from .tangent import mixed
 
 LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are level
@@ -88,7 +89,7 @@ def substrate(law: Any, length: np.ndarray, x: tuple) -> tuple:
 
 def friction(law: Any, bonds: Any, length: np.ndarray, x: tuple, v: tuple) -> tuple:
     """Drag of the closed bonds of a segment."""
-    closed = -segment_mean(bonds, x[0][1], x[1][1])[0] / bonds.energy
+    closed = -segment_mean(bonds, x[0][1], x[1][1])[0] / depth(bonds)
     share = np.minimum(np.maximum(closed, 0.0), 1.0)
     return tuple((-0.5 * length * law.drag(share, vx), 0.0) for vx, _ in v)
 
@@ -99,7 +100,7 @@ def protrusion(law: Any, bonds: Any, weight: np.ndarray, segments: list, x: tupl
     """
     middle, bonded, force = sum(w * place[0] for w, place in zip(weight, x, strict=True)), 0.0, [0.0] * len(x)
     for i, j, length, _ in segments:
-        closed = np.maximum(-segment_mean(bonds, x[i][1], x[j][1])[0] / bonds.energy, 0.0)
+        closed = np.maximum(-segment_mean(bonds, x[i][1], x[j][1])[0] / depth(bonds), 0.0)
         bonded = bonded + length * closed * law.front(0.5 * (x[i][0] + x[j][0]) - middle)
     for i, j, length, push in segments:
         if not push.any():

@@ -274,7 +274,7 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
 def _frame_bytes(case: Case) -> int:
     """Bytes of a particle in a frame."""
     there = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
-             "contact": case.contact is not None and len(case.cells) > 1,
+             "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
              "friction": case.friction is not None and case.substrate is not None,
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
     return 28 + sum(field.stored for field in FIELDS.values() if there[field.term])

@@ -127,6 +127,8 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
         if law is not None and law.work:
             rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, range {1e3 * law.range:g} nm"))
+        elif law is not None and law.stiffness(0.0):
+            rows.append((name, f"no adhesion; surfaces closer than {1e3 * law.range:g} nm repel each other"))
     if t.protrusion is not None and case.protrusion:
         rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; strength {t.protrusion.strength:g}, "
                                    f"height {t.protrusion.height:g} µm"))
