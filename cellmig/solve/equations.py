@@ -78,7 +78,8 @@ class Equations:
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual with changes of u, v and a (n_owned, 2), by a difference of forces; collective."""
         t, u0, v0, _, _, a0 = self.at
-        step = NEAR * self.spacing / max(extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0], 1e-300)
+        longest = extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
+        step = NEAR * self.spacing / max(longest, 1e-300)
         return self.mass * (a - (self.accelerate(t, u0 + step * u, v0 + step * v) - a0) / step)
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -26,8 +26,8 @@ BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x 
 LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
 FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
 # Where the foot of a contact is as near on two segments, forces jump from one to the other and no state is in balance:
-# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean [spacings,
-# spacings/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
+# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean
+# [spacings, spacings/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
 SETTLED, ROUGH = 4e-5, 1e-4
 CUTS = 20  # times that a step may be cut
 START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
@@ -141,7 +141,8 @@ class Implicit(Integrator):
             return reason.CONVERGED_FNORM_ABS
         if norm > DIVERGED * first:
             return reason.DIVERGED_DTOL
-        settled = moved < SETTLED * self.equations.spacing * np.sqrt(2.0 * self.mechanics.scene.size) and 0.5 * last < norm < self._rough
+        near = SETTLED * self.equations.spacing * np.sqrt(2.0 * self.mechanics.scene.size)
+        settled = moved < near and 0.5 * last < norm < self._rough
         return reason.CONVERGED_SNORM_RELATIVE if settled else reason.ITERATING
 
     # ------------------------------------------------------------ equations
