@@ -372,7 +372,7 @@ BROKEN = [  # what is replaced, by what, part of the message
     ("viscosity = \"1 mPa s\"", "", "materials.gel.viscosity: missing: shear viscosity"),
     ("viscosity = \"1 mPa s\"", "viscosity = \"1 mPa\"", "viscosity: '1 mPa' has the wrong dimension"),
     ("2.2 GPa", "2.2 MPa", "materials.gel.reduced_bulk_modulus: 5000000 Pa is above bulk_modulus = 2200000 Pa"),
-    ("range = \"10 nm\"", "range = \"1 um\"", "adhesion.substrate.range: 1 um is above cutoff = 0.5 um"),
+    ("range = \"10 nm\"", "range = \"2 um\"", "adhesion.substrate.range: 2 um is above cutoff = 1 um"),
     ("law = \"seifert\"", "law = \"siefert\"", "no adhesion law 'siefert'; did you mean 'seifert'?"),
     ("C1 =", "c1 =", "materials.core.c1: no such key; did you mean 'C1'?"),
     ("name = \"Right\"", "name = \"Left\"", "cells.1.name: two cells are called 'Left': this one and cells.0"),

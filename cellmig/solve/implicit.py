@@ -21,7 +21,8 @@ from .reduction import Reduction
 from .static import DEFAULTS
 
 SKIN = 4.0  # spacings: search lists last longer, whose cost is nothing against that of a step
-FINE, MOST_PARTS = 0.04, 20  # spacings: pieces of a step's path in which its work is integrated, and most of them
+FINE, MOST_PARTS = 0.04, 20  # pieces of a step's path in which its work is integrated, and most of them: ranges of
+# bonds, where there are any, else so many spacings
 BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
 LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
 FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
@@ -64,6 +65,8 @@ class Implicit(Integrator):
         self.newton = self.failures = 0
         self.scheme_loss = np.zeros(m.n_owned)
         _ALIVE[next(_NUMBERS)] = self
+        ranges = self.control.ranges[self.control.ranges > 0.0]
+        self._fine = float(ranges.min()) if len(ranges) else FINE * self.equations.spacing
         self._clipped, self.second_order = False, ts.getType() == PETSc.TS.Type.ALPHA2
         if self.second_order:
             self._x, self._v = (PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm) for _ in range(2))
@@ -265,7 +268,7 @@ class Implicit(Integrator):
         after, mass = m.state.owned.copy(), self.equations.mass
         moved, work = after[:, :2] - before[:, :2], np.zeros(m.n_owned)
         longest = extreme(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
-        parts = int(min(max(1.0, np.ceil(longest / (FINE * self.equations.spacing))), MOST_PARTS))
+        parts = int(min(max(1.0, np.ceil(longest / self._fine)), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts
             a = self.equations.accelerate(start + at * dt, before[:, :2] + at * moved, moved / dt)
