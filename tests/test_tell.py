@@ -111,7 +111,7 @@ def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
 
 
 def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
-    found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # 0.39 µm upon it; bonds reach 0.5
+    found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # 0.39 µm upon the first
                   {"centre": ["40 um", "7 um"]}, {"centre": ["50.01 um", "7 um"]})
     assert list(lie(found).floating) == [2, 3]
     warning = told(found)["WARNING"]

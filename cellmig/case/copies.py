@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
-if TYPE_CHECKING:
-    from .schema import Cell
-    from .source import Source
+from .schema import Cell
 
 MOST_CELLS = 100_000
 
@@ -34,25 +31,25 @@ def _numbered(name: str, total: int) -> list[str]:
     return [pattern.replace("{}", str(k + 1)) for k in range(total)]
 
 
-Changed = Mapping[tuple, tuple["Cell", Mapping]]  # by path: a copy as it is to be, and the table that says what differs
+Changed = Mapping[tuple, tuple[Cell, Mapping]]  # by path: a copy as it is to be, and the table that says what differs
 
 
-def expand(source: Source, cells: list[tuple[Cell, tuple]], floor: float | None,
+def expand(wrong: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]], floor: float | None,
            changed: Changed) -> list[tuple[Cell, tuple]]:
     """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest.
 
-    `floor` : height at which cells rest on the substrate [µm], None without one.
+    `wrong` : notes a mistake at a path;  `floor` : height at which cells rest on the substrate [µm], None without one.
     """
     if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
-        source.wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
+        wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
         return []
     found = []
     for cell, path in cells:
         total = math.prod(cell.repeat)
         if len(cell.pitch) != len(cell.repeat) and total > 1:
-            source.wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
+            wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
             continue
-        first = _set_down(source, cell, path, floor)
+        first = _set_down(wrong, cell, path, floor)
         for k, name in enumerate(_numbered(cell.name, total)):
             centre, place = _centre(first, k), (*path, name)
             rest = cell.rest and centre[1] == _centre(first, 0)[1]
@@ -60,16 +57,16 @@ def expand(source: Source, cells: list[tuple[Cell, tuple]], floor: float | None,
             copy = dataclasses.replace(own, name=name, centre=own.centre if "centre" in says else centre, repeat=(1,),
                                        pitch=(), rest=own.rest if "rest" in says else rest)
             place = place if says else path
-            found.append((_set_down(source, copy, place, floor) if says else copy, place))
+            found.append((_set_down(wrong, copy, place, floor) if says else copy, place))
     return found
 
 
-def _set_down(source: Source, cell: Cell, path: tuple, floor: float | None) -> Cell:
+def _set_down(wrong: Callable[[tuple, str], None], cell: Cell, path: tuple, floor: float | None) -> Cell:
     """The cell on the substrate, if it is to rest there."""
     if not cell.rest:
         return cell
     if floor is None:
-        source.wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
+        wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
         return cell
     return dataclasses.replace(cell, centre=(cell.centre[0], float(f"{floor - cell.shape.lowest():.15g}")))
 

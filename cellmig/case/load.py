@@ -85,7 +85,7 @@ class _Reader:
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
         floor = getattr(found["substrate"], "range", 0.0) if on_substrate else None
-        found["cells"] = expand(self.source, found["cells"], floor, self.changed)
+        found["cells"] = expand(self.wrong, found["cells"], floor, self.changed)
         if not self.partial:
             resolution(self.source)
         check(self.source, found, on_substrate)

@@ -38,7 +38,7 @@ class Expected(NamedTuple):
 def expected(case: Case, lie: Lie, end: float) -> Expected:
     r"""Estimate the motion of a case up to a time `end` [µs] from what drives it.
 
-    *Push.*  A membrane that rises at an angle θ carries β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ once the cell holds on, w = N σ,
+    *Push.*  A membrane that rises at an angle θ carries β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ once it holds on, w = N σ,
     ᾱ = 1/2.  For a round cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); cells that have spread stand steeper and carry
     somewhat less.  Cells that bonds tie together share their pushes F, and m v' = ΣF - c ΣL v with m = Σρ A, the drag c
     of the friction and a contact L of a diameter: without friction v = F t/m, and the distance is F t²/2m.
