@@ -12,7 +12,7 @@ from .copies import cell_names, copy_names
 from .lines import key_lines
 from .messages import Mistake, nearest, show, suggest
 
-LARGEST = 1 << 20  # bytes of a case file: what is larger is something else
+LARGEST = 64 << 20  # bytes of a case file: 100,000 cells one by one take a quarter; what is larger is something else
 
 
 @dataclass
