@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import cKDTree
 
 from . import polygons
+from .delaunay import areas, triangles
 from .resample import along
 
 COARSE = 0.6  # least area of a hole's particles over its own, below which it is not resolved
@@ -111,12 +112,11 @@ def _points(outline: np.ndarray, s: float, clearance: float, seams: np.ndarray) 
 def _spread(X: np.ndarray, m: int) -> np.ndarray:
     """Points of which the first m are the outline and stay; the others move into the middle of what surrounds them."""
     for _ in range(ROUNDS):
-        tri = Delaunay(X).simplices
-        tri = tri[(tri >= m).any(axis=1)]  # the others lie between points of the outline alone, maybe outside
-        corners = X[tri]
-        size = 0.5 * np.abs(polygons.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        # Those between points of the outline alone may be outside.
+        tri, share = triangles(X, lambda tri: (tri >= m).any(axis=1))
+        size = share * areas(X, tri)
         weight = np.bincount(tri.ravel(), np.repeat(size, 3), len(X))
-        middle = size[:, None] * corners.mean(axis=1)
+        middle = size[:, None] * X[tri].mean(axis=1)
         total = np.column_stack([np.bincount(tri.ravel(), np.repeat(middle[:, k], 3), len(X)) for k in range(2)])
         X = np.concatenate([X[:m], (total / np.maximum(weight, 1e-300)[:, None])[m:]])
     return X

@@ -25,9 +25,7 @@ def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, reg
     M[thin] = np.diag([0.0, 1.0, 1.0]) + M[thin, :1, :1] * np.diag([1.0, 0.0, 0.0])
     first = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (len(X), 3, 1)))[:, :, 0]
     values = w * np.einsum("ei,ei->e", first[rows], p)
-    R = sparse.csr_matrix((values, pattern.indices.copy(), pattern.indptr.copy()), pattern.shape)
-    R.eliminate_zeros()
-    return R
+    return sparse.csr_matrix((values, pattern.indices.copy(), pattern.indptr.copy()), pattern.shape)
 
 
 class Recovery:

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import cKDTree
 
 from . import polygons
+from .delaunay import areas, triangles
 
 
 def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -25,17 +26,21 @@ def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     Returns
     -------
-    V : (n,) -- volumes per thickness [µm²];  edges : (m, 2) int -- Delaunay edges, each once, lower index first.
+    V : (n,) -- volumes per thickness [µm²];  edges : (m, 2) int -- Delaunay edges, each once, lower index first; of
+    points on one circle all diagonals.
 
     Raises ValueError if the particles are too coarse for their outline, so that an edge crosses it.
     """
-    tri = Delaunay(X).simplices
-    a, b = X[tri[:, 1]] - X[tri[:, 0]], X[tri[:, 2]] - X[tri[:, 0]]
-    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    whole = area > 1e-9 * area.mean()  # Qhull may add slivers along a straight edge
-    between = np.flatnonzero(whole & np.isin(tri, segments).all(axis=1))  # only these may lie outside, in a hollow
-    whole[between] = polygons.inside(X[tri[between]].mean(axis=1), X[segments])
-    tri, area = tri[whole], area[whole]
+    def inside(tri: np.ndarray) -> np.ndarray:
+        within = np.ones(len(tri), bool)
+        between = np.flatnonzero(on[tri].all(axis=1))  # only these may lie outside, in a hollow
+        within[between] = polygons.inside(X[tri[between]].mean(axis=1), X[segments])
+        return within
+
+    on = np.zeros(len(X), bool)
+    on[segments] = True
+    tri, share = triangles(X, inside)
+    area = share * areas(X, tri)
     if abs(area.sum() - polygons.area(X[segments])) > 1e-9 * area.sum():
         raise ValueError("the particles are too coarse for their outline: take more of them")
     V = np.bincount(tri.ravel(), np.repeat(area / 3.0, 3), len(X))
@@ -118,11 +123,13 @@ def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
 
 def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Particles (k,) and weights (k,) that give a field at the point x (2,), linear fields exactly."""
-    distance, near = cKDTree(X).query(x, min(12, len(X)))
+    distance, near = cKDTree(X).query(x, min(13, len(X)))
     if distance[0] < 1e-9 * distance[-1]:
         return near[:1], np.ones(1)
-    w = window(distance / (1.01 * distance[-1]))[0]
-    p = np.column_stack([np.ones(len(near)), (X[near] - x) / distance[-1]])
+    # The last has no weight: which it is of those as far does not matter.
+    support = distance[-1] * (1.0 if len(near) < len(X) else 1.01)
+    w = window(distance / support)[0]
+    p = np.column_stack([np.ones(len(near)), (X[near] - x) / support])
     return near, w * (p @ np.linalg.solve(p.T @ (w[:, None] * p), np.array([1.0, 0.0, 0.0])))
 
 

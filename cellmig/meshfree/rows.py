@@ -53,14 +53,15 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     own = np.zeros(scene.size, bool)
     own[owned] = True
     first, second, lent = own.copy(), own.copy(), np.zeros(scene.size, bool)
+    patterns = lru_cache(lambda k: _near_and_far(scene.templates[k]))
     for c in np.unique(scene.cell[owned]):
         part = slice(scene.offset[c], scene.offset[c + 1])
         if own[part].all():
             continue
-        pattern = scene.templates[scene.kind[c]].G
-        first[part] = reach(pattern, own[part])
-        second[part] = reach(pattern, first[part])
-        lent[part] = reach(pattern, reach(pattern, ~own[part]))
+        near, far = patterns(scene.kind[c])
+        first[part] = reach(near, own[part])
+        second[part] = reach(near, first[part]) | reach(far, own[part])
+        lent[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
     second[needed] = True
     if len(owned) < scene.size:
         lent[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
@@ -68,9 +69,19 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), lent[layers[0]])
 
 
-def reach(pattern: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
+def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Ones where a CSR matrix has entries: some may be zero, and are read all the same."""
+    return sparse.csr_matrix((np.ones(len(m.indices)), m.indices, m.indptr), m.shape)
+
+
+def _near_and_far(t: Any) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Patterns of the gradients, which forces reach through twice, and of the stabilisations, once."""
+    return pattern(t.G), pattern(t.S) + pattern(t.E)
+
+
+def reach(ones: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
     """Particles that are in `mask` or have a neighbour there (n,) bool; the pattern is symmetric."""
-    return mask | (abs(pattern) @ mask.astype(float) > 0)
+    return mask | (ones @ mask.astype(float) > 0)
 
 
 @dataclass(frozen=True)
@@ -108,14 +119,14 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     row, lanes = np.repeat(start, count) + within, np.minimum(np.repeat(length, count) - within, 4)
     at, kind = ids[row] - scene.offset[cell[row]], scene.kind[cell[row]]
     lane = np.arange(len(ids)) - np.repeat(row, lanes)
-    pattern = _mixed(_patterns(scene, numbering, terms) + lane)
-    pattern = np.add.reduceat(pattern, row) if len(row) else pattern
+    shape = _mixed(_patterns(scene, numbering, terms) + lane)
+    shape = np.add.reduceat(shape, row) if len(row) else shape
     lent = np.logical_or.reduceat(lent, row) if len(row) else np.zeros(0, bool)
     _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
-    order = np.lexsort((number, pattern, lanes, at, kind, number // GROUP, ~lent, ghost[row]))
-    row, lanes, at, kind, pattern = row[order], lanes[order], at[order], kind[order], pattern[order]
+    order = np.lexsort((number, shape, lanes, at, kind, number // GROUP, ~lent, ghost[row]))
+    row, lanes, at, kind, shape = row[order], lanes[order], at[order], kind[order], shape[order]
     at = np.where(ghost[row], -1 - np.arange(len(row)), at)  # those of copies share nothing
-    key = np.column_stack([kind, at, lanes, pattern])
+    key = np.column_stack([kind, at, lanes, shape])
     _, lead, home = np.unique(key, axis=0, return_index=True, return_inverse=True)
     first = np.argsort(lead)  # homes by their first use
     lead, home = lead[first], np.argsort(first)[home]
@@ -140,11 +151,11 @@ def _patterns(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
         out[rows] = _mixed(at)
         if (np.diff(local) == 1).all():
             continue  # as in the template
-        pattern = reach_of(scene.kind[c])
-        row = np.repeat(np.arange(len(local)), np.diff(pattern.indptr))
-        further = local[pattern.indices] - local[row] - pattern.indices + row
-        hashed = np.where(further, _mixed(_mixed(pattern.indices) + further), 0)
-        out[rows] += np.add.reduceat(hashed, pattern.indptr[:-1])[at]
+        near = reach_of(scene.kind[c])
+        row = np.repeat(np.arange(len(local)), np.diff(near.indptr))
+        further = local[near.indices] - local[row] - near.indices + row
+        hashed = np.where(further, _mixed(_mixed(near.indices) + further), 0)
+        out[rows] += np.add.reduceat(hashed, near.indptr[:-1])[at]
     return out
 
 
@@ -158,7 +169,8 @@ def _mixed(x: np.ndarray) -> np.ndarray:
 
 def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
     """Pattern of all matrices of a template that the kernel applies."""
-    return sum([abs(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there], abs(t.G)).tocsr()
+    further = [pattern(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there]
+    return sum(further, pattern(t.G)).tocsr()
 
 
 def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:

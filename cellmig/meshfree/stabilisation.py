@@ -44,10 +44,7 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
     S = B.T @ sparse.diags(weight) @ B - Y[0].T @ Y[0] - Y[1].T @ Y[1]
     S = 0.5 * (S + S.T)
     S = (S - sparse.diags(S.diagonal())).tocsr()
-    S.eliminate_zeros()
-    S = (S - sparse.diags(np.asarray(S.sum(axis=1)).ravel())).tocsr()
-    S.eliminate_zeros()
-    return S
+    return (S - sparse.diags(np.asarray(S.sum(axis=1)).ravel())).tocsr()
 
 
 def _safe_root(A: np.ndarray) -> np.ndarray:
