@@ -156,11 +156,12 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     """
     layout = shape.particles(count, refinement)
     spacing = float(np.sqrt(shape.area / count))
-    strip = np.floor(layout.X[:, 1] / (STRIP * spacing) + 0.5)
-    order = np.lexsort((layout.X[:, 0], strip, ~layout.nucleus if laws[1] is not None else strip))
+    placed = polygons.snapped(layout.X)
+    strip = np.floor(placed[:, 1] / (STRIP * spacing) + 0.5)
+    order = np.lexsort((*placed.T[::-1], strip, ~layout.nucleus if laws[1] is not None else strip))
     place = np.empty(count, int)
     place[order] = np.arange(count)
-    X = layout.X[order]
+    X = placed[order]
     nucleus = layout.nucleus[order] & (laws[1] is not None)
     surface, after = place[layout.surface], layout.next
     segments = np.column_stack([surface, surface[after]])

@@ -1,4 +1,4 @@
-"""Delaunay triangles that do not depend on chance: where points lie on one circle, all ways to part them share alike."""
+"""Delaunay triangles without chance: where points lie on one circle, all ways to part them have the same share."""
 
 from __future__ import annotations
 

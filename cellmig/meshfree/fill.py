@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from . import polygons
@@ -25,6 +27,10 @@ def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.
 
     Raises ValueError if they are too few for the outline.
     """
+    first = [polygons.first(loop) for loop in loops]  # wherever they are said to begin
+    loops = [np.roll(loop, -k, axis=0) for loop, k in zip(loops, first, strict=True)]
+    fixed = [(at - k) % len(loop) for at, k, loop in zip(fixed, first, loops, strict=True)] if fixed else None
+    nucleus = [np.roll(loop, -polygons.first(loop), axis=0) for loop in nucleus or []]
     outline = polygons.joined(loops)
     # As for a disc in rings: each particle takes 1.047 h², those on the surface half as much.
     a, b = polygons.area(outline) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(outline).sum()
@@ -38,12 +44,13 @@ def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.
     surface, rough = np.concatenate(rings), polygons.joined(list(rings))
     if len(surface) >= count or any(polygons.crossing(ring) is not None for ring in rings):
         raise ValueError(f"{count} particles are too few for such an outline")
-    seams = _beside(nucleus or [], rough, h)
+    seams = _beside(nucleus, rough, h)
     if len(surface) + len(seams) >= count:
         seams = seams[:0]
     inner = _lattice(rough, h, count - len(surface) - len(seams), seams)
     X = _spread(np.concatenate([surface, seams, inner]), len(surface) + len(seams))
-    return X, list(edge), _within(X, len(surface), outline, nucleus or [], len(seams) > 0)
+    edge = [(e + k) % len(loop) for e, k, loop in zip(edge, first, loops, strict=True)]
+    return X, edge, _within(X, len(surface), outline, nucleus, len(seams) > 0)
 
 
 def _beside(nucleus: list[np.ndarray], surface: np.ndarray, h: float) -> np.ndarray:
@@ -63,9 +70,21 @@ def _beside(nucleus: list[np.ndarray], surface: np.ndarray, h: float) -> np.ndar
         loops = polygons.joined(nucleus)
         rows = rows[polygons.inside(rows, surface)]
         rows = rows[(polygons.distance(rows, loops) > 0.35 * h) & (polygons.distance(rows, surface) > CLEARANCE * h)]
-        close = cKDTree(rows).query_pairs(0.6 * h, output_type="ndarray")
-        rows = np.delete(rows, close[:, 1], axis=0)
+        rows = _merged(rows, 0.6 * h)
     return rows
+
+
+def _merged(points: np.ndarray, apart: float) -> np.ndarray:
+    """Points no closer than `apart`: those next to each other become one in their middle, until all are."""
+    while len(close := cKDTree(points).query_pairs(apart, output_type="ndarray")):
+        away = np.linalg.norm(points[close[:, 0]] - points[close[:, 1]], axis=1)
+        least = np.full(len(points), apart)
+        np.minimum.at(least, close, away[:, None])
+        close = close[away <= least[close].min(axis=1) + 1e-6 * apart]  # each is the next of the other
+        links = coo_array((np.ones(len(close)), close.T), shape=(len(points), len(points)))
+        group = connected_components(links, directed=False)[1]
+        points = np.column_stack([np.bincount(group, x) for x in points.T]) / np.bincount(group)[:, None]
+    return points
 
 
 def _within(X: np.ndarray, m: int, outline: np.ndarray, nucleus: list[np.ndarray], seamed: bool) -> np.ndarray:
@@ -77,8 +96,15 @@ def _within(X: np.ndarray, m: int, outline: np.ndarray, nucleus: list[np.ndarray
         share = polygons.area(loops) / polygons.area(outline)
         number = inside.sum() if seamed else round(share * (len(X) - 0.5 * m))
         depth = np.where(inside, 1.0, -1.0) * polygons.distance(X[m:], loops)
-        within[m + np.argsort(-depth, kind="stable")[:max(number, 1)]] = True
+        within[m:] = _deepest(depth, max(number, 1))
     return within
+
+
+def _deepest(depth: np.ndarray, number: int) -> np.ndarray:
+    """Which are the deepest (n,) bool, about so many: those that are as deep are in or out together."""
+    last, same = np.sort(depth)[::-1][number - 1], 1e-6 * np.abs(depth).max()
+    fewer, more = depth > last + same, depth >= last - same
+    return more if more.sum() - number <= number - fewer.sum() or not fewer.any() else fewer
 
 
 def _lattice(outline: np.ndarray, h: float, count: int, seams: np.ndarray) -> np.ndarray:
@@ -91,7 +117,22 @@ def _lattice(outline: np.ndarray, h: float, count: int, seams: np.ndarray) -> np
     points = _points(outline, low, CLEARANCE * min(low, h), seams)
     if len(points) < count:
         raise ValueError(f"{count} particles do not fit inside such an outline")
-    return points[np.sort(np.argsort(-polygons.distance(points, outline), kind="stable")[:count])]
+    return points[_kept(points, polygons.distance(points, outline), polygons.centroid(outline), count, h)]
+
+
+def _kept(points: np.ndarray, depth: np.ndarray, centre: np.ndarray, count: int, h: float) -> np.ndarray:
+    """Which `count` of the points (n, 2) are kept (n,) bool: the deepest, and of left and right images both or none."""
+    place = np.column_stack([depth, -points[:, 1], np.abs(points[:, 0] - centre[0])])
+    _, group, size = np.unique(np.rint(place / (1e-6 * h)) + 0.0, axis=0, return_inverse=True, return_counts=True)
+    group, excess, out = group.ravel(), len(points) - count, []
+    for k, n in enumerate(size):  # the shallowest and highest first
+        if n <= excess:
+            out.append(k)
+            excess -= n
+    kept = ~np.isin(group, out)
+    order = np.lexsort((points[:, 0], group))
+    kept[order[kept[order]][:excess]] = False  # of a pair the left one, where there are only pairs
+    return kept
 
 
 def _points(outline: np.ndarray, s: float, clearance: float, seams: np.ndarray) -> np.ndarray:

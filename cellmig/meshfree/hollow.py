@@ -13,10 +13,9 @@ FINE = 2000  # points of the polygon that stands for a circle or an ellipse
 
 def loops(shape: Any) -> list[np.ndarray]:
     """Holes of a shape, clockwise (k, 2) each [µm]: the circles, then the others."""
-    turn = -2.0 * np.pi * np.arange(FINE) / FINE
-    round_ones = [np.array([x, y]) + r * np.column_stack([np.cos(turn), np.sin(turn)]) for x, y, r in shape.holes]
+    round_ones = [np.array([x, y]) + r * polygons.circle(FINE) for x, y, r in shape.holes]
     others = [_corners(corners) for corners in shape.cutouts]
-    return [*round_ones, *(p if polygons.area(p) < 0.0 else p[::-1] for p in others)]
+    return [p[::-1] for p in (*round_ones, *others)]
 
 
 def check(shape: Any, border: np.ndarray) -> None:
@@ -44,6 +43,7 @@ def check(shape: Any, border: np.ndarray) -> None:
 
 
 def _corners(corners: tuple) -> np.ndarray:
-    """Corners of a hole that bound its area (k, 2)."""
+    """Corners of a hole that bound its area, counterclockwise (k, 2)."""
     p = np.array(corners).reshape(-1, 2)
-    return p[polygons.distinct(p)]
+    p = p[polygons.distinct(p)]
+    return p[polygons.order(p)] if len(p) else p

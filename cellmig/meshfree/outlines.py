@@ -132,8 +132,7 @@ class Ellipse(_Solid):
 
     def outline(self, n: int = 64) -> np.ndarray:
         """Polygon of the outer surface about the centre (n, 2) [µm]."""
-        t = 2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi
-        return np.column_stack([self.a * np.cos(t), self.b * np.sin(t)])
+        return polygons.circle(n) * [self.a, self.b]
 
     def lowest(self) -> float:
         """Height of the lowest point over the centre [µm], negative."""
@@ -191,16 +190,15 @@ class Polygon(_Solid):
     def _loop(self, corners: Any) -> np.ndarray:
         """Corners that bound an area, about the cell's centre, counterclockwise (k, 2) [µm]."""
         p = self._scaled(corners)
-        p = p[polygons.distinct(p)] - (self._middle if self.centred else 0.0)
-        return p if polygons.area(p) > 0 else p[::-1]
+        p = p[polygons.distinct(p)]
+        return p[polygons.order(p)] - (self._middle if self.centred else 0.0)
 
     @cached_property
     def _middle(self) -> np.ndarray:
         """Centre of the area as the corners have it (2,) [µm], to the last bit for any first corner and sense."""
         p = self._scaled(self.corners)
         p = p[polygons.distinct(p)]
-        p = p if polygons.area(p) > 0 else p[::-1]
-        return polygons.centroid(np.roll(p, -np.lexsort(p.T)[0], axis=0))
+        return polygons.centroid(p[polygons.order(p)])
 
     @property
     def doubt(self) -> str:
@@ -231,9 +229,9 @@ class Polygon(_Solid):
         """Edges by their names, in the order of the corners as they are given: numbers of those of `_border`."""
         p = self._scaled(self.corners)
         p = p[polygons.distinct(p)]
-        n = np.arange(len(p))
-        number = n if polygons.area(p) > 0 else (len(p) - 2 - n) % len(p)
-        return {f"edge-{k}": int(i) for k, i in enumerate(number, 1)}
+        start = polygons.order(p)
+        edge = start if polygons.area(p) > 0 else np.roll(start, -1)
+        return {f"edge-{k + 1}": i for i, k in enumerate(edge.tolist())}
 
 
 @law("shape", "rectangle")

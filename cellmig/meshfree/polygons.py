@@ -26,6 +26,35 @@ def joined(loops: list[np.ndarray]) -> np.ndarray:
     return loops[0] if len(loops) == 1 else np.concatenate([np.stack(edges(loop), axis=1) for loop in loops])
 
 
+def circle(n: int) -> np.ndarray:
+    """Evenly n points (n, 2) of the unit circle, counterclockwise from the lowest one.
+
+    In numbers of more digits first: rounded from these they are mirror images, and the same on every processor.
+    """
+    turn = 8.0 * np.arctan(np.longdouble(1.0)) * np.arange(n) / n
+    return snapped(np.column_stack([np.sin(turn), -np.cos(turn)]), 50)
+
+
+def snapped(X: np.ndarray, bits: int = 44) -> np.ndarray:
+    """Points (n, 2) rounded to a grid about zero, which the last bits of no library change: 2^-bits of their size."""
+    grid = 2.0 ** float(np.frexp(1.1 * float(np.abs(X).max()))[1] - bits)
+    return (np.rint(X / grid) * grid).astype(float)
+
+
+def first(polygon: np.ndarray) -> int:
+    """The corner of a polygon to begin with, wherever it is said to begin: of the lowest the leftmost."""
+    x, y = polygon.T
+    low = np.flatnonzero(y <= y.min() + 1e-9 * np.ptp(polygon, axis=0).max())
+    return int(low[np.argmin(x[low])])
+
+
+def order(polygon: np.ndarray) -> np.ndarray:
+    """Corners (k,) int of a polygon of either sense counterclockwise, from its `first` one."""
+    k = np.arange(len(polygon))
+    k = k if area(polygon) > 0.0 else k[::-1]
+    return np.roll(k, -first(polygon[k]))
+
+
 def distinct(polygon: np.ndarray) -> np.ndarray:
     """Which corners (k,) int bound its area: without those that repeat the next one, and tips without width.
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from . import polygons
 
-CORNER = np.radians(30.0)  # an outline that turns by more has a corner there, in which a particle is put
-ROUGH = np.radians(90.0)  # and one that turns by more to and fro within a spacing is rough there
+CORNER = np.radians(30.0) + 1e-6  # an outline that turns by more has a corner there, in which a particle is put
+ROUGH = np.radians(90.0) + 1e-6  # and one that turns by more to and fro within a spacing is rough there
+ALIKE = 1e-6  # angles [rad] and heights [spacings] that differ by less are the same
 LOOKS = 16  # per spacing, at which an outline is looked at
 
 
@@ -38,9 +39,10 @@ class _Curve:
         self.ends = np.concatenate([[0.0], np.cumsum(polygons.sides(polygon))])
         self.arc, self.length = self.ends[:-1], self.ends[-1]
         self.turn = _turn(polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon)
-        n = max(4, round(self.length / h))
-        seen = polygons.sides(self.at(self.length * np.arange(n) / n)).sum()
-        self.reach = min(0.5 * h * self.length / seen, 0.25 * self.length)  # way that gets on by half a spacing
+        step, side = self.length / max(4, round(self.length / h)), np.diff(self.ends)
+        gain = sum(np.linalg.norm(self.at(self.arc + way) - polygon, axis=1) for way in (-step, step))
+        seen = 0.25 * gain @ (side + np.roll(side, 1)) / (step * self.length)  # of the way, in such steps
+        self.reach = min(0.5 * h / seen, 0.25 * self.length)  # way that gets on by half a spacing
         self._turned = np.concatenate([[0.0], np.cumsum(np.tile(self.turn, 3))])
         self._to_and_fro = np.concatenate([[0.0], np.cumsum(np.tile(np.abs(self.turn), 3))])
         self._thrice = np.concatenate([self.arc - self.length, self.arc, self.arc + self.length])
@@ -52,7 +54,9 @@ class _Curve:
     def mean(self, s: np.ndarray) -> np.ndarray:
         """Points of the outline (n, 2), or the mean over a spacing where it is rough."""
         points = self.at(s)
-        a, b = (np.searchsorted(self._thrice, s % self.length + side) for side in (-self.reach, self.reach))
+        s, margin = s % self.length, 1e-9 * self.length  # corners at either end are within
+        a = np.searchsorted(self._thrice, s - self.reach - margin)
+        b = np.searchsorted(self._thrice, s + self.reach + margin)
         excess = self._to_and_fro[b] - self._to_and_fro[a] - np.abs(self._turned[b] - self._turned[a])
         rough = excess > ROUGH
         around = s[rough, None] + self.reach * (np.arange(LOOKS) + 0.5 - 0.5 * LOOKS) / (0.5 * LOOKS)
@@ -65,13 +69,39 @@ def _ends(curve: _Curve, h: float, kept: list[float]) -> list[float]:
     here, reach = curve.arc[np.abs(curve.turn) > CORNER], min(2.0 * curve.reach, 0.25 * curve.length)
     middle = curve.mean(here)
     far = np.abs(_turn(middle - curve.mean(here - reach), curve.mean(here + reach) - middle))
-    order = np.argsort(-far.round(6), kind="stable")  # corners alike in the order in which they come
-    for s in here[order][far[order] > CORNER]:
-        apart = np.abs(np.array(kept) - s)
-        if (np.minimum(apart, curve.length - apart) > 0.5 * h).all():
-            kept.append(float(s))
-    # Without any, in the lowest point, where a cell touches first.
-    return sorted(kept) or [float(curve.arc[curve.polygon[:, 1].argmin()])]
+    here, far = here[far > CORNER], far[far > CORNER]
+    order = np.argsort(-far, kind="stable")
+    for alike in np.split(order, np.flatnonzero(np.diff(-far[order]) > ALIKE) + 1):
+        kept += _apart(here[alike], kept, 0.5 * h, curve.length)
+    if not kept:  # in the lowest point, where a cell touches first, or in the middle of a flat sole
+        height = curve.polygon[:, 1] - curve.polygon[:, 1].min()
+        kept += _apart(_middles(curve, height < ALIKE * h), [], 0.5 * h, curve.length)
+    return sorted(kept)
+
+
+def _middles(curve: _Curve, corners: np.ndarray) -> np.ndarray:
+    """Middles of the runs of the corners (k,) bool that are meant, by the way along the outline."""
+    starts = np.flatnonzero(corners & ~np.roll(corners, 1))
+    ends = np.flatnonzero(corners & ~np.roll(corners, -1))
+    ends = np.roll(ends, -int(ends[0] < starts[0]))
+    way = (curve.arc[ends] - curve.arc[starts]) % curve.length
+    return (curve.arc[starts] + 0.5 * way) % curve.length
+
+
+def _apart(places: np.ndarray, kept: list[float], least: float, length: float) -> list[float]:
+    """Of places alike along an outline those that are further than `least` from others: of a crowd its two ends.
+
+    Those near what is `kept` are left out; a crowd that is no wider than `least` becomes one in its middle.
+    """
+    apart = np.abs(places[:, None] - np.array(kept)[None])
+    s = np.sort(places[(np.minimum(apart, length - apart) > least).all(axis=1)])
+    gap = np.diff(s, append=s[:1] + length)  # to the next one
+    last = np.flatnonzero(gap > least)
+    found: list[float] = []
+    for before, end in zip(np.roll(last, 1), last, strict=True):
+        begin, width = s[(before + 1) % len(s)], (s[end] - s[(before + 1) % len(s)]) % length
+        found += [begin, s[end]] if width > least else [(begin + 0.5 * width) % length]
+    return [float(place) for place in found]
 
 
 def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..case.registry import law, quantity
+from . import polygons
 
 
 class Layout(NamedTuple):
@@ -49,8 +50,7 @@ class Disc:
 
     def outline(self, n: int = 64) -> np.ndarray:
         """Polygon of the surface about the centre (n, 2) [µm]."""
-        a = 2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi
-        return self.radius * np.column_stack([np.cos(a), np.sin(a)])
+        return self.radius * polygons.circle(n)
 
     def lowest(self) -> float:
         """Height of the lowest point over the centre [µm], negative."""
@@ -62,8 +62,7 @@ class Disc:
         numbers = _share(count - 1, np.append(radii[:-1], refinement * radii[-1]))
         X, nucleus = [np.zeros((1, 2))], [np.array([inner > 0])]
         for i, (r, m) in enumerate(zip(radii, numbers, strict=True), 1):
-            a = 2.0 * np.pi * np.arange(m) / m - 0.5 * np.pi  # from the lowest point: symmetric left and right
-            X.append(r * np.column_stack([np.cos(a), np.sin(a)]))
+            X.append(r * polygons.circle(m))  # from the lowest point: symmetric left and right
             nucleus.append(np.full(m, i <= inner))
         return Layout(np.concatenate(X), np.concatenate(nucleus), np.arange(count - numbers[-1], count))
 

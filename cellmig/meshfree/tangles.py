@@ -1,4 +1,4 @@
-"""What surfaces must not do, and no force prevents at any load: cross themselves, each other, or the substrate."""
+"""What no force prevents at any load: surfaces cross themselves, each other, the substrate; particles leave a cell."""
 
 from __future__ import annotations
 
@@ -41,6 +41,26 @@ def tangle(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bo
                           "their bonds do not bear the load: try more of them, or a smaller load" if in_contact else
                           "the case has no [adhesion.cells], without which nothing keeps cells apart: try one")
         seen.add((a, b))
+    return None
+
+
+def stray(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray, places: np.ndarray) -> Tangle | None:
+    """The first of some particles, `ids` ascending, of cells (n,) at `places` (n, 2) [µm], that has left its cell."""
+    s, deepest = surfaces, SHARE * float(surfaces.length.mean())
+    within = ~np.isin(ids, s.ids)
+    for c in np.unique(cell):
+        on, of = (np.arange(*np.searchsorted(numbers, [c, c + 1])) for numbers in (s.cell, cell))
+        of = of[within[of]]
+        edges, p = np.stack([x[on], x[s.after[on]]], axis=1), places[of]
+        nearest = on[cKDTree(x[on]).query(p)[1]]
+        beside = [polygons.cross(x[s.after[k]] - x[k], p - x[k]) < 0.0 for k in (nearest, s.before[nearest])]
+        of, p = of[beside[0] | beside[1]], p[beside[0] | beside[1]]  # others are inside, as far as this is sound
+        out = ~polygons.inside(p, edges)
+        of, depth = of[out], polygons.distance(p[out], edges)
+        if (depth > deepest).any():
+            i = of[np.argmax(depth > deepest)]
+            return Tangle(int(ids[i]), f"a particle is {depth.max():.3g} µm outside of the surface of cell {c + 1}",
+                          "particles move past each other: try a smaller load or finer particles")
     return None
 
 

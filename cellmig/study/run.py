@@ -19,7 +19,7 @@ from cellmig import __version__
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
-from cellmig.meshfree.tangles import tangle
+from cellmig.meshfree.tangles import stray, tangle
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
@@ -248,8 +248,10 @@ class Run:
             self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
-        found = tangle(m.surfaces, m.surface_positions(), terms.substrate is not None, terms.contact is not None)
-        if found:
+        x, own = m.surface_positions(), m.scene.X[m.ids] + m.state.owned[:, :2]
+        strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
+        if found := found or min(filter(None, strays), default=None):
             self._integrator.broken(found.cause, found.particle, found.remedy)
 
     def _write_frame(self) -> None:
