@@ -20,13 +20,14 @@ from .case.schema import Case
 from .meshfree import formulas
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
+from .meshfree.contact import Surfaces
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
 from .model.director import start_angle
 from .output.interval import Interval
 from .output.log import duration
 from .output.sample import Sampler
-from .parallel.collect import shared
+from .parallel.collect import decided, shared
 from .parallel.direct import solve_positive
 from .parallel.options import IMPLICIT, integrator_asked
 from .parallel.partition import partition
@@ -35,6 +36,7 @@ from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.restart import restore, saved
+from .solve.roughness import roughness
 from .solve.static import Static
 from .solve.step import NumericsError, StepControl, binding
 
@@ -164,40 +166,34 @@ class Simulation:
         if integrator_asked(case.time.integrator) == "auto":
             case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
-        self.scene, self.terms = parts or (discretise(case), find_terms(case, prune))
-        owner = partition(self.scene.X, self.scene.cell, self.scene.material, comm.size)
+        self.terms = parts[1] if parts else find_terms(case, prune)
+        self.scene, self.control, *others = decided(comm, lambda: self._decide(parts[0] if parts else None))
+        owner, state, boundary, probes, alpha = others
         own = np.arange(self.scene.size)[comm.rank :: comm.size]
-        self.swarm = Swarm(comm, self._start(own) | ({} if start is None else self._begun(start, own)))
+        begun = {} if start is None else self._begun(start, own)
+        self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()} | begun)
         self.swarm.migrate(owner[comm.rank :: comm.size])
         names = case.protrusion.cells if case.protrusion else ()
         protruding = np.array([c.name in names for c in case.cells])
-        boundary = Boundary.of(case, self.scene)
-        self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, case.seed,
+        self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, alpha,
                                    protruding)
-        self.control = None if case.static else step_control(case, self.scene, self.terms)
         fixed = None if case.time.step == "auto" else case.time.step
         kind = Implicit if integrator_asked(case.time.integrator) in IMPLICIT else Integrator
         self.integrator = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
-        self.sampler = Sampler(self.mechanics, Probes.of(case, self.scene))
+        self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
         self.time = 0.0
         self.sample()  # the ledger counts from here
 
-    def _start(self, ids: np.ndarray) -> dict[str, np.ndarray]:
-        """State of some particles at the start."""
-        case, scene = self.case, self.scene
-        cell, X = scene.cell[ids], scene.X[ids]
-        u, v, theta = np.zeros((len(ids), 2)), np.zeros((len(ids), 2)), np.zeros(len(ids))
-        for i, c in enumerate(case.cells):
-            on = cell == i
-            place = scene.templates[scene.kind[i]].X[ids[on] - scene.offset[i]]
-            u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
-            v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
-            v[on] += place @ np.array(c.velocity_gradient).T
-            if case.director is not None:
-                theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
-        return {"id": ids, "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((len(ids), 5))}
+    def _decide(self, scene: Scene | None) -> tuple:
+        """All that depends on the last bits of a library, or of a processor; `scene` : if it is there already."""
+        case = self.case
+        scene = scene or discretise(case)
+        control = None if case.static else step_control(case, scene, self.terms)
+        owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
+        alpha = roughness(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
+        return scene, control, owner, _start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
 
     def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
         """State of some particles as a checkpoint has it; collective."""
@@ -296,6 +292,20 @@ def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> 
         same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
                 and np.array_equal(surface, surface_of(scene)))
     return comm.bcast(same)
+
+
+def _start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
+    """State of all particles at the start."""
+    n, X = scene.size, scene.X
+    u, v, theta = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
+    for i, c in enumerate(case.cells):
+        on, place = slice(*scene.offset[i : i + 2]), scene.templates[scene.kind[i]].X
+        u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
+        v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
+        v[on] += place @ np.array(c.velocity_gradient).T
+        if case.director is not None:
+            theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
+    return {"id": np.arange(n), "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((n, 5))}
 
 
 def cheaper(case: Case, comm: MPI.Comm) -> tuple[Case, str]:

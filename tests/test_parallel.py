@@ -129,14 +129,14 @@ def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
     assert X[owner == 0, 0].max() <= X[owner == 1, 0].min()
 
 
-def test_random_numbers_belong_to_seed_purpose_and_cell(comm: MPI.Comm) -> None:
-    a = uniform(1, "protrusion", 0, 100)
-    assert np.array_equal(a, uniform(1, "protrusion", 0, 100))
-    assert np.array_equal(a[:10], uniform(1, "protrusion", 0, 10))
-    for other in ((2, "protrusion", 0), (1, "noise", 0), (1, "protrusion", 1)):
+def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
+    a = uniform(1, "protrusion", "A", 100)
+    assert np.array_equal(a, uniform(1, "protrusion", "A", 100))
+    assert np.array_equal(a[:10], uniform(1, "protrusion", "A", 10))
+    for other in ((2, "protrusion", "A"), (1, "noise", "A"), (1, "protrusion", "B")):
         assert np.abs(np.corrcoef(a, uniform(*other, 100))[0, 1]) < 0.35
     assert 0.0 <= a.min() and a.max() < 1.0
-    assert uniform(1, "protrusion", 0, 100000).mean() == pytest.approx(0.5, abs=0.004)  # 4 standard deviations
+    assert uniform(1, "protrusion", "A", 100000).mean() == pytest.approx(0.5, abs=0.004)  # 4 standard deviations
     assert all(np.array_equal(a, b) for b in comm.allgather(a))
 
 

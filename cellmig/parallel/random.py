@@ -1,13 +1,14 @@
-"""Random numbers by purpose and cell: a function of the place, not of the rank or the order of calls."""
+"""Random numbers by purpose and name: a function of what they are for, not of its number, the rank or the calls."""
 
 from __future__ import annotations
 
-import zlib
+import hashlib
 
 import numpy as np
 
 
-def uniform(seed: int, purpose: str, cell: int, n: int) -> np.ndarray:
-    """The first n of the numbers in [0, 1) that belong to (seed, purpose, cell), by a counter-based generator."""
-    key = np.random.SeedSequence([seed, zlib.crc32(purpose.encode()), cell])
+def uniform(seed: int, purpose: str, name: str, n: int) -> np.ndarray:
+    """The first n of the numbers in [0, 1) that belong to (seed, purpose, name), by a counter-based generator."""
+    words = np.frombuffer(hashlib.sha256(f"{purpose}\0{name}".encode()).digest(), "<u4")
+    key = np.random.SeedSequence([seed, *words.tolist()])
     return np.random.Generator(np.random.Philox(key)).random(n)

@@ -192,7 +192,7 @@ class Implicit(Integrator):
         left = stop - self.ts.getTime()
         if self.adaptive:
             last = self.dt if self._clipped else 0.0
-            self.dt = max(self.ts.getTimeStep(), last) if self.dt else START * self._stable()
+            self.dt = max(self.ts.getTimeStep(), last) if self.dt else self.mechanics.comm.bcast(START * self._stable())
             self._clipped = self.dt > left
             self.ts.setTimeStep(min(self.dt, left))
             return

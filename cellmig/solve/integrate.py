@@ -203,7 +203,7 @@ class Integrator:
         steps = self.control.stable(self.limits, gaps)
         if pressed := self._pressed(gaps):
             steps["contact"] *= 1.0 - (1.0 - PRESSED) * pressed
-        return binding(steps)[1]
+        return self.mechanics.comm.bcast(binding(steps)[1])  # ranks may be on unlike processors
 
     def was_stable(self, dt: float) -> bool:
         """Whether no gap of the last batch closed so far that `dt` was too large; what is expected next; collective."""

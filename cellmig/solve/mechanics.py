@@ -38,8 +38,8 @@ class Mechanics:
     """
 
     def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm,
-                 director: Any, seed: int, protruding: np.ndarray):
-        """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool."""
+                 director: Any, alpha: np.ndarray, protruding: np.ndarray):
+        """`swarm` holds this rank's particles; `owner` (size,) ranks; `protruding` (cells,) bool, `alpha` of these."""
         self.scene, self.terms, self.boundary, self.comm, self.law = scene, terms, boundary, comm, director
         self.surfaces = Surfaces.of(scene)
         self._owner = owner
@@ -48,7 +48,7 @@ class Mechanics:
         self._number(swarm["id"], protruding if terms.protrusion is not None else np.zeros_like(protruding))
         self.kernel = Kernel(scene.materials, terms)
         self._fill_rows()
-        self._fill_surfaces(seed)
+        self._fill_surfaces(alpha)
         if terms.histories is not None:
             boundary.fill(self.kernel, self.base, self.surfaces.ids[self._mine], self._capacity)
         self._mark_loaded()
@@ -117,7 +117,7 @@ class Mechanics:
         if self.comm.size > 1:
             k["ghost_begin"], k["ghost_end"] = self.state.exchange_functions
 
-    def _fill_surfaces(self, seed: int) -> None:
+    def _fill_surfaces(self, alpha: np.ndarray) -> None:
         """Segments with an end of this rank, or of a cell whose push needs them, in global order."""
         k, s = self.kernel, self.surfaces
         own = self.base.local(s.ids)
@@ -140,7 +140,7 @@ class Mechanics:
             c = self.terms.contact
             k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff
         if self.terms.protrusion is not None:
-            self.push.fill(k, self.base, self.terms.protrusion, self.terms.substrate.work, seed, self._segments,
+            self.push.fill(k, self.base, self.terms.protrusion, self.terms.substrate.work, alpha, self._segments,
                            self._acts)
 
     def _mark_loaded(self) -> None:

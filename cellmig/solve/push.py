@@ -10,7 +10,6 @@ import numpy as np
 from ..meshfree.compile import Kernel
 from ..meshfree.contact import Surfaces
 from ..meshfree.rows import Numbering
-from .roughness import roughness
 
 
 def depth(law: Any) -> float:
@@ -30,17 +29,13 @@ class Push:
         self._surfaces, self._protruding = surfaces, protruding
         self.surface = np.flatnonzero(protruding[surfaces.cell] & surfaces.outer & here)
 
-    def fill(self, kernel: Kernel, base: Numbering, law: Any, work: float, seed: int, segments: np.ndarray,
+    def fill(self, kernel: Kernel, base: Numbering, law: Any, work: float, alpha: np.ndarray, segments: np.ndarray,
              acts: np.ndarray) -> None:
         """Set the kernel's arrays for its `segments` (e,), of which those push that `acts` (e,) bool.
 
-        `work` : N σ [pN/µm].
+        `work` : N σ [pN/µm];  `alpha` : (m,) -- random factors, as `roughness` has them.
         """
         k, s = kernel, self._surfaces
-        alpha = np.zeros(len(s.ids))
-        for c in np.flatnonzero(self._protruding):
-            on = (s.cell == c) & s.outer
-            alpha[on] = roughness(s.length[on], law, seed, c)
         ends = np.column_stack([segments, s.after[segments]])
         k["push"] = np.where(acts[:, None], 0.5 * law.strength * work * alpha[ends], 0.0)
         k["pushed"] = np.zeros(ends.shape)

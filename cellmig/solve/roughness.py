@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ..meshfree.contact import Surfaces
 from ..parallel.random import uniform
 
 
-def roughness(length: np.ndarray, law: Any, seed: int, cell: int) -> np.ndarray:
+def roughness(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str]) -> np.ndarray:
+    """α of all surface particles (m,) [-]: on the outer loops of the cells that protrude, zero elsewhere.
+
+    `names` : of all cells, in order; what a cell draws goes by its name.
+    """
+    alpha, bounds = np.zeros(len(surfaces.ids)), np.searchsorted(surfaces.cell, np.arange(len(names) + 1))
+    for c, name in enumerate(names):
+        if law is not None and name in law.cells:
+            on = np.arange(*bounds[c : c + 2])
+            on = on[surfaces.outer[on]]
+            alpha[on] = _of_cell(surfaces.length[on], law, seed, name)
+    return alpha
+
+
+def _of_cell(length: np.ndarray, law: Any, seed: int, name: str) -> np.ndarray:
     """α of a cell's surface particles (m,) [-]: random at points `patch` apart, linear between, mean over dual arcs."""
     if not law.random:
         return np.full(len(length), 0.5)
     arc = np.concatenate([[0.0], np.cumsum(length)])
     n = max(3, round(arc[-1] / law.patch))
-    step, a = arc[-1] / n, uniform(seed, "protrusion", cell, n)
+    step, a = arc[-1] / n, uniform(seed, "protrusion", name, n)
     ring = np.append(a, a[0])
     whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])
 
