@@ -63,7 +63,7 @@ def _moved_energy(sim: Simulation, u: np.ndarray, term: str) -> float:
 @pytest.mark.parametrize(("level", "tolerance"), [(False, 1e-13), (True, 1e-6)])
 def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: float) -> None:
     with built(case("all_protrude")) as sim:
-        u = pressed(sim, 3, 0.03, 0.003)
+        u = pressed(sim, 2, 0.03, 0.003)
         if level:
             X, low = sim.scene.X, np.random.default_rng(4).uniform(0.0099, 0.0102, sim.scene.size)
             u[:, 1] = np.where(X[:, 1] < 2.0, low, X[:, 1]) - X[:, 1]
