@@ -139,7 +139,8 @@ def stairs(n: int = 400) -> np.ndarray:
     grid = np.round(4.0 * smooth(n)) / 4.0
     grid = grid[(grid != np.roll(grid, 1, axis=0)).any(axis=1)]
     pairs = [(p, [q[0], p[1]]) for p, q in zip(grid.tolist(), np.roll(grid, -1, axis=0).tolist(), strict=True)]
-    return polygons.distinct(np.array([point for pair in pairs for point in pair]))
+    corners = np.array([point for pair in pairs for point in pair])
+    return corners[polygons.distinct(corners)]
 
 
 HALF = smooth(90)[smooth(90)[:, 0] > 0.3]
