@@ -48,8 +48,11 @@ class Sampler:
         self.n_cells = len(scene.kind)
         self.cell_mass = self._sum(self.mass)
         self.cell_volume = self._sum(self.V)
-        self.watched = np.array([_below_centre(scene, c) for c in range(self.n_cells)])
-        self._is_watched = np.isin(ids, self.watched)
+        self._watched = np.zeros(scene.size)  # weights of particles in the mean stress that is told of each cell
+        for c in range(self.n_cells):
+            on = _below_centre(scene, c)
+            self._watched[on] = 1.0 / len(on)
+        self._watched = self._watched[ids]
         self.surface = np.full(scene.size, -1, np.int32)
         for c in range(self.n_cells):
             self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
@@ -125,7 +128,7 @@ class Sampler:
         m = self.mechanics
         stresses = self.stresses()
         u, X = m.state.owned[:, :2], m.scene.X[m.ids]
-        mass, watched = self.mass[:, None], np.where(self._is_watched, stresses["stress"][:, 0, 0], 0.0)
+        mass, watched = self.mass[:, None], self._watched * stresses["stress"][:, 0, 0]
         sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
                                           self._outline(), watched]))
         moved, place = sums[:, :2] / self.cell_mass[:, None], sums[:, 2:4] / self.cell_mass[:, None]
@@ -261,11 +264,11 @@ class Sampler:
         return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.owned[:, 2:])
 
 
-def _below_centre(scene: Any, cell: int) -> int:
-    """Global id of the particle nearest to the middle of the lower half: its lower centre."""
+def _below_centre(scene: Any, cell: int) -> np.ndarray:
+    """Global ids of the particles nearest to the middle of the lower half, its lower centre: one, or several as near."""
     t = scene.templates[scene.kind[cell]]
-    point = np.array([0.0, 0.75 * t.X[:, 1].min()])
-    return int(scene.offset[cell] + np.argmin(((t.X - point) ** 2).sum(axis=1)))
+    away = np.linalg.norm(t.X - [0.0, 0.75 * t.X[:, 1].min()], axis=1)
+    return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
 
 
 def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
