@@ -265,7 +265,7 @@ class Sampler:
 
 
 def _below_centre(scene: Any, cell: int) -> np.ndarray:
-    """Global ids of the particles nearest to the middle of the lower half, its lower centre: one, or several as near."""
+    """Global ids of the particles nearest to the middle of the lower half, its lower centre: one, or some as near."""
     t = scene.templates[scene.kind[cell]]
     away = np.linalg.norm(t.X - [0.0, 0.75 * t.X[:, 1].min()], axis=1)
     return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
