@@ -13,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 
 from . import meshfree, model
-from .case.expression import evaluate
 from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
 from .case.schema import Case
@@ -23,7 +22,6 @@ from .meshfree.boundary import Boundary, Probes, histories_of
 from .meshfree.contact import Surfaces
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
-from .model.director import start_angle
 from .output.interval import Interval
 from .output.log import duration
 from .output.sample import Sampler
@@ -37,6 +35,7 @@ from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.restart import restore, saved
 from .solve.roughness import roughness
+from .solve.start import at_start
 from .solve.static import Static
 from .solve.step import NumericsError, StepControl, binding
 
@@ -193,7 +192,7 @@ class Simulation:
         control = None if case.static else step_control(case, scene, self.terms)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         alpha = roughness(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
-        return scene, control, owner, _start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
+        return scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
 
     def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
         """State of some particles as a checkpoint has it; collective."""
@@ -292,20 +291,6 @@ def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> 
         same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
                 and np.array_equal(surface, surface_of(scene)))
     return comm.bcast(same)
-
-
-def _start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
-    """State of all particles at the start."""
-    n, X = scene.size, scene.X
-    u, v, theta = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
-    for i, c in enumerate(case.cells):
-        on, place = slice(*scene.offset[i : i + 2]), scene.templates[scene.kind[i]].X
-        u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
-        v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
-        v[on] += place @ np.array(c.velocity_gradient).T
-        if case.director is not None:
-            theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
-    return {"id": np.arange(n), "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((n, 5))}
 
 
 def cheaper(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
