@@ -92,7 +92,7 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
 
 
 def closed_form(law, R: float, a: float) -> float:
-    """Pull on a rigid cylinder at the gap a (attractive > 0), parabola for circle (PAPER.md, exact values)."""
+    """Pull on a rigid cylinder at the gap a (attractive > 0): eqs. (4) to (6) along the parabola for the circle."""
     ratio = law.range**3 * a**-2.5 * gamma(2.5) / gamma(3) - law.range**5 * a**-4.5 * gamma(4.5) / gamma(5)
     return 4 * law.work / law.range * np.sqrt(2 * np.pi * R) * ratio
 

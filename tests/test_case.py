@@ -218,6 +218,7 @@ def test_units_that_mean_something_else_than_they_seem_are_refused(text: str, un
 
 
 def test_all_units_that_are_listed_are_known_to_the_library() -> None:
+    assert {"um", "pN", "Pa"} <= set(units._known())
     for name in units._known():
         assert units._scale(name)[0] > 0.0
 

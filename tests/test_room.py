@@ -40,5 +40,13 @@ def test_a_hundred_million_particles_end_with_exit_code_3(on_ranks: Callable, tm
     assert not (tmp_path / "run").exists()
 
 
-def test_the_paper_s_scene_fits(tmp_path: Path) -> None:
-    room.require_room(cellmig.load(ROOT / "cases/all_protrude.toml"), tmp_path / "run", MPI.COMM_SELF)
+def test_the_paper_s_scene_fits_in_a_quarter_of_a_gigabyte_and_not_in_much_less(tmp_path: Path,
+                                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 0, 10**9))
+    case = cellmig.load(ROOT / "cases/all_protrude.toml")
+    monkeypatch.setattr(room, "free_memory", lambda: 250e6)
+    room.require_room(case, tmp_path / "run", MPI.COMM_SELF)
+    monkeypatch.setattr(room, "free_memory", lambda: 120e6)
+    with pytest.raises(room.NoRoom):
+        room.require_room(case, tmp_path / "run", MPI.COMM_SELF)

@@ -1,5 +1,6 @@
 /* The tangent of the stresses, block by block of two rows and columns: sum of G_a . A . G_b over the rows I that both
- * particles a and b belong to, A being the derivative of the stress of I by its deformation gradient, times its volume. */
+ * particles a and b belong to, A being the derivative of the stress of I by its deformation gradient, times its
+ * volume. */
 
 /* n particles;  first, entry: for each the entries of the gradients that are its own;  row, start, column, g (x, y): of
  * the entries, and where rows begin;  A[16 I]: dP_ij/dF_kl, row by row;  where: room for a number per column;  begin,

@@ -55,8 +55,16 @@ static inline v4 odd_of(const float *a) { return (v4){a[1], a[1], a[3], a[3]}; }
 typedef double coefficient;
 #if defined __AVX2__ && !defined __AVX512VL__
 /* From memory, each time: the compiler would keep a, and for that put sums into memory. */
-static inline v4 even_of(const double *a) { v4 x; __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
-static inline v4 odd_of(const double *a) { v4 x; __asm__("vpermilpd $15, %1, %0" : "=x"(x) : "m"(*(const v4 *)a)); return x; }
+static inline v4 even_of(const double *a) {
+    v4 x;
+    __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a));
+    return x;
+}
+static inline v4 odd_of(const double *a) {
+    v4 x;
+    __asm__("vpermilpd $15, %1, %0" : "=x"(x) : "m"(*(const v4 *)a));
+    return x;
+}
 #else
 static inline v4 even_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 0, 0, 2, 2); }
 static inline v4 odd_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 1, 1, 3, 3); }
@@ -79,7 +87,8 @@ static inline v4 polynomial(const double c[16], v4 x)
     const v4 x2 = x * x, x4 = x2 * x2, x8 = x4 * x4;
     v4 q[4];
     for (int i = 0; i < 4; i++)
-        q[i] = fma4(fma4(splat(c[4 * i + 3]), x, splat(c[4 * i + 2])), x2, fma4(splat(c[4 * i + 1]), x, splat(c[4 * i])));
+        q[i] = fma4(fma4(splat(c[4 * i + 3]), x, splat(c[4 * i + 2])), x2,
+                    fma4(splat(c[4 * i + 1]), x, splat(c[4 * i])));
     return fma4(fma4(q[3], x4, q[2]), x8, fma4(q[1], x4, q[0]));
 }
 
@@ -114,6 +123,7 @@ static inline v4 v4_minimum(v4 a, v4 b) { return v4_where(a < b, a, b); }
 static inline v4 v4_maximum(v4 a, v4 b) { return v4_where(a > b, a, b); }
 static inline v4 v4_pow(v4 a, v4 b) { return (v4){pow(a[0], b[0]), pow(a[1], b[1]), pow(a[2], b[2]), pow(a[3], b[3])}; }
 #define OF_LIBM(f) static inline v4 v4_of_##f(v4 a) { return (v4){f(a[0]), f(a[1]), f(a[2]), f(a[3])}; }
-OF_LIBM(exp) OF_LIBM(sin) OF_LIBM(cos) OF_LIBM(tan) OF_LIBM(atan) OF_LIBM(sinh) OF_LIBM(cosh) OF_LIBM(tanh) OF_LIBM(fabs)
+OF_LIBM(exp) OF_LIBM(sin) OF_LIBM(cos) OF_LIBM(tan) OF_LIBM(atan)
+OF_LIBM(sinh) OF_LIBM(cosh) OF_LIBM(tanh) OF_LIBM(fabs)
 static inline double d_minimum(double a, double b) { return a < b ? a : b; }
 static inline double d_maximum(double a, double b) { return a > b ? a : b; }

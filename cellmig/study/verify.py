@@ -2,7 +2,8 @@
 
 How to add a reference: write one function of the resolution in a module of `cellmig/study/references`,
 
-    @reference("cook", shows="a tapered panel under shear", source="REFERENCES.md 1",
+    @reference("cook", shows="a tapered panel under shear",
+               source="finite elements: NGSolve of high order, felupe's mixed Q2",
                expected={"deflection": converges(2, "linear basis: h² in displacements", {5000: 0.01, 20000: 0.003})},
                at=(600, 1250, 2500, 5000), quick=(300, 600, 1250), seconds=20.0)
     def cook(count: int) -> Measured:

@@ -13,7 +13,7 @@ PAIRS = "forces come in pairs that are equal and opposite, on one line: sums of 
 
 
 @reference("momentum", shows="momentum of three cells after 1 µs over the impulse of their protrusion",
-           source="PAPER.md, global", at=(100, 200, 400), seconds=5.0,
+           source="eq. (2) summed: only F_d is external along x", at=(100, 200, 400), seconds=5.0,
            expected={"along x": exact(1e-9, "the substrate is without friction, all other forces are internal")})
 def momentum(count: int) -> Measured:
     """Nothing else pushes along the substrate."""
@@ -25,7 +25,7 @@ def momentum(count: int) -> Measured:
 
 
 @reference("cell-cell", shows="sum and torque of the forces between three cells that are pressed together",
-           source="PAPER.md, global: Σ F_cc = 0 and its torque", at=(100, 200, 400), seconds=2.0,
+           source="action and reaction: Σ F_cc = 0, and its torque", at=(100, 200, 400), seconds=2.0,
            expected={"sum": exact(1e-12, PAIRS), "torque": exact(1e-11, PAIRS)})
 def cell_cell(count: int) -> Measured:
     """In parts of the sum of the sizes."""
@@ -55,7 +55,7 @@ def spin(count: int) -> Measured:
 
 
 @reference("energy", shows="what the ledger misses after 1 µs, over its largest entry; the step is the size",
-           source="PAPER.md, global: the energy ledger closes", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
+           source="eq. (2) times the velocity: energies and works add up", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
                      for name in ("paper", "director_radial", "all_protrude")})
 def energy(ns: float) -> Measured:

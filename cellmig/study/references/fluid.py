@@ -25,7 +25,8 @@ def axes(sim) -> np.ndarray:
 
 
 @reference("viscous-drop", shows="semi-axes at 1, 2, 5 µs of a drop set flowing by 0.02 (x, -y) /µs, over R = 5 µm",
-           source="REFERENCES.md 5", at=(150, 400, 1000, 2500), seconds=30.0,
+           source="finite elements of two public codes, incompressible, ± 1e-5 µm",
+           at=(150, 400, 1000, 2500), seconds=30.0,
            expected={"semi-axes": converges(2, "h² of a linear basis and of the stabilisation, blind to linear flow",
                                             {5000: 0.01, 20000: 0.003}, floor=2e-6)})
 def viscous_drop(count: int) -> Measured:
@@ -40,7 +41,8 @@ def viscous_drop(count: int) -> Measured:
 
 
 @reference("inviscid-drop", shows="stretching ellipse: semi-axes when a/b = 4, over R, from v = A (x, -y), A = 0.1 /µs",
-           source="REFERENCES.md 6 (Dirichlet's ellipse)", at=(150, 400, 1000, 2500), seconds=10.0,
+           source="Dirichlet's ellipse: dA/dt = A² (b² - a²)/(a² + b²), da/dt = A a, b = R²/a",
+           at=(150, 400, 1000, 2500), seconds=10.0,
            expected={name: converges(2, "h² of a linear basis; F is uniform, the pressure quadratic in X",
                                      {5000: 0.01, 20000: 0.003}, floor=1e-4)
                      for name in ("semi-axes", "semi-axes by moments")})
@@ -101,7 +103,7 @@ TENSION = 5000.0  # pN/µm
 
 
 @reference("drop-oscillation", shows="rim of a drop that oscillates by its line tension, two lobes, over a period",
-           source="PAPER.md: ω² = n(n²-1)T/ρR³, damped by 2n(n-1)ν/R²; with its boundary layer: study/exact.py Drop",
+           source="Lamb: ω² = n(n²-1)T/ρR³, damped by 2n(n-1)ν/R²; with its boundary layer: study/exact.py Drop",
            at=(150, 400, 1000, 2500), seconds=40.0,
            expected={"rim": converges(2, "h² of the polygon's curvature and of a linear basis", {5000: 0.01})})
 def drop_oscillation(count: int) -> Measured:
@@ -117,7 +119,7 @@ def drop_oscillation(count: int) -> Measured:
 
 
 @reference("drop-sound", shows="rim of a drop in its first breathing mode, over 3 periods",
-           source="PAPER.md: ω = 2.4048 c/R, damped by νκ²; with viscosity at the rim: study/exact.py Drop",
+           source="J0(ωR/c) = 0: ω = 2.4048 c/R, damped by νκ²; with viscosity at the rim: study/exact.py Drop",
            at=(150, 400, 1000, 2500), seconds=5.0,
            expected={"rim": converges(2, "h² in frequency and damping without the numerical damping of sound",
                                       {5000: 0.01}),

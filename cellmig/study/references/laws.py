@@ -9,7 +9,7 @@ from cellmig.case.registry import laws
 from cellmig.output.sample import pointwise
 from cellmig.study.reference import Measured, converges, exact, reference
 
-PAPER = "PAPER.md, exact values"
+PAPER = "Bai, Lin & Zeng 2019, eqs. (3)-(9), by hand"
 FLUID = {"viscosity": 1e3, "bulk_modulus": 2.2e9, "reduced_bulk_modulus": 5e6}
 ROUNDING = "a formula in double precision: some 1e-16 per operation"
 

@@ -42,7 +42,8 @@ def lobed(X: np.ndarray, rim: np.ndarray, u: np.ndarray, n: int) -> float:
     return abs(share) / np.sqrt(len(rim) * (radial[rim] @ radial[rim] + 1e-300)) * np.sqrt(2.0)
 
 
-@reference("disc-modes", shows="frequencies of the free disc, from the linear operator", source="REFERENCES.md 4",
+@reference("disc-modes", shows="frequencies of the free disc, from the linear operator",
+           source="roots of the free disc's Bessel determinant",
            at=(500, 1250, 5000, 10000), quick=(300, 700, 1500), seconds=20.0,
            expected={**{name: converges(2, SQUARED, ELASTIC) for name in MODES},
                      "operator": exact(1e-6, "that of the forces, to their rounding at a strain of 1e-8")})
@@ -68,7 +69,7 @@ def disc_modes(count: int) -> Measured:
 
 
 @reference("disc-released", shows="elastic disc released from u = 0.05 (x, -y): a2(t) over two periods, over a2(0)",
-           source="REFERENCES.md 3", at=(300, 750, 2000, 5000), seconds=20.0,
+           source="finite elements of two public codes, ± 2e-4 µm", at=(300, 750, 2000, 5000), seconds=20.0,
            expected={"a2": converges(2, "h² of a linear basis, in displacements and frequencies",
                                      ELASTIC, floor=2e-4 / 0.07075),
                      "energy at the start": converges(2, "area of the polygon for that of the circle", ELASTIC)})

@@ -37,7 +37,7 @@ def on_the_circle(law, a: float) -> float:
 
 
 @reference("cylinder-on-plane", shows="pull F(a) on a rigid cylinder at gaps of 1.5 ε and 2.5 ε, and the gap of none",
-           source="PAPER.md: closed form with Γ, zero at √(35/48) ε; the circle in place of its parabola",
+           source="eqs. (4)-(6) along a circle; along its parabola with Γ, zero at √(35/48) ε",
            at=(400, 900, 2000, 4500), seconds=5.0,
            expected={"F(1.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
                      "F(2.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
@@ -56,7 +56,7 @@ def cylinder_on_plane(count: int) -> Measured:
 
 
 @reference("closed-form", shows="F(a) at 1.2 ε of cylinders with a/R as size: closed form against the circle",
-           source="PAPER.md: F(a) = (4Nσ/ε) √(2πR) […]", unit="", at=(0.024, 0.012, 0.006),
+           source="eqs. (4)-(6) along a parabola: F(a) = (4Nσ/ε) √(2πR) […]", unit="", at=(0.024, 0.012, 0.006),
            expected={"F": converges(1, "parabola for circle: a share a/R")})
 def closed_form(size: float) -> Measured:
     """No particles: the formula by which F is judged has itself an error."""
