@@ -423,6 +423,16 @@ def test_a_mistake_is_told_with_its_file_and_line(written: Callable[..., Path], 
     assert at.startswith(f"{key.split('.')[-1]} = ") or header == key or ("missing" in what and key.startswith(header))
 
 
+@pytest.mark.parametrize(("sets", "name"), [
+    ("cells.1.radius=-1 um", "Right"), ("cells.Right.colour=3", "Right"), ("cells.0.radius=-1 um", "Left"),
+    ('loads=[{name="sun", pressure="1 um"}]', "sun"), ('supports=[{name="a"}, {name="b", parts=["c"]}]', "b")])
+def test_a_mistake_in_a_list_of_tables_is_told_with_the_name_of_the_table(written: Callable[..., Path], sets: str,
+                                                                          name: str) -> None:
+    with pytest.raises(CaseError) as error:
+        load(written(SOUND), (sets,))
+    assert f"'{name}'" in str(error.value).splitlines()[-1]
+
+
 @pytest.mark.parametrize("text, part", [
     ("title = \n", "case.toml:1: not TOML: Invalid value"),
     (SOUND + "[time]\n", f"case.toml:{SOUND.count(chr(10)) + 1}: not TOML: Cannot declare ('time',) twice"),

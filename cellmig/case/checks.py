@@ -97,8 +97,9 @@ def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
             source.wrong((*path, "name"), "a name has printable characters, and at least one")
         elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in told:
             told.add((path, seen[cell.name]))
-            other = ".".join(map(str, seen[cell.name]))
-            source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}")
+            other, line = ".".join(map(str, seen[cell.name])), source.place(seen[cell.name])[1]
+            source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}"
+                                          + (f" in line {line}" if line else ""))
         seen.setdefault(cell.name, path)
 
 

@@ -37,8 +37,18 @@ class Source:
         return self.files[0], None
 
     def wrong(self, path: tuple, message: str) -> None:
-        """Note a mistake at a key."""
+        """Note a mistake at a key; in a list of tables it is told with the name of the table, as keys count from 0."""
+        name = self._name(path)
+        if name and repr(name) not in message:
+            message += f" (of {name!r})"
         self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)), message))
+
+    def _name(self, path: tuple) -> str:
+        """Name of the table in a list, such as [[cells]], that a key is in; "" if it has none."""
+        items = self.data.get(path[0]) if len(path) > 1 and isinstance(path[1], int) else None
+        item = items[path[1]] if isinstance(items, list) and path[1] < len(items) else None
+        name = item.get("name") if isinstance(item, dict) and path[2:] != ("name",) else None
+        return name.strip()[:60] if isinstance(name, str) and name.isprintable() else ""
 
     def sorted_mistakes(self) -> list[Mistake]:
         """By file and line."""
