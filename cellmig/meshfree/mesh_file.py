@@ -127,12 +127,14 @@ def _stands(mesh: Any, areas: list[tuple]) -> np.ndarray:
 
 def _coincident(points: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Number of the point that stands for each (n,): where several coincide, as in an STL file, the first."""
+    places, first, which = np.unique(points[used], axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(places).query_pairs(TINY * np.ptp(places, axis=0).max(), output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(places), len(places)))
+    number, label = connected_components(links, directed=False)
+    stands = np.full(number, len(used))
+    np.minimum.at(stands, label, first)
     same = np.arange(len(points))
-    pairs = cKDTree(points[used]).query_pairs(TINY * np.ptp(points[used], axis=0).max(), output_type="ndarray")
-    if len(pairs):
-        links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used), len(used)))
-        label = connected_components(links, directed=False)[1]
-        same[used] = used[np.unique(label, return_index=True)[1][label]]
+    same[used] = used[stands[label[which.reshape(-1)]]]
     return same
 
 
