@@ -376,8 +376,10 @@ def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
     return StepControl(scene, terms, case.director.mobility if relaxes else 0.0)
 
 
-def stops(case: Case, end: float) -> list[tuple[float, bool, bool]]:
+def stops(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:
     """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame.
+
+    Where no stop cuts a step [µs], they are whole numbers of it, the nearest ones, each once.
 
     Parts of the case's end are exact fractions, rounded once: what falls together is one time, whatever its digits.
     """
@@ -387,5 +389,7 @@ def stops(case: Case, end: float) -> list[tuple[float, bool, bool]]:
         times = (float(whole * i / count) for i in range(int(end / case.time.end * count) + 2))
         return {t for t in times if t < before}
 
-    sample, frame = every(case.time.samples), every(case.time.frames)
-    return [*((t, t in sample, t in frame) for t in sorted(sample | frame)), (end, True, True)]
+    sample, frame = every(case.time.samples) | {end}, every(case.time.frames) | {end}
+    if step:
+        sample, frame = ({round(t / step) * step for t in times} for times in (sample, frame))
+    return [(t, t in sample, t in frame) for t in sorted(sample | frame)]

@@ -148,3 +148,11 @@ def test_a_case_of_other_particles_cannot_start_from_a_run(cellmig, made, tmp_pa
 def test_where_there_is_no_run_to_start_from_that_is_said(cellmig, tmp_path):
     said = cellmig(1, *CASE, "--from", tmp_path / "none", "--out", tmp_path / "run", code=5)
     assert "none' has no checkpoint to start from" in said and not (tmp_path / "run").exists()
+
+
+def test_outputs_of_a_fixed_step_are_at_whole_steps_each_once(cellmig, tmp_path):
+    few = ("particles.per_cell=60", "time.step=3 ns", "time.samples=1000", "time.frames=3", "time.end=100 ns")
+    cellmig(1, CASES["one_cell"], *(word for change in few for word in ("--set", change)), "--out", tmp_path / "run")
+    steps = read_table(tmp_path / "run/ledger.csv")["time_us"] / 3e-3
+    assert np.abs(steps - np.arange(34)).max() < 1e-6  # 0.1 µs are 33.3 steps; the samples want 30 of each
+    assert np.abs(np.array([f.time for f in frames(tmp_path / "run")]) / 3e-3 - [0, 11, 22, 33]).max() < 1e-9

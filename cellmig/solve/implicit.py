@@ -59,6 +59,7 @@ class Implicit(Integrator):
     def _connect(self) -> None:
         """Tell TS the equations, and SNES how to solve them."""
         m, ts = self.mechanics, self.ts
+        self.whole_step = None
         m.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
         self.equations = Equations(m)

@@ -42,6 +42,7 @@ class Integrator:
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
         self.fixed_step = step_asked(fixed_step)
+        self.whole_step = self.fixed_step  # that no stop cuts
         self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         self._connect()
@@ -134,7 +135,7 @@ class Integrator:
         Steps of a fixed length are not cut: they end as near to `stop` as they can.
         """
         ts, m = self.ts, self.mechanics
-        if self.fixed_step:
+        if self.whole_step:
             stop = self.after(round((stop - self.origin[0]) / self.fixed_step) + self.origin[1])
             if stop <= ts.getTime():
                 return ts.getTime()

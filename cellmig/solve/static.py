@@ -35,7 +35,7 @@ class Static:
     newton : for each load step its time, and what was out of balance at each of Newton's steps [pN/µm].
     """
 
-    leapfrog, between_samples, fixed_step, mechanism = False, False, None, "load"
+    leapfrog, between_samples, fixed_step, whole_step, mechanism = False, False, None, None, "load"
 
     def __init__(self, mechanics: Mechanics):
         """Everything is at rest and free of stress at first; collective."""

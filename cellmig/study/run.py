@@ -118,7 +118,7 @@ class Run:
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
         status, cause = DONE, ""
         try:
-            for stop, sample, frame in stops(self.case, self.end):
+            for stop, sample, frame in stops(self.case, self.end, self._integrator.whole_step):
                 if stop <= self.looked:
                     continue
                 if stop > 0.0:
