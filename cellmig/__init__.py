@@ -54,7 +54,8 @@ def _simulation() -> Any:
     return simulation
 
 
-def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False) -> Any:
+def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False,
+        start: str | PathLike | None = None) -> Any:
     """Run a case and return the Record of what it left; collective.
 
     Parameters
@@ -63,6 +64,7 @@ def run(case: Any, out: str | PathLike | None = None, until: str | None = None, 
     out : Path -- directory of the run, by default output/<name of the case>; a run that is there is moved aside.
     until : str -- end earlier or later than the case says, such as "40 us".
     quiet : bool -- show neither log nor progress.
+    start : Path -- directory of a run of the same particles, whose last state this one starts with at time 0.
 
     Raises NumericsError or OutputError if the run breaks; what it left until then can be opened.
     """
@@ -70,7 +72,8 @@ def run(case: Any, out: str | PathLike | None = None, until: str | None = None, 
     from .study.session import run_here
 
     directory = Path("output") / case.name if out is None else Path(out)
-    return run_here(case, directory, None if until is None else number(until, "us"), quiet)
+    return run_here(case, directory, None if until is None else number(until, "us"), quiet,
+                    None if start is None else Path(start))
 
 
 def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | PathLike, sets: Sequence[str] = (),

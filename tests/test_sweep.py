@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import re
 import subprocess
 import sys
@@ -12,9 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from cellmig import __version__
 from cellmig.__main__ import sweep as command
 from cellmig.case.messages import CaseError
 from cellmig.output.manifest import read_manifest
+from cellmig.parallel.options import options_given
 from cellmig.study.sweep import Sweep, _column, _in_a_name, _toml, array_script, sweep, variation
 from cellmig.usage import UsageError, parse
 
@@ -189,3 +192,14 @@ def test_the_array_for_slurm_has_a_task_for_each_run_with_its_words_whole(done, 
     assert told.returncode == 75 and words[-1] == "requeue 7_3"
     assert 'adhesion.substrate.bonds="8000 /um^2"' in words and "seed=1" in words and str(ONE) in words
     assert words[-3:-1] == ["--resume", "auto"]
+
+
+def test_runs_under_other_options_of_petsc_do_not_count_as_done(tmp_path):
+    job, = Sweep(ONE, {"seed": [1]}, tmp_path, COARSE).jobs().values()
+    case = job.load()
+    manifest = {"version": __version__, "end_us": case.time.end, "petsc_options": options_given(),
+                "case": json.loads(json.dumps(case.resolved()))}
+    fixed = {**manifest, "petsc_options": options_given() | {"ts_dt": "1e-4", "log_view": ""}}
+    assert job.is_of(manifest) and not job.is_of(fixed)
+    with_step = dataclasses.replace(job, options=("-ts_dt", "1e-4", "-ts_monitor"))
+    assert with_step.is_of(fixed) and not with_step.is_of(manifest)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from petsc4py import PETSc
@@ -71,6 +71,18 @@ def options_given() -> dict[str, str]:
     """PETSc's options and their values, from the command line, PETSC_OPTIONS and files, by name."""
     found = PETSc.Options().getAll()
     return {name: found[name] or "" for name in sorted(found) if name not in _OURS}
+
+
+def options_in(words: Sequence[str]) -> dict[str, str]:
+    """Options and their values in the words of a command line, by name."""
+    found, name = {}, ""
+    for word in words:
+        if word.startswith("-") and not word[1:2].isdecimal():
+            name = word[1:]
+            found[name] = ""
+        else:
+            found[name] = word
+    return found
 
 
 def deciding(options: dict[str, str]) -> dict[str, str]:

@@ -35,6 +35,7 @@ from cellmig.output.directory import Claim, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
+from cellmig.parallel.options import deciding, options_given, options_in
 
 from .preflight import cost
 
@@ -81,7 +82,9 @@ class Job:
         if manifest.get("version") != __version__:
             return False
         case = self.load()
+        options = options_given() | options_in(self.options)
         return (manifest["end_us"] == case.time.end and manifest.get("laws", []) == included()
+                and deciding(manifest.get("petsc_options", {})) == deciding(options)
                 and manifest["case"] == json.loads(json.dumps(case.resolved())))
 
     def arguments(self) -> list[str]:

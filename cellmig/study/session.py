@@ -17,12 +17,15 @@ from .record import Record
 from .run import Run, stop_requests
 
 
-def run_here(case: Case, directory: Path, until: float | None, quiet: bool) -> Record:
-    """Run a case on all ranks; its record, also if ^C or a signal ended it early (status 75); collective."""
+def run_here(case: Case, directory: Path, until: float | None, quiet: bool, start: Path | None) -> Record:
+    """Run a case on all ranks; its record, also if ^C or a signal ended it early (status 75); collective.
+
+    `start` : of a run with whose last state it begins.
+    """
     # Python lets its main thread alone watch for signals.
     watched = threading.current_thread() is threading.main_thread()
     with stop_requests() if watched else nullcontext([]) as asked:
-        run = Run(case, directory, MPI.COMM_WORLD, until=until, quiet=quiet)
+        run = Run(case, directory, MPI.COMM_WORLD, until=until, quiet=quiet, origin=start)
         status = run.go(asked)
         run.simulation.destroy()
     if status not in (DONE, STOPPED):
