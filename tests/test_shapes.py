@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable
 from functools import cache
@@ -393,6 +394,20 @@ def test_a_nucleus_may_lie_off_the_middle(shape: Callable) -> None:
 def test_a_nucleus_that_is_not_within_its_cell_is_refused(keys: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         cell_with(**keys)
+
+
+@pytest.mark.parametrize(("first", "turn", "closed"), [(1, 1, False), (0, -1, True), (40, -1, False)])
+def test_first_point_and_sense_of_traced_outlines_are_all_one(first: int, turn: int, closed: bool) -> None:
+    found = case("microscope", per_cell=150).cells[0].shape
+
+    def traced(corners: tuple) -> tuple:
+        points = (corners[first:] + corners[:first])[::turn]
+        return points + points[:1] * closed
+
+    other = dataclasses.replace(found, corners=traced(found.corners), nucleus_corners=traced(found.nucleus_corners))
+    one, two = (shape.particles(150) for shape in (found, other))
+    assert (one.X == two.X).all() and (one.nucleus == two.nucleus).all()
+    assert (one.X[one.surface] == two.X[two.surface]).all()
 
 
 def test_a_cell_traced_in_a_picture_lies_on_the_substrate_with_its_nucleus() -> None:
