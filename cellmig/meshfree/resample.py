@@ -21,7 +21,8 @@ def along(polygon: np.ndarray, h: float, fixed: np.ndarray | None = None) -> tup
     """
     curve = _Curve(polygon, h)
     ends = _ends(curve, h, [] if fixed is None else curve.arc[fixed].tolist())
-    s = np.concatenate([_evenly(curve, start, end, h, 1 if len(ends) > 2 else 3)
+    least = 1 if len(ends) > 2 or curve.length > 6.0 * h else 3
+    s = np.concatenate([_evenly(curve, start, end, h, least)
                         for start, end in zip(ends, [*ends[1:], ends[0] + curve.length], strict=True)])
     middle = 0.5 * (s + np.append(s[1:], s[0] + curve.length))
     points = curve.mean(s)
@@ -73,19 +74,10 @@ def _ends(curve: _Curve, h: float, kept: list[float]) -> list[float]:
     order = np.argsort(-far, kind="stable")
     for alike in np.split(order, np.flatnonzero(np.diff(-far[order]) > ALIKE) + 1):
         kept += _apart(here[alike], kept, 0.5 * h, curve.length)
-    if not kept:  # in the lowest point, where a cell touches first, or in the middle of a flat sole
+    if not kept:  # in the lowest point, where a cell touches first, or at both ends of a flat sole
         height = curve.polygon[:, 1] - curve.polygon[:, 1].min()
-        kept += _apart(_middles(curve, height < ALIKE * h), [], 0.5 * h, curve.length)
+        kept += _apart(curve.arc[height < ALIKE * h], [], 0.5 * h, curve.length)
     return sorted(kept)
-
-
-def _middles(curve: _Curve, corners: np.ndarray) -> np.ndarray:
-    """Middles of the runs of the corners (k,) bool that are meant, by the way along the outline."""
-    starts = np.flatnonzero(corners & ~np.roll(corners, 1))
-    ends = np.flatnonzero(corners & ~np.roll(corners, -1))
-    ends = np.roll(ends, -int(ends[0] < starts[0]))
-    way = (curve.arc[ends] - curve.arc[starts]) % curve.length
-    return (curve.arc[starts] + 0.5 * way) % curve.length
 
 
 def _apart(places: np.ndarray, kept: list[float], least: float, length: float) -> list[float]:
