@@ -258,7 +258,7 @@ SINGULAR = [
     ('cells.0.velocity=["0 um/us", "log(r) um/us"]', "cells.0.velocity: 'log(r) um/us'", "it is -inf there"),
     ('cells.0.displacement=["0 um", "sqrt(x) um"]', "cells.0.displacement: 'sqrt(x) um'", "it is nan there"),
     ('loads=[{name="l", traction=["1/x Pa", "0 Pa"]}]', "loads.0.traction: '1/x Pa'", "there"),
-    ('loads=[{name="l", pressure="log(x) Pa"}]', "loads.0.pressure: 'log(x) Pa'", "it is nan there"),
+    ('loads=[{name="l", pressure="log(x) Pa"}]', "loads.0.pressure: 'log(x) Pa'", "it is -inf there"),
     ('loads=[{name="l", body=["1/r Pa/um", "0 Pa/um"]}]', "loads.0.body: '1/r Pa/um'", "it is inf there"),
     ('supports=[{name="s", displacement=["log(y) um", "free"]}]', "supports.0.displacement: 'log(y) um'", "it is nan"),
 ]
