@@ -55,6 +55,14 @@ def test_verdict(expected: Expected, errors: tuple, verdict: str) -> None:
     assert found == verdict and bool(why) == (verdict == FAILS)
 
 
+@pytest.mark.parametrize(("last", "quick", "verdict"), [
+    (0.0119, True, HOLDS), (0.0121, True, FAILS), (0.0119, False, FAILS), (0.004, True, HOLDS)])
+def test_where_quick_is_too_coarse_for_an_order_the_error_is_what_was_measured(last: float, quick: bool,
+                                                                               verdict: str) -> None:
+    found = [Measured(h, {"e": e}, 100) for h, e in zip(SIZES, (0.03, 0.02, last), strict=True)]
+    assert judge("made up", "e", converges(2, ""), found, coarse=0.01 if quick else 0.0).verdict == verdict
+
+
 def test_a_resolution_that_failed_is_no_success() -> None:
     assert judged(converges(2, ""), (0.16, 0.04, 0.01), failed=("at 9: no",)) == (FAILS, ("at 9: no",))
 
@@ -67,6 +75,7 @@ def test_every_reference_says_what_it_is_and_what_theory_expects() -> None:
         assert all(e.why and (e.order or e.tolerance) for e in r.expected.values()), r.name
         assert len(set(r.at)) >= 3 and len(set(r.quick)) >= 3, r.name
         assert "," not in r.name and r.name == r.name.lower(), r.name
+        assert set(r.coarse) <= set(r.expected), r.name
 
 
 def test_a_quick_reference_from_end_to_end(tmp_path, capsys) -> None:

@@ -14,6 +14,8 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import frames
 
+from .said import lost_said
+
 Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "stopped on request"}
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
@@ -97,6 +99,8 @@ def _ledger_rows(path: Path) -> Rows:
     if not table or not np.isfinite(table["closure"]).any():
         return
     worst = np.nanargmax(np.abs(table["closure"]))
+    if lost := lost_said({name: float(column[-1]) for name, column in table.items()}):
+        yield "losses", lost
     yield "energy", (f"at most {100 * abs(table['closure'][worst]):.2g} % does not add up, at "
                      f"{table['time_us'][worst]:g} µs")
 

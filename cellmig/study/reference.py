@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 SHORTFALL = 0.2  # by which an observed order may miss the expected one
+MARGIN = 0.2  # by which an error may be above what was measured before, where no order can be asked
 TRIED = 0.5  # share of a target's particles from which on it has been tried: coarser ones cannot miss it
 
 HOLDS, FAILS = "holds", "does not hold"
@@ -59,7 +60,8 @@ class Reference:
     """A reference: `measure(resolution)` returns a Measured, which has the errors that are `expected`.
 
     group : physics it belongs to;  shows, source : one line each;  unit : of the size;  at, quick : resolutions, from
-    coarse to fine;  seconds : that the finest one of `at` takes on one core, about.
+    coarse to fine;  seconds : that the finest one of `at` takes on one core, about;  coarse : of the errors for whose
+    order `quick` is too coarse, what was measured at the finest of it.
     """
 
     name: str
@@ -72,13 +74,15 @@ class Reference:
     measure: Callable[[Any], Measured]
     unit: str = "um"
     seconds: float = 1.0
+    coarse: Mapping[str, float] = field(default_factory=dict)
 
 
 REFERENCES: dict[str, Reference] = {}
 
 
 def reference(name: str, *, shows: str, source: str, expected: dict[str, Expected], at: Sequence[Any],
-              quick: Sequence[Any] = (), unit: str = "um", seconds: float = 1.0) -> Callable[..., Any]:
+              quick: Sequence[Any] = (), unit: str = "um", seconds: float = 1.0,
+              coarse: Mapping[str, float] | None = None) -> Callable[..., Any]:
     """Register a function of the resolution as the reference `name`; by default `quick` are its three coarsest."""
 
     def register(measure: Callable[[Any], Measured]) -> Callable[[Any], Measured]:
@@ -86,7 +90,7 @@ def reference(name: str, *, shows: str, source: str, expected: dict[str, Expecte
         if name in REFERENCES and REFERENCES[name].measure.__module__ != measure.__module__:
             raise ValueError(f"two references are called '{name}'")
         REFERENCES[name] = Reference(name, group, shows, source, expected, tuple(at), tuple(quick or at[:3]), measure,
-                                     unit, seconds)
+                                     unit, seconds, coarse or {})
         return measure
 
     return register
@@ -131,8 +135,13 @@ def orders(sizes: Sequence[float], errors: Sequence[float]) -> tuple[float, floa
     return float(slope), float(np.polyfit(np.log(h), np.log(e), 1)[0])
 
 
-def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], failed: Sequence[str] = ()) -> Verdict:
-    """The verdict on one error, measured at resolutions in any order; `failed` : why others could not be measured."""
+def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], failed: Sequence[str] = (),
+          coarse: float = 0.0) -> Verdict:
+    """The verdict on one error, measured at resolutions in any order.
+
+    `failed` : why others could not be measured;  `coarse` : where resolutions are too coarse for the order, the error
+    that was measured at the finest of them: it may be larger by a fifth, and no order is asked.
+    """
     found = sorted(found, key=lambda m: -m.size)
     sizes, errors = tuple(m.size for m in found), tuple(m.errors[error] for m in found)
     particles = tuple(m.particles for m in found)
@@ -143,6 +152,9 @@ def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], 
     elif expected.order is None:
         if max(errors) > expected.tolerance:
             why.append(f"{max(errors):.2g} is above {expected.tolerance:g}")
+    elif coarse:
+        if errors[-1] > (1.0 + MARGIN) * coarse:
+            why.append(f"{errors[-1]:.2g} is above {coarse:.2g}, measured before, by more than a fifth")
     elif errors[-1] > expected.floor:  # else it is zero or as good as the exact value is known
         why += [f"order {order:.2f} {how} is below {expected.order - SHORTFALL:.3g}"
                 for how, order in (("of the two finest", pairwise), ("over all", fitted))

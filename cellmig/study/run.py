@@ -36,7 +36,7 @@ from cellmig.solve.strain import StrainWatch
 from . import keep
 from .keep import STOP, USUALLY, Intervals, Keeper
 from .room import require_room
-from .said import laws_said, load_said, scene_said, skipped_said, span, step_said
+from .said import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
 
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
 
@@ -237,7 +237,7 @@ class Run:
             rows, entries = s.sample()
         if not all(map(math.isfinite, entries.values())):
             self._integrator.broken("an energy is not finite")
-        self.worst_closure = max(self.worst_closure, entries["closure"])
+        self.worst_closure, self.entries = max(self.worst_closure, entries["closure"]), entries
         if warning := self.strain.look(s.time):
             self.log(warning)
         if sample:
@@ -329,6 +329,8 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
                      f"at most {100 * self.worst_closure:.2g} % of the energy does not add up")
+        if lost := lost_said(self.entries):
+            self.log(f"lost {lost}")
         if warning := self.strain.summary():
             self.log(warning)
         if self.manifest["unused_options"]:

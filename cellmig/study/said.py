@@ -140,3 +140,14 @@ def span(values: list) -> str:
     low, high = min(values), max(values)
     text = "{:.4g}" if isinstance(low, float) else "{}"
     return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"
+
+
+def lost_said(entries: dict[str, float]) -> str:
+    """What viscosity, friction and the method took, from a row of the ledger; empty if nothing was lost."""
+    parts = [(name, entries.get(f"{key}_loss", 0.0)) for name, key in (
+        ("viscosity", "viscous"), ("friction", "friction"), ("what is numerical", "numerical"))]
+    total = sum(abs(value) for _, value in parts)
+    if not total > 0.0:
+        return ""
+    said = ", ".join(f"{value:.3g} pN by {name}" for name, value in parts if value)
+    return f"{said}: {100 * abs(parts[-1][1]) / total:.2g} % are the method's (docs/numerics.md)"

@@ -89,7 +89,8 @@ def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: in
     progress.close()
     if asked:
         return STOPPED
-    verdicts = [v for r in chosen for v in judged(r, {p.resolution: a for p, a in found.items() if p.reference is r})]
+    verdicts = [v for r in chosen
+                for v in judged(r, {p.resolution: a for p, a in found.items() if p.reference is r}, quick)]
     write(out, chosen, verdicts, quick)
     print("", *table(verdicts), "", *(str(out / f"verify.{kind}") for kind in ("json", "csv", "md")), sep="\n")
     return DIFFERENT if any(v.why for v in verdicts) else DONE
@@ -104,11 +105,13 @@ def select(only: Sequence[str]) -> list[Reference]:
     return [r for r in known.values() if not only or r.name in only or r.group in only]
 
 
-def judged(reference: Reference, answers: dict[Any, Measured | str]) -> list[Verdict]:
+def judged(reference: Reference, answers: dict[Any, Measured | str], quick: bool) -> list[Verdict]:
     """A verdict on each error of a reference; a resolution that failed makes none of them hold."""
     measured = [a for a in answers.values() if isinstance(a, Measured)]
     failed = [f"at {n:g}: {a}" for n, a in answers.items() if isinstance(a, str)]
-    return [judge(reference.name, name, expected, measured, failed) for name, expected in reference.expected.items()]
+    coarse = reference.coarse if quick else {}
+    return [judge(reference.name, name, expected, measured, failed, coarse.get(name, 0.0))
+            for name, expected in reference.expected.items()]
 
 
 # ----------------------------------------------------------------------------------------------------- many at a time

@@ -44,7 +44,7 @@ def lobed(X: np.ndarray, rim: np.ndarray, u: np.ndarray, n: int) -> float:
 
 @reference("disc-modes", shows="frequencies of the free disc, from the linear operator",
            source="roots of the free disc's Bessel determinant",
-           at=(500, 1250, 5000, 10000), quick=(300, 700, 1500), seconds=20.0,
+           at=(500, 1250, 5000, 10000), quick=(300, 700, 1500), seconds=20.0, coarse={"breathing": 1.0e-3},
            expected={**{name: converges(2, SQUARED, ELASTIC) for name in MODES},
                      "operator": exact(1e-6, "that of the forces, to their rounding at a strain of 1e-8")})
 def disc_modes(count: int) -> Measured:
