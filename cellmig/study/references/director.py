@@ -13,7 +13,8 @@ RADIUS = 5.0  # µm
 
 
 @reference("director-relaxation", shows="rate of a mode θ = J1(κr) cos φ of a disc, free at the membrane, J1'(κR) = 0",
-           source="Fourier: ∂θ/∂t = γ Δθ decays with γκ²", at=(150, 400, 1000, 2500), seconds=5.0, coarse={"rate": 1.0e-3},
+           source="Fourier: ∂θ/∂t = γ Δθ decays with γκ²", at=(150, 400, 1000, 2500), seconds=5.0,
+           coarse={"rate": 1.0e-3},
            expected={"rate": converges(2, "a Rayleigh quotient: the square of an error h in gradients")})
 def director_relaxation(count: int) -> Measured:
     """From the mode's share in the angles after 1 µs, of an inverse rate of 7 µs; nothing flows."""
