@@ -78,8 +78,10 @@ def is_whole(run: Path, like: Path) -> None:
     """Whether a run came to the same as another, bit for bit, and left nothing behind."""
     same, lines = diff(run, like)
     assert same, lines
-    for name in ("history.csv", "ledger.csv"):
-        assert (run / name).read_bytes() == (like / name).read_bytes()
+    tables = {path.name for path in like.glob("*.csv")}
+    assert tables == {path.name for path in run.glob("*.csv")} and {"history.csv", "ledger.csv"} <= tables
+    for name in tables:
+        assert (run / name).read_bytes() == (like / name).read_bytes(), name
     a, b = read_manifest(run), read_manifest(like)
     for name in ("state_hash", "steps", "list_renewals", "worst_closure", "J", "dt_us", "frames", "strain"):
         assert a[name] == b[name], name
