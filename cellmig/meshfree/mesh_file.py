@@ -108,7 +108,8 @@ def _read(path: str) -> Any:
         import meshio
 
         try:
-            mesh = wkt.read(path) if path.lower().endswith(".wkt") else meshio.read(path)
+            with np.errstate(over="ignore"):  # of its guess whether an STL file is binary
+                mesh = wkt.read(path) if path.lower().endswith(".wkt") else meshio.read(path)
             lost = " ".join(said.getvalue().split())
             if not _LOST.search(lost):
                 return mesh

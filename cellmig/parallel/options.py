@@ -114,6 +114,20 @@ def options_obeyed() -> Iterator[None]:
         raise OptionError(f"PETSc cannot follow its options: {reason or error}") from error
 
 
+@contextmanager
+def own_errors() -> Iterator[None]:
+    """While PETSc calls functions of ours: what they raise comes through, though petsc4py 3.22 wraps it in its own."""
+    try:
+        yield
+    except PETSc.Error as error:
+        cause: BaseException | None = error
+        while isinstance(cause, PETSc.Error):
+            cause = cause.__cause__
+        if cause is None:
+            raise
+        raise cause from None
+
+
 def unused_options() -> list[str]:
     """PETSc options that were given and that nothing has asked for, as "-name value"."""
     library = ctypes.CDLL(petsc_library())

@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.options import defaulted, step_asked
+from ..parallel.options import defaulted, own_errors, step_asked
 from .accounts import accounts
 from .mechanics import Mechanics
 from .step import NumericsError, StepControl, binding
@@ -148,7 +148,8 @@ class Integrator:
         elif not self.steps:  # for -ts_monitor, whose first line comes before the first batch
             self.look()
             ts.setTimeStep(self.evenly(stop)[1])
-        ts.solve(m.solution)
+        with own_errors():
+            ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
             self.broken("PETSc rejected a step as often as it may",
                         remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")

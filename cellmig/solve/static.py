@@ -12,6 +12,7 @@ from scipy import sparse
 
 from petsc4py import PETSc
 
+from ..parallel.options import own_errors
 from .mechanics import Mechanics
 from .plates import Contact
 from .step import NumericsError
@@ -188,7 +189,8 @@ class Static:
         self._before = m.state.owned[:, :2].copy()
         m.set_clock(time)
         self._x.setArray(self._before.ravel())
-        self.snes.solve(None, self._x)
+        with own_errors():
+            self.snes.solve(None, self._x)
         norms = [float(n) for n in self.snes.getConvergenceHistory()[0]]
         good = self.snes.getConvergedReason() > 0
         self.newton.append((time, norms))
