@@ -7,7 +7,7 @@
 #SBATCH --ntasks=8
 #SBATCH --cpus-per-task=1
 #SBATCH --time=04:00:00
-#SBATCH --signal=USR1@300
+#SBATCH --signal=USR1@60
 #SBATCH --requeue
 #SBATCH --open-mode=append
 #SBATCH --output=%x-%j.log
@@ -22,8 +22,10 @@ if [[ ${SLURM_ARRAY_TASK_ID-} ]]; then
     name=$(basename "$1" .toml)
     set -- "$@" --set "seed=$SLURM_ARRAY_TASK_ID" --out "output/$name-seed$SLURM_ARRAY_TASK_ID"
 fi
-# Five minutes before the limit a run stops with a checkpoint: by itself where Slurm tells the end, else by SIGUSR1.
-[[ -z ${SLURM_JOB_END_TIME-} ]] || set -- "$@" --wall-time "$((SLURM_JOB_END_TIME - $(date +%s) - 300)) s"
+# A run stops with a checkpoint a tenth of its time, but at most five minutes, before the limit: by itself where Slurm
+# tells the end, else by SIGUSR1 in the last minute.
+left=$((${SLURM_JOB_END_TIME:-0} - $(date +%s)))
+((left < 10)) || set -- "$@" --wall-time "$((left - (left < 3000 ? left / 10 : 300))) s"
 
 srun "${cellmig[@]}" run "$@" --resume auto
 code=$?

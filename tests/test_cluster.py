@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import py_compile
+import shlex
 import shutil
 import subprocess
 import time
@@ -23,7 +24,7 @@ STAND_IN = "#!/bin/bash\necho \"$(basename \"$0\"): $*\"\nexit ${CODE-0}\n"
 @pytest.fixture
 def submit(tmp_path: Path):
     """`submit("slurm.sh", "case.toml", SLURM_JOB_ID="7")`: what the script starts, and how it ends."""
-    for name in ("srun", "scontrol", "mpiexec", "qsub"):
+    for name in ("srun", "scontrol", "mpiexec", "qsub", "qstat"):
         (tmp_path / name).write_text(STAND_IN)
         (tmp_path / name).chmod(0o755)
 
@@ -67,10 +68,26 @@ def test_pbs_goes_on_and_queues_again_what_was_stopped(submit) -> None:
     lines, code = submit("pbs.sh", CASE="a/case.toml", OPTIONS="--until 9us", CODE="75", PBS_ARRAY_INDEX="2")
     assert lines == [
         "mpiexec: cellmig run a/case.toml --until 9us --set seed=2 --out output/case-seed2 --resume auto "
-        "--wall-time 3.9 h",
+        "--wall-time 14100 s",
         "qsub: -v CASE=a/case.toml,OPTIONS=--until 9us --set seed=2 --out output/case-seed2 cluster/pbs.sh"]
     assert code == 75
     assert submit("pbs.sh")[1] == 2
+
+
+@pytest.mark.parametrize(("seconds", "wall"), [(60, 54), (300, 270), (3600, 3300)])
+def test_a_short_batch_job_has_a_wall_time_within_its_limit(submit, seconds: int, wall: int) -> None:
+    lines, code = submit("slurm.sh", "case.toml", SLURM_JOB_ID="7", SLURM_JOB_END_TIME=str(int(time.time()) + seconds))
+    told = int(lines[0].partition(" --wall-time ")[2].split()[0])
+    assert code == 0 and wall - 5 <= told <= wall
+    assert f"--wall-time {wall} s" in submit("pbs.sh", CASE="case.toml", PBS_WALLTIME=str(seconds))[0][0]
+
+
+def test_words_with_spaces_stay_whole_in_a_chain_of_pbs_jobs(submit) -> None:
+    given = {"CASE": "a b/my case.toml", "OPTIONS": "--until '9 us'", "PBS_ARRAY_INDEX": "2"}
+    lines, _ = submit("pbs.sh", CODE="75", **given)
+    again = lines[1].partition("OPTIONS=")[2].rpartition(" ")[0]
+    assert shlex.split(again) == ["--until", "9 us", "--set", "seed=2", "--out", "output/my case-seed2"]
+    assert submit("pbs.sh", CASE=given["CASE"], OPTIONS=again)[0][0] == lines[0]
 
 
 def test_a_container_gets_what_the_checkout_has() -> None:

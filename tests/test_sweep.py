@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -203,3 +204,24 @@ def test_runs_under_other_options_of_petsc_do_not_count_as_done(tmp_path):
     assert job.is_of(manifest) and not job.is_of(fixed)
     with_step = dataclasses.replace(job, options=("-ts_dt", "1e-4", "-ts_monitor"))
     assert with_step.is_of(fixed) and not with_step.is_of(manifest)
+
+
+@pytest.mark.parametrize(("folder", "case"), [("a place", "one cell"), ("100 % \"new\" #1", "it's")])
+def test_the_array_for_slurm_quotes_names_with_spaces_and_signs(tmp_path, folder, case):
+    (tmp_path / f"{case}.toml").write_text(f'extends = "{ONE}"\n', encoding="utf-8")
+    out = tmp_path / folder
+    text = array_script(Sweep(tmp_path / f"{case}.toml", {"seed": [1, 2]}, out, COARSE)).read_text(encoding="utf-8")
+    directives = dict(word.split("=", 1) for line in text.splitlines() if line.startswith("#SBATCH")
+                      for word in shlex.split(line[8:]) if "=" in word)
+    assert directives["--job-name"] == f"cellmig-{case}"
+    assert directives["--output"] == str(out).replace("%", "%%") + "/task%a.log"
+
+
+@pytest.mark.parametrize("seconds", [60, 300, 7200])
+def test_a_task_of_the_array_stops_before_its_limit_however_short(done, tmp_path, seconds):
+    script = array_script(Sweep(ONE, done.vary, tmp_path, COARSE))
+    told = subprocess.run(["bash", "-c", f'srun() {{ echo "${{@: -1}}"; }}; export -f srun; SLURM_ARRAY_TASK_ID=1 '
+                           f"SLURM_JOB_END_TIME=$(($(date +%s) + {seconds})) bash '{script}'"],
+                          text=True, capture_output=True)
+    number, unit = told.stdout.split()
+    assert unit == "s" and 0.8 * seconds < int(number) <= seconds - min(0.1 * seconds, 300)

@@ -298,14 +298,15 @@ _SLURM = """\
 #SBATCH --ntasks={ranks}
 #SBATCH --cpus-per-task=1
 #SBATCH --time=04:00:00
-#SBATCH --signal=USR1@300
+#SBATCH --signal=USR1@60
 #SBATCH --requeue --open-mode=append
 #SBATCH --output={logs}
 set -uo pipefail
 export OPENBLAS_NUM_THREADS=1
 cellmig=${{CELLMIG:-${{SLURM_SUBMIT_DIR:-.}}/.venv/bin/cellmig}}
+left=$((${{SLURM_JOB_END_TIME:-0}} - $(date +%s)))  # seconds; a tenth, or five minutes, is for the end
 limit=()
-[[ -z ${{SLURM_JOB_END_TIME-}} ]] || limit=(--wall-time "$((SLURM_JOB_END_TIME - $(date +%s) - 300)) s")
+((left < 10)) || limit=(--wall-time "$((left - (left < 3000 ? left / 10 : 300))) s")
 
 start() {{ srun "$cellmig" "$@" --resume auto "${{limit[@]}}"; }}
 
@@ -323,8 +324,10 @@ def array_script(plan: Sweep) -> Path:
     jobs = plan.jobs()
     lines = [f"{number}) start {shlex.join(job.arguments())} ;;" for number, job in enumerate(jobs.values(), 1)]
     script = plan.out / "sweep.sbatch"
-    text = _SLURM.format(case=plan.case, count=len(jobs), name=f"cellmig-{plan.case.stem}", ranks=plan.ranks,
-                         script=shlex.quote(str(script)), logs=plan.out / "task%a.log", runs="\n".join(lines))
+    logs = str(plan.out).replace("%", "%%") + "/task%a.log"  # Slurm puts the number of the task for %a
+    text = _SLURM.format(case=plan.case, count=len(jobs), name=shlex.quote(f"cellmig-{plan.case.stem}"),
+                         ranks=plan.ranks, script=shlex.quote(str(script)), logs=shlex.quote(logs),
+                         runs="\n".join(lines))
     try:
         plan.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
