@@ -14,7 +14,7 @@ from typing import Any
 from .case.messages import CaseError, lenient
 from .exits import BROKEN, DIFFERENT, DONE, ENVIRONMENT, INPUT_OUTPUT, INTERRUPTED, WRONG
 from .parallel.arguments import split_arguments, start_petsc
-from .usage import COMMANDS, RANK, RANKS, UsageError, parse
+from .usage import COMMANDS, RANK, RANKS, UsageError, parse, what_first
 
 # ---------------------------------------------------------------------------------------------------- commands
 
@@ -25,6 +25,9 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     case = load_together(options.case, options.sets, comm)
     from .output.directory import Claim
     from .study.keep import check_identity, is_done, look
+    from .study.ranks import check_ranks, size
+
+    check_ranks(size(case), comm.size)
 
     directory, prune, state, claim = options.out or Path("output") / case.name, not options.no_prune, None, None
     end = case.time.end if until is None else until
@@ -76,16 +79,17 @@ def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end:
 
 def validate(options: argparse.Namespace) -> int:
     """Check cases; report what each will cost."""
-    wrong = []
+    wrong, end = [], _time(options.until, "--until") if options.until else None
     for path in options.cases:
         try:
             case = _load(path, options.sets)
         except CaseError as error:
             wrong.append(error)
             continue
+        from .simulation import until
         from .study.preflight import report
 
-        print(report(case), end="\n\n", flush=True)
+        print(report(until(case, end)), end="\n\n", flush=True)
     for error in wrong:
         print(f"cellmig: {error}", file=sys.stderr)
     return WRONG if wrong else DONE
@@ -102,7 +106,8 @@ def sweep(options: argparse.Namespace) -> int:
     if twice := [key for n, (key, _) in enumerate(varied) if key in dict(varied[:n])]:
         raise UsageError(f"--vary: '{twice[0]}' is given twice")
     out = options.out or Path("output") / f"sweep-{options.case.stem}"
-    plan = Sweep(options.case, dict(varied), out, tuple(options.sets), options.ranks)
+    plan = Sweep(options.case, dict(varied), out, tuple(options.sets), options.ranks,
+                 _time(options.until, "--until") if options.until else None)
     if options.slurm:
         print(f"wrote {array_script(plan)}; it tells what to do with it")
         return DONE
@@ -294,8 +299,15 @@ def main() -> None:
     lenient()
     try:
         ours, petsc_options = split_arguments(words)
+        ours = what_first(ours)
         serial = bool(ours) and ours[0] in COMMANDS and ours[0] not in ("run", "resume")
-        options = parse(words if serial else ours)
+        if "-n" in petsc_options or "-np" in petsc_options:
+            raise UsageError("-n is an option of './run' and of mpiexec: mpiexec -n 2 cellmig …")
+        options = parse(what_first(words) if serial else ours)
+        if not serial:
+            from .study.ranks import start_again
+
+            start_again(options, words, lambda: _load(options.case, options.sets))
         if not serial or options.command in ("validate", "sweep", "paper", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         _include(getattr(options, "laws", ()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from fractions import Fraction
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from mpi4py import MPI
 from . import meshfree, model
 from .case.messages import CaseError, Mistake
 from .case.registry import discover, laws
-from .case.schema import Case
+from .case.schema import Case, particle_count
 from .meshfree import formulas
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
@@ -48,12 +49,6 @@ TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each part of a trial, implicit and ex
 GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
 SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
-
-
-def particle_count(case: Case, shape: Any) -> int:
-    """Particles of a cell of this shape."""
-    p = case.particles
-    return p.per_cell if p.per_cell is not None else max(7, round(shape.area / p.spacing**2))
 
 
 def discretise(case: Case) -> Scene:
@@ -374,6 +369,14 @@ def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
     """The stable step of a discretised case."""
     relaxes = terms.director == "relaxing" and case.director is not None
     return StepControl(scene, terms, case.director.mobility if relaxes else 0.0)
+
+
+def until(case: Case, end: float | None) -> Case:
+    """The case with another end [µs], if one is given, and samples and frames as often: for estimates."""
+    if end is None:
+        return case
+    counts = {name: max(1, math.ceil(getattr(case.time, name) * end / case.time.end)) for name in ("samples", "frames")}
+    return dataclasses.replace(case, time=dataclasses.replace(case.time, end=end, **counts))
 
 
 def stops(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:

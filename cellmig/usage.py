@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import os
+import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from . import __version__
 from .parallel.launch import told_rank, told_size
 
+WIDTH = 80  # letters of a line of help
 RANK, RANKS = told_rank(), told_size()[1]
 
 
@@ -19,8 +21,23 @@ class UsageError(Exception):
     """The call is wrong; the message is for the user."""
 
 
+class Help(argparse.RawDescriptionHelpFormatter):
+    """Lines of 80 letters at most, or of what the terminal has."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **{"width": min(WIDTH, shutil.get_terminal_size().columns) - 2} | more)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Text is filled, but for one that has its own lines."""
+        fill = argparse.HelpFormatter._fill_text
+        return super()._fill_text(text, width, indent) if "\n" in text else fill(self, text, width, indent)
+
+
 class Parser(argparse.ArgumentParser):
     """One rank speaks and all ranks end: a wrong call is an exception, help comes once."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(**{"formatter_class": Help} | more)
 
     def error(self, message: str) -> None:
         """Refuse the call."""
@@ -39,18 +56,19 @@ class Parser(argparse.ArgumentParser):
 
 
 _HELP = """\
-A case alone is run: 'cellmig run --help' lists its options.  On several ranks: mpiexec -n 4 cellmig …
-Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -ts_monitor, -log_view …
+A case alone is run: 'cellmig run --help' lists its options.
+On several ranks: mpiexec -n 4 cellmig …
+Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -log_view …
 
-exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong, 3 the environment is, 4 the numbers broke,
-            5 input or output, 75 stopped on request: 'resume' goes on"""
+exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong,
+            3 the environment is, 4 the numbers broke, 5 input or output,
+            75 stopped on request: 'resume' goes on"""
 
 
 def parser() -> Parser:
     """All commands with their options."""
     top = Parser(prog="cellmig", usage="cellmig CASE.toml [OPTION …]\n       cellmig COMMAND [ARGUMENT …]",
-                 description="Collective cell migration by a meshfree particle method.", epilog=_HELP,
-                 formatter_class=argparse.RawDescriptionHelpFormatter)
+                 description="Collective cell migration by a meshfree particle method.", epilog=_HELP)
     top.add_argument("--version", action="version", version=f"cellmig {__version__}")
     commands = top.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND", prog="cellmig")
 
@@ -61,7 +79,7 @@ def parser() -> Parser:
     run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
     run.add_argument("--from", type=Path, metavar="DIR", dest="origin", help="start at time 0 with the last state of "
                      "the run in DIR: the same particles; all else may differ")
-    run.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
+    _until(run)
     run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
     run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
     run.add_argument("--resume", choices=("auto",), help="auto: go on from the newest checkpoint in the directory, "
@@ -83,6 +101,7 @@ def parser() -> Parser:
 
     validate = commands.add_parser("validate", help="check cases and say what a run will cost")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
+    _until(validate)
     _accuracy(validate)
     _sets(validate)
     _laws(validate)
@@ -103,6 +122,7 @@ def _sweep(commands: Any) -> None:
     sweep.add_argument("--vary", action="append", required=True, metavar="KEY=A,B,C", help="values of a key: a.b=1,2,4 "
                        "or a.b='1,2,4 kPa' or seed=1:8 (both ends included); again for another key")
     sweep.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/sweep-<case name>)")
+    _until(sweep)
     sweep.add_argument("--jobs", type=_count, help="ranks at a time (default: one for each core)")
     sweep.add_argument("--ranks", type=_count, default=1, help="of each run (default: 1)")
     sweep.add_argument("--show", metavar="COLUMN,COLUMN", help="columns of history.csv to draw")
@@ -170,6 +190,10 @@ def _looks(commands: Any) -> None:
     commands.add_parser("doctor", help="what this machine has and lacks")
 
 
+def _until(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
+
+
 def _checkpoints(command: argparse.ArgumentParser) -> None:
     command.add_argument("--wall-time", metavar='"2 h"', help="stop before this time is over, with a checkpoint and "
                          "exit code 75")
@@ -197,6 +221,16 @@ def _laws(command: argparse.ArgumentParser) -> None:
 
 COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schema", "doctor",
             "paper", "verify", "bench")
+
+
+def what_first(words: list[str]) -> list[str]:
+    """A command line that begins with what is to be done: its first command or case file that is no option's value."""
+    for at, word in enumerate(words):
+        before = words[at - 1] if at else ""
+        value = before.startswith("--") and "=" not in before and before not in ("--quiet", "--no-prune")
+        if not value and (word in COMMANDS or word.endswith(".toml")):
+            return [word, *words[:at], *words[at + 1 :]]
+    return words
 
 
 def parse(words: list[str]) -> argparse.Namespace:

@@ -27,7 +27,7 @@ case "$1 ${2-}" in
     "-m pip") echo "$*" >>"$here/../pip.log"; exit 0 ;;
 esac
 [[ ${LINGER-} ]] && { trap 'exit 75' USR1; echo up; for _ in {1..100}; do sleep 0.1; done; }
-[[ ${OMPI_COMM_WORLD_RANK-0} == 0 ]] && echo "${OMPI_COMM_WORLD_SIZE-1}: $*"
+[[ ${OMPI_COMM_WORLD_RANK-0} == 0 ]] && echo "${CELLMIG_RANKS-${OMPI_COMM_WORLD_SIZE-1}}: $*"
 exit "${CODE-0}"
 """.replace("REAL", sys.executable)
 
@@ -109,9 +109,15 @@ CASE = "{home}/cases/all_protrude.toml"
     (["-n", "3"], f"3: -m cellmig {CASE}"),
     (["--until", "2 us"], f"2: -m cellmig {CASE} --until 2 us"),
     (["-n", "1", "own.toml", "-ts_dt", "1"], "1: -m cellmig own.toml -ts_dt 1"),
-    (["cases/all_protrude.toml"], f"2: -m cellmig {CASE}"),
-    (["nowhere.toml"], "2: -m cellmig nowhere.toml"),
-    (["resume", "output/x"], "2: -m cellmig resume output/x"),
+    (["cases/all_protrude.toml"], f"auto: -m cellmig {CASE}"),  # the program looks how large the case is
+    (["nowhere.toml"], "auto: -m cellmig nowhere.toml"),
+    (["resume", "output/x"], "auto: -m cellmig resume output/x"),
+    (["own.toml", "-n", "2"], "2: -m cellmig own.toml"),
+    (["-n", "2", "--quiet", "own.toml"], "2: -m cellmig --quiet own.toml"),
+    (["own.toml", "-n", "4000"], "4000: -m cellmig own.toml"),
+    (["--set", "seed=1"], f"2: -m cellmig {CASE} --set seed=1"),
+    (["run", "own.toml"], "auto: -m cellmig run own.toml"),
+    (["resume", "--help"], "auto: -m cellmig resume --help"),
     (["validate", "own.toml", "cases/all_protrude.toml"], f"1: -m cellmig validate own.toml {CASE}"),
     (["-n", "2", "info", "output/x"], "2: -m cellmig info output/x"),
 ])

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from scenes import CASES
 
+from cellmig import usage
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel import launch
 from cellmig.parallel.launch import outside_mpi
@@ -139,3 +140,65 @@ def test_the_launcher_starts_from_the_folder_above_the_clone(tmp_path: Path) -> 
         done = subprocess.run(["cellmig/run", "-n", ranks, "cases/one_cell.toml", *SMALL, "--out", f"run{ranks}"],
                               cwd=tmp_path, env=outside_mpi(), capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, "")
+
+
+# ------------------------------------------------------------------------------------------------- how many ranks
+
+
+@pytest.mark.parametrize(("words", "ranks"), [
+    (["cases/one_cell.toml", "--set", "particles.per_cell=2499"], 1),
+    (["cases/one_cell.toml", "--set", "particles.per_cell=2500"], 2),
+    (["--quiet", "cases/all_protrude.toml"], 2),  # 4,455 particles
+    (["cases/all_protrude.toml", "-n", "1"], 1),
+])
+def test_a_case_is_run_on_as_many_ranks_as_it_is_worth(tmp_path: Path, words: list[str], ranks: int) -> None:
+    if len(os.sched_getaffinity(0)) == 1 and "-n" not in words:
+        pytest.skip("one core")
+    done = subprocess.run([ROOT / "run", *words, "--until", "0.001 us", "--quiet", "--out", tmp_path / "run"],
+                          env=outside_mpi(), capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert read_manifest(tmp_path / "run")["ranks"] == ranks
+
+
+@pytest.mark.parametrize(("ranks", "particles"), [("400", "300"), ("76", "303")])
+def test_ranks_that_would_have_nothing_to_do_are_refused_before_they_start(ranks: str, particles: str) -> None:
+    done = subprocess.run([ROOT / "run", "-n", ranks, CASES["one_cell"], "--set", f"particles.per_cell={particles}"],
+                          env=outside_mpi(), capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"cellmig: -n: {ranks} ranks for {particles} particles") and done.stdout == ""
+
+
+def test_ranks_that_a_foreign_mpiexec_starts_are_refused_likewise(on_ranks: Callable, tmp_path: Path) -> None:
+    done = on_ranks(3, "-m", "cellmig", CASES["one_cell"], "--set", "particles.per_cell=11", "--out", tmp_path / "run")
+    assert done.returncode == 2 and done.stderr.count("3 ranks for 11 particles") == 1
+
+
+def test_an_option_of_mpiexec_is_not_given_to_petsc() -> None:
+    done = subprocess.run([*launch.PYTHON, "-m", "cellmig", CASES["one_cell"], "-n", "2"], capture_output=True,
+                          env=outside_mpi(), text=True)
+    assert done.returncode == 2 and "mpiexec -n 2 cellmig" in done.stderr
+
+
+# ---------------------------------------------------------------------------------------------------------- the help
+
+
+@pytest.mark.parametrize("command", ["", *usage.COMMANDS])
+def test_help_is_no_wider_than_eighty_columns(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    top = usage.parser()
+    choices = next(action.choices for action in top._actions if action.dest == "command")
+    text = (choices[command] if command else top).format_help()
+    assert 40 < max(map(len, text.splitlines())) <= 80
+
+
+def test_help_of_the_launcher_is_no_wider_than_eighty_columns() -> None:
+    told = subprocess.run([ROOT / "run", "--help"], capture_output=True, text=True)
+    assert max(map(len, told.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(("words", "first"), [
+    (["--quiet", "a.toml"], "a.toml"), (["--out", "b.toml", "a.toml"], "a.toml"), (["--set=x=1", "a.toml"], "a.toml"),
+    (["--until", "2 us", "resume", "x"], "resume"), (["info", "a.toml"], "info"), (["a", "b"], "a"),
+])
+def test_a_case_may_come_after_options(words: list[str], first: str) -> None:
+    assert usage.what_first(words)[0] == first and sorted(usage.what_first(words)) == sorted(words)

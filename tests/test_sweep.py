@@ -16,6 +16,7 @@ import pytest
 
 from cellmig import __version__
 from cellmig.__main__ import sweep as command
+from cellmig.__main__ import validate
 from cellmig.case.messages import CaseError
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.options import options_given
@@ -225,3 +226,17 @@ def test_a_task_of_the_array_stops_before_its_limit_however_short(done, tmp_path
                           text=True, capture_output=True)
     number, unit = told.stdout.split()
     assert unit == "s" and 0.8 * seconds < int(number) <= seconds - min(0.1 * seconds, 300)
+
+
+def test_a_sweep_can_end_all_its_runs_earlier(tmp_path):
+    plan = Sweep(ONE, {"seed": [1, 2]}, tmp_path, COARSE, until=0.5)
+    assert sweep(plan, at_once=2) == 0
+    assert {row["time_us"] for row in table(tmp_path)} == {"0.5"}
+    assert all(job.is_done() for job in plan.jobs().values())
+    assert not any(job.is_done() for job in dataclasses.replace(plan, until=0.6).jobs().values())
+
+
+def test_what_is_told_before_is_of_the_end_that_is_asked_for(capsys):
+    assert validate(parse(["validate", str(ONE), "--set", "particles.per_cell=60", "--until", "4 us"])) == 0
+    said = capsys.readouterr().out
+    assert " to 4 µs" in said and "in 2 frames" in said

@@ -251,3 +251,9 @@ def _table(item: Any) -> dict:
         elif value is not None:
             table[name] = write(in_table(f, getattr(item, "unit", None)), value)
     return table
+
+
+def particle_count(case: Case, shape: Any) -> int:
+    """Particles of a cell of this shape."""
+    p = case.particles
+    return p.per_cell if p.per_cell is not None else max(7, round(shape.area / p.spacing**2))

@@ -36,6 +36,7 @@ from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 from cellmig.parallel.options import deciding, options_given, options_in
+from cellmig.simulation import until
 
 from .preflight import cost
 
@@ -46,7 +47,10 @@ _PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
 
 @dataclass(frozen=True)
 class Job:
-    """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks."""
+    """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks.
+
+    until : float -- where it ends [us], if not where the case says.
+    """
 
     name: str
     case: Path
@@ -54,6 +58,7 @@ class Job:
     directory: Path
     options: tuple[str, ...] = ()
     ranks: int = 1
+    until: float | None = None
 
     def load(self) -> Case:
         """The case that this run is of."""
@@ -82,8 +87,8 @@ class Job:
         if manifest.get("version") != __version__:
             return False
         case = self.load()
-        options = options_given() | options_in(self.options)
-        return (manifest["end_us"] == case.time.end and manifest.get("laws", []) == included()
+        options, end = options_given() | options_in(self.options), until(case, self.until).time.end
+        return (manifest["end_us"] == end and manifest.get("laws", []) == included()
                 and deciding(manifest.get("petsc_options", {})) == deciding(options)
                 and manifest["case"] == json.loads(json.dumps(case.resolved())))
 
@@ -91,7 +96,8 @@ class Job:
         """What the command line says of it."""
         sets = [word for text in self.sets for word in ("--set", text)]
         sets += [word for one in included() for word in ("--law", one["file"])]
-        return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *self.options]
+        end = [] if self.until is None else ["--until", f"{self.until!r} us"]
+        return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *end, *self.options]
 
     def command(self) -> str:
         """The line that runs it again."""
@@ -189,7 +195,7 @@ def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
     known: dict[str, float] = {}
     found = {}
     for job in jobs:
-        case = dataclasses.replace(job.load(), seed=0, title="", path="")
+        case = dataclasses.replace(until(job.load(), job.until), seed=0, title="", path="")
         if repr(case) not in known:
             known[repr(case)] = _SETUP + cost(case).seconds
         found[job] = known[repr(case)]

@@ -22,8 +22,8 @@ from cellmig import meshfree, model
 from cellmig.case.load import from_dict, load
 from cellmig.case.registry import discover
 from cellmig.case.schema import Case
+from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import memory_told
-from cellmig.output.sample import UNITS
 from cellmig.output.xdmf import Frames
 from cellmig.simulation import Simulation, discretise, find_terms
 from cellmig.solve.step import binding
@@ -149,7 +149,7 @@ def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
     sample = watch.seconds(lambda n: [sim.sample() for _ in range(n)])[0]
     folder = watch.comm.bcast(tempfile.mkdtemp() if watch.comm.rank == 0 else None)
     fields = sim.sampler.fields()
-    frames = Frames(Path(folder), watch.comm, {name: UNITS[name] for name in fields})
+    frames = Frames(Path(folder), watch.comm, {name: FIELDS[name].unit for name in fields})
     count = iter(range(1, 1 << 30))
 
     def write(n: int) -> None:

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
+from cellmig.case.messages import CaseError, Mistake, suggest
 from cellmig.meshfree import polygons
 from cellmig.output.directory import OutputError
 from cellmig.output.manifest import read_manifest
@@ -74,7 +75,7 @@ class View:
     def of(cls, directory: Path, found: Sequence[Frame], field: str) -> View:
         """The view that fits some frames of a run."""
         if field not in (units := found[0].units()):
-            raise OutputError(f"the run has no field '{field}'; it has {', '.join(sorted(units))}")
+            raise CaseError([Mistake("--field", None, "", f"the run has no field '{field}'{suggest(field, units)}")])
         values, corners = [], []
         for frame in found:
             fields = frame.read()
@@ -165,7 +166,8 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
 def scalar(values: np.ndarray, field: str) -> np.ndarray:
     """What fills the shapes: a scalar, or the length of a vector, (n,)."""
     if values.ndim == 2 and values.shape[1] == 9:
-        raise OutputError(f"'{field}' is a tensor: draw 'effective_stress' or another scalar")
+        raise CaseError([Mistake("--field", None, "", f"'{field}' is a tensor: draw 'effective_stress' or another "
+                                                      "scalar")])
     return np.linalg.norm(values, axis=1) if values.ndim == 2 else values.astype(float)
 
 

@@ -80,7 +80,8 @@ def _with_unit(words: list[str]) -> list[Any]:
 class Sweep:
     """A case file, what all runs change in it, what each varies, and the directory of everything.
 
-    vary : dict -- dotted key to its values;  sets : "KEY=VALUE" for all;  ranks : of each run.
+    vary : dict -- dotted key to its values;  sets : "KEY=VALUE" for all;  ranks : of each run;
+    until : float -- where all end [us], if not where the case says.
     """
 
     case: Path
@@ -88,6 +89,7 @@ class Sweep:
     out: Path
     sets: tuple[str, ...] = ()
     ranks: int = 1
+    until: float | None = None
 
     def jobs(self) -> dict[tuple[str, ...], Job]:
         """All runs by their values as TOML, the first key slowest.  Raises CaseError if one does not suit the case."""
@@ -100,7 +102,8 @@ class Sweep:
             texts = tuple(map(_toml, values))
             sets = [f"{key}={text}" for key, text in zip(self.vary, texts, strict=True)]
             varied.update(sets)
-            jobs[texts] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks)
+            jobs[texts] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks,
+                              until=self.until)
         _check(jobs.values(), varied)
         return jobs
 

@@ -1,0 +1,46 @@
+"""How many ranks a run is worth; decided before MPI starts, for `./run` without -n."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from cellmig.case.messages import CaseError, Mistake
+from cellmig.case.schema import Case, particle_count
+from cellmig.output.manifest import read_manifest
+from cellmig.parallel.launch import on_ranks
+
+ASKED = "CELLMIG_RANKS"  # what `./run` asks for: "auto", or a number that is worth a look
+ENOUGH = 2500  # particles: of fewer, two ranks wait for each other as long as they save
+LEAST = 4  # particles of a rank
+
+
+def start_again(options: argparse.Namespace, words: Sequence[str], load: Callable[[], Case]) -> None:
+    """Become the launcher of several ranks, if that was asked for and the run is worth it; else return."""
+    asked = os.environ.pop(ASKED, "")
+    if not asked:
+        return
+    if options.command == "run":
+        particles = size(load())
+    else:
+        particles = read_manifest(options.directory).get("particles") or ENOUGH
+    ranks = int(asked) if asked.isdecimal() else 2 if particles >= ENOUGH and len(os.sched_getaffinity(0)) > 1 else 1
+    check_ranks(particles, ranks)
+    if ranks > 1:
+        command = on_ranks(ranks, [sys.executable, "-m", "cellmig", *words])
+        os.execv(command[0], command)
+
+
+def size(case: Case) -> int:
+    """Particles of all cells."""
+    return sum(particle_count(case, cell.shape) for cell in case.cells)
+
+
+def check_ranks(particles: int, ranks: int) -> None:
+    """Refuse, with a CaseError, ranks that would have next to nothing to do."""
+    if ranks > 1 and particles < LEAST * ranks:
+        message = (f"{ranks} ranks for {particles} particles: a rank needs {LEAST}, and is worth it from some "
+                   f"{ENOUGH // 2} on; take fewer ranks")
+        raise CaseError([Mistake("-n", None, "", message)])
