@@ -137,6 +137,13 @@ def test_cells_go_by_their_names_and_by_numbers_in_runs_that_have_none(run, shar
 
 
 @pytest.mark.serial
+def test_a_run_of_an_older_version_says_why_there_are_no_pictures_of_forces(run, shared_tmp, capsys, monkeypatch):
+    monkeypatch.setattr(Frame, "units", lambda frame: FIELDS | {"adhesion_force": "pN/um", "contact_force": "pN/um"})
+    plot(run, out=shared_tmp)
+    assert "of an older version, without substrate.csv and neighbours.csv" in capsys.readouterr().err
+
+
+@pytest.mark.serial
 def test_one_peak_does_not_flatten_the_rest_and_is_told():
     ax = Figure().subplots()
     line = np.sin(np.arange(400.0))

@@ -686,7 +686,7 @@ void anchor_couple(const Scene *s, double *force)
 /* ---------------------------------------------------------------- supports, loads and plates */
 
 #ifdef BOUNDARY
-/* Dead tractions and pressures at the time of the clock; their work is accounted as that of the protrusion. */
+/* Dead tractions and pressures at the time of the clock; their work is external, as that of the protrusion. */
 static void boundary_loads(const Scene *s, double *force, double elapsed, double dt)
 {
     double *load = s->load;

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, the_run
 from cellmig.output.tables import names_of, read_table
-from cellmig.output.xdmf import frames
+from cellmig.output.xdmf import Frame, frames
 
 from .forces import between, traction
 from .shapes import chosen, film, not_reached, shapes
@@ -44,7 +44,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     with matplotlib.rc_context(STYLE):
         found = frames(directory)
         some = [frame.time for frame in chosen(found, times)] if found else []
-        if found and (remark := not_reached(found, times)):
+        for remark in filter(None, [not_reached(found, times), _no_tables(directory, found)] if found else []):
             print(f"cellmig: {remark}", file=sys.stderr)
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
@@ -57,6 +57,13 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
         made = film(directory, out, field) if moving else None
     return [*paths, made] if made else paths
+
+
+def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
+    """What to say where forces are in the frames alone; "" if the tables are there, or there are no such forces."""
+    tables = {"adhesion_force": "substrate.csv", "contact_force": "neighbours.csv"}
+    lacking = [name for field, name in tables.items() if field in found[0].units() and not (directory / name).exists()]
+    return f"no pictures of forces: the run is of an older version, without {' and '.join(lacking)}" if lacking else ""
 
 
 def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
