@@ -211,7 +211,7 @@ FAN = [(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 20000, endp
 
 def tin(blank: str = " ", end: str = "", z: str = "") -> str:
     """A disc of 20,000 triangles in well-known text, with numbers of 17 digits and exponents."""
-    rows = [f"(({blank}0 0{z},{blank}{a!r} {b!r}{z}, {c!r} {d!r}{z},0 0{z}{blank}))"
+    rows = [f"(({blank}0 0{z},{blank}{float(a)!r} {float(b)!r}{z}, {float(c)!r} {float(d)!r}{z},0 0{z}{blank}))"
             for (a, b), (c, d) in zip(FAN, FAN[1:] + FAN[:1], strict=True)]
     return f"TIN{' Z' * bool(z)}{blank}({f',{blank}'.join(rows)}{end})"
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -202,3 +204,15 @@ def test_help_of_the_launcher_is_no_wider_than_eighty_columns() -> None:
 ])
 def test_a_case_may_come_after_options(words: list[str], first: str) -> None:
     assert usage.what_first(words)[0] == first and sorted(usage.what_first(words)) == sorted(words)
+
+
+# ------------------------------------------------------------------------------------------------- the other Debian
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(0)
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("debootstrap"), reason="needs root and debootstrap")
+def test_all_tests_pass_on_the_other_debian(outside_mpi: dict[str, str]) -> None:
+    here = platform.freedesktop_os_release()["VERSION_CODENAME"]
+    other = next(suite for suite in ("trixie", "bookworm") if suite != here)
+    assert subprocess.run([ROOT / ".ci/other-debian", other, "./run", "test"], env=outside_mpi).returncode == 0

@@ -128,21 +128,23 @@ class _Said(threading.Thread):
 
     def run(self) -> None:
         """Until the stream ends."""
-        held: list[bytes] = []
+        held, passed = [], True
         for line in self.stream:
             rule = line.strip().startswith(_RULE)
             if held or rule:
                 held.append(line)
-            else:
-                self._pass(line)
+            elif passed or line.strip():  # Open MPI 5 ends what it says with an empty line
+                passed = self._pass(line)
             if rule and len(held) > 1:
-                self._told(held)
+                passed = self._told(held)
                 held = []
         self._told(held)
 
-    def _told(self, lines: list[bytes]) -> None:
-        """A message of Open MPI's."""
-        self.reason |= self._pass(b"".join(lines))
+    def _told(self, lines: list[bytes]) -> bool:
+        """A message of Open MPI's; whether it was passed on."""
+        passed = self._pass(b"".join(lines))
+        self.reason |= passed
+        return passed
 
     def _pass(self, text: bytes) -> bool:
         wanted = not any(known in text for known in _KNOWN)
