@@ -76,7 +76,7 @@ def test_points_of_which_no_four_are_on_a_circle_have_their_delaunay_triangles()
 
 @pytest.mark.parametrize(("name", "sets"), [("one_cell", ()), ("all_protrude", ("protrusion.cells=[]",))])
 def test_what_is_symmetric_stays_symmetric(name: str, sets: tuple[str, ...]) -> None:
-    with built(case(name, 'time.step="3 ns"', *sets, per_cell=331)) as sim:
+    with built(case(name, 'time.step="2 ns"', *sets, per_cell=331)) as sim:
         X, u = moved(sim, 3.0)
         right, *_, left = sim.sample()[0][1:] if name == "all_protrude" else 2 * sim.sample()[0][1:]
     X = X - [X[:, 0].mean(), 0.0]
@@ -111,7 +111,7 @@ def test_a_turned_layout_moves_as_the_other_does(turn: float, monkeypatch) -> No
 
     monkeypatch.setattr(Disc, "particles", particles)
     Y, w = found(True)
-    # measured 2e-14, less than the grid to which places are rounded, 5e-13
+    # measured 2e-14; places are rounded to 3e-14
     assert np.abs(u @ R.T - w[images(X @ R.T, Y)]).max() < 1e-12 and np.abs(u).max() > 0.05
 
 

@@ -192,12 +192,12 @@ def scatter(X: np.ndarray, s: np.ndarray) -> float:
 # Of each, nodal and recovered: L2 error of the deviator, excess of the mean effective stress, scatter about the linear
 # fit (all relative to the exact stress, which is uniform).
 # measured orders 0.72, 1.06, 0.67 and 0.67, 1.15, 0.49, last values 0.55, 0.19, 0.42 and 0.54, 0.24, 0.40 in rings;
-# 0.87, 1.30, 0.60 and 0.90, 1.22, 0.51, 0.67, 0.20, 0.52 and 0.64, 0.27, 0.48 irregular
+# 0.76, 1.06, 0.67 and 0.74, 1.20, 0.49, 0.57, 0.19, 0.47 and 0.56, 0.24, 0.44 irregular
 @pytest.mark.serial
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_stress_of_a_nucleus_in_a_fluid_that_is_squeezed_converges(layout: str) -> None:
     """The kink of the velocity at the interface, smeared over a spacing, costs an order."""
-    spacing, found = zip(*(squeezed(layout, count) for count in (331, 631, 1485)), strict=True)
+    spacing, found = zip(*(squeezed(layout, count) for count in (400, 631, 1485)), strict=True)
     check(list(spacing), list(found), [0.5, 0.8, 0.35] * 2, [0.75, 0.3, 0.6] * 2)
 
 

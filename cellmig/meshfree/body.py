@@ -157,8 +157,9 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     layout = shape.particles(count, refinement)
     spacing = float(np.sqrt(shape.area / count))
     placed = polygons.snapped(layout.X)
-    strip = np.floor(placed[:, 1] / (STRIP * spacing) + 0.5)
-    order = np.lexsort((*placed.T[::-1], strip, ~layout.nucleus if laws[1] is not None else strip))
+    x, y = np.rint(placed / (1e-6 * spacing)).T  # so that no last bit changes the order
+    strip = np.floor(y / (1e6 * STRIP) + 0.5)
+    order = np.lexsort((y, x, strip, ~layout.nucleus if laws[1] is not None else strip))
     place = np.empty(count, int)
     place[order] = np.arange(count)
     X = placed[order]

@@ -35,7 +35,7 @@ def circle(n: int) -> np.ndarray:
     return snapped(np.column_stack([np.sin(turn), -np.cos(turn)]), 50)
 
 
-def snapped(X: np.ndarray, bits: int = 44) -> np.ndarray:
+def snapped(X: np.ndarray, bits: int = 48) -> np.ndarray:
     """Points (n, 2) rounded to a grid about zero, which the last bits of no library change: 2^-bits of their size."""
     grid = 2.0 ** float(np.frexp(1.1 * float(np.abs(X).max()))[1] - bits)
     return (np.rint(X / grid) * grid).astype(float)
