@@ -101,6 +101,12 @@ def test_the_least_gap_is_exact_between_corners_edges_and_curves() -> None:
     assert lie(moved).box == pytest.approx(np.array([[-5.1, 0.51], [5.1, 10.51]]), abs=1e-9)
 
 
+def test_formulas_that_are_infinite_where_no_particle_is_do_no_harm() -> None:
+    odd = {"displacement": ["0.01/x um", "0 um"], "velocity": ["0.01/x um/us", "0 um/us"]}
+    found = scene({"centre": ["0 um", "5.01 um"], **odd}, {"centre": ["60 um", "5.01 um"], **odd})
+    assert lie(found).gap == pytest.approx(50.0, abs=0.01) and expected(found, lie(found), 1.0).start < 1.0
+
+
 def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
     at = np.random.default_rng(3).permutation(36)[:12]
     centres = [(60.0 * (n % 6) + 7.0 * (n % 5), 40.0 + 50.0 * (n // 6) + 3.0 * (n % 4)) for n in at]

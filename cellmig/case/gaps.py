@@ -52,7 +52,10 @@ def lie(case: Case) -> Lie:
 def _outline(shape: Any, displacement: tuple) -> np.ndarray:
     """Outline about the centre, displaced as at the start (n, 2) [µm]."""
     points = shape.outline(OUTLINE)
-    return points + np.column_stack([evaluate(value, points) for value in displacement])
+    with np.errstate(all="ignore"):
+        moved = points + np.column_stack([evaluate(value, points) for value in displacement])
+    finite = np.isfinite(moved).all(axis=1)  # a formula may be infinite where no particle is
+    return np.where(finite[:, None], moved, points)
 
 
 def _groups(ties: list[tuple[int, int]], n: int) -> np.ndarray:

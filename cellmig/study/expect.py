@@ -96,8 +96,10 @@ def _spreading(case: Case, cell: Cell) -> float:
 def _start(cell: Cell) -> float:
     """Largest speed that a cell is given at the start [µm/µs]."""
     at = cell.shape.outline(64)
-    given = np.column_stack([evaluate(value, at) for value in cell.velocity])
-    return float(np.linalg.norm(given + at @ np.array(cell.velocity_gradient).T, axis=1).max())
+    with np.errstate(all="ignore"):
+        given = np.column_stack([evaluate(value, at) for value in cell.velocity])
+        speeds = np.linalg.norm(given + at @ np.array(cell.velocity_gradient).T, axis=1)
+    return float(speeds[np.isfinite(speeds)].max(initial=0.0))
 
 
 def _radius(cell: Cell) -> float:
