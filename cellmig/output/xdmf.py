@@ -56,7 +56,7 @@ def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndar
     Names that programs show have the unit behind; those in the HDF5 have it as an attribute.
     """
     file = _file(rank, frame)
-    lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time!r}"/>',
+    lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time}"/>',
              f'<Topology TopologyType="Polyvertex" NumberOfElements="{n}" NodesPerElement="1">'
              f'{_item(file, "topology", data["topology"], n)}</Topology>',
              f'<Geometry GeometryType="XYZ">{_item(file, "geometry", data["geometry"], n)}</Geometry>']
@@ -130,7 +130,7 @@ class Frames:
     def _write_index(self, time: float, counts: list[int], data: Mapping[str, np.ndarray]) -> None:
         grids = (_grid(rank, self.count, time, n, data, self.fields) for rank, n in enumerate(counts) if n)
         self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
-                      f'<Time Value="{time!r}"/>\n{"".join(grids)}</Grid>\n')
+                      f'<Time Value="{time}"/>\n{"".join(grids)}</Grid>\n')
         replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)
 
 

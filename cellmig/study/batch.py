@@ -96,7 +96,7 @@ class Job:
         """What the command line says of it."""
         sets = [word for text in self.sets for word in ("--set", text)]
         sets += [word for one in included() for word in ("--law", one["file"])]
-        end = [] if self.until is None else ["--until", f"{self.until!r} us"]
+        end = [] if self.until is None else ["--until", f"{self.until} us"]
         return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *end, *self.options]
 
     def command(self) -> str:

@@ -56,7 +56,7 @@ def _unequal(a: np.ndarray, b: np.ndarray, tolerance: float, scale: float | None
 def _numbers(a: Any, b: Any) -> str:
     if isinstance(a, str):
         return f"'{a}' and '{b}'"
-    return f"{a!r} and {b!r}, apart by {abs(a - b):.3g}"
+    return f"{a} and {b}, apart by {abs(a - b):.3g}"
 
 
 def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
@@ -84,7 +84,7 @@ def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
 def _diff_frames(one: list[Frame], two: list[Frame], tolerance: float) -> tuple[bool, str]:
     for a, b in zip(one, two, strict=False):
         if a.time != b.time and abs(a.time - b.time) > tolerance * max(a.time, b.time):
-            return False, f"a frame at {a.time!r} us against one at {b.time!r} us"
+            return False, f"a frame at {a.time} us against one at {b.time} us"
         if text := next(_differences(a.read(), b.read(), tolerance), None):
             return False, f"first differ at {a.time:g} us, {text}"
     both = min(len(one), len(two))

@@ -22,8 +22,8 @@ FOLDER = Path(__file__).parents[2] / "cases"
 # Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.
 _FRAMES, _QUICK_FRAMES = 100, 20
 _QUICK = ("particles.per_cell=331", "time.samples=200")
-_CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy!r} pN um",
-            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength!r}",
+_CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy} pN um",
+            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength}",
             "alone": lambda case, factor: f'protrusion.cells=["{case.cells[0].name}"]'}
 
 

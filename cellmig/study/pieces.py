@@ -32,7 +32,7 @@ def piece(cell: dict, count: int, samples: int = 1, time: dict | None = None, ma
 
 def rectangle(width: float, height: float, **more: Any) -> dict:
     """A rectangle about its centre [µm]."""
-    return {"shape": "rectangle", "width": f"{width!r} um", "height": f"{height!r} um", **more}
+    return {"shape": "rectangle", "width": f"{width} um", "height": f"{height} um", **more}
 
 
 def support(name: str, parts: list[str], x: str, y: str, **more: Any) -> dict:
@@ -66,12 +66,12 @@ class Cantilever:
     def formulas(self) -> tuple[str, str]:
         """Displacements of the end x = -L/2 [µm]."""
         c = self.force / (6.0 * self.modulus * self.inertia)
-        x = f"{c * (2.0 + self.nu)!r}*y*(y**2 - {0.25 * self.depth**2!r})"
-        return x, f"{-3.0 * c * self.nu * self.length!r}*y**2"
+        x = f"{c * (2.0 + self.nu)}*y*(y**2 - {0.25 * self.depth**2})"
+        return x, f"{-3.0 * c * self.nu * self.length}*y**2"
 
     def shear(self) -> str:
         """Traction along y of the end x = L/2 [Pa]."""
-        return f"{-0.5 * self.force / self.inertia!r}*({0.25 * self.depth**2!r} - y**2)"
+        return f"{-0.5 * self.force / self.inertia}*({0.25 * self.depth**2} - y**2)"
 
     def displacement(self, X: np.ndarray) -> np.ndarray:
         """Exact displacements (n, 2) [µm]."""
@@ -94,16 +94,16 @@ class Kirsch:
     def formulas(self) -> tuple[str, str]:
         """Displacements [µm]."""
         R, c = self.radius, self._c
-        even = f"({self._even!r}*r + {R**2!r}/r)"
-        first, third = f"({self.kappa * R**2!r}/r + r)", f"({R**2!r}/r - {R**4!r}/r**3)"
-        return (f"{c!r}*({even}*x/r + {first}*x/r + {third}*cos(3*atan2(y, x)))",
-                f"{c!r}*({even}*y/r - {first}*y/r + {third}*sin(3*atan2(y, x)))")
+        even = f"({self._even}*r + {R**2}/r)"
+        first, third = f"({self.kappa * R**2}/r + r)", f"({R**2}/r - {R**4}/r**3)"
+        return (f"{c}*({even}*x/r + {first}*x/r + {third}*cos(3*atan2(y, x)))",
+                f"{c}*({even}*y/r - {first}*y/r + {third}*sin(3*atan2(y, x)))")
 
     def tractions(self) -> tuple[str, str]:
         """σxy and σyy [Pa], what pulls at a side with its normal along y."""
-        t, q = "atan2(y, x)", f"({self.radius**2!r}/r**2)"
-        return (f"{self.pull!r}*(-{q}*(0.5*sin(2*{t}) + sin(4*{t})) + 1.5*{q}**2*sin(4*{t}))",
-                f"{self.pull!r}*(-{q}*(0.5*cos(2*{t}) - cos(4*{t})) - 1.5*{q}**2*cos(4*{t}))")
+        t, q = "atan2(y, x)", f"({self.radius**2}/r**2)"
+        return (f"{self.pull}*(-{q}*(0.5*sin(2*{t}) + sin(4*{t})) + 1.5*{q}**2*sin(4*{t}))",
+                f"{self.pull}*(-{q}*(0.5*cos(2*{t}) - cos(4*{t})) - 1.5*{q}**2*cos(4*{t}))")
 
     def displacement(self, X: np.ndarray) -> np.ndarray:
         """Exact displacements (n, 2) [µm]."""
@@ -170,8 +170,8 @@ class Flexure:
 
     def formulas(self) -> tuple[str, str]:
         """Displacements [µm]."""
-        k, r = self.curvature, " + ".join(f"({c!r})*x**{n}" for n, c in enumerate(self._series.coef))
-        return f"({r})*cos({k!r}*y) - {self._series(0.0)!r} - x", f"({r})*sin({k!r}*y) - y"
+        k, r = self.curvature, " + ".join(f"({c})*x**{n}" for n, c in enumerate(self._series.coef))
+        return f"({r})*cos({k}*y) - {self._series(0.0)} - x", f"({r})*sin({k}*y) - y"
 
 
 class Column:

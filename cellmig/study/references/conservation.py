@@ -62,7 +62,7 @@ def energy(ns: float) -> Measured:
     """Three scenes with all terms among them."""
     found = {}
     for name in ("paper", "director_radial", "all_protrude"):
-        with built(case(name, 150, f'time.step="{ns!r} ns"')) as sim:
+        with built(case(name, 150, f'time.step="{ns} ns"')) as sim:
             sim.go(1.0)
             found[name] = sim.sample()[1]["closure"]
     return Measured(ns, found)

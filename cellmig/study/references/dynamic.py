@@ -79,15 +79,15 @@ class Waves:
         """`size` : A [µm];  `squeezed` : factor on what changes volumes."""
         self.lame, self.G = law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus, law.shear_modulus
         self.density, self.size, self.omega = law.density, size, 2.0 * np.pi / period
-        self.history = {"law": "sine", "period": f"{period!r} us"}
+        self.history = {"law": "sine", "period": f"{period} us"}
         turned = np.column_stack([-self.k[:, 1], self.k[:, 0]])
         self.p = self.across[:, None] * turned + squeezed * self.along[:, None] * self.k
 
     def _sum(self, vectors: np.ndarray, unit: str, function: str = "sin") -> list[str]:
         """Formulas of A Σ vectors (k, c) sin(k·x + φ), a component each."""
-        waves = [f"{function}({k[0]!r}*x + {k[1]!r}*y + {a!r})"
+        waves = [f"{function}({k[0]}*x + {k[1]}*y + {a})"
                  for k, a in zip(self.k.tolist(), self.phase.tolist(), strict=True)]
-        return [" + ".join(f"{c!r}*{w}" for c, w in zip(column, waves, strict=True)) + f" {unit}"
+        return [" + ".join(f"{c}*{w}" for c, w in zip(column, waves, strict=True)) + f" {unit}"
                 for column in (self.size * vectors).T.tolist()]
 
     def displacement(self, X: np.ndarray, time: float) -> np.ndarray:
@@ -157,7 +157,7 @@ COARSE, STEPS = 100, {"leapfrog": 2, "rk 3bs": 3, "rk 4": 4}
 def after(kind: str, ns: float) -> np.ndarray:
     """Displacements (size, 2) [µm] of the block in finite strain after 1.3 periods, by a TS type in steps [ns]."""
     ts_type, _, runge = kind.partition(" ")
-    clock = {"end": "2 us", "step": f"{ns!r} ns", "integrator": ts_type}
+    clock = {"end": "2 us", "step": f"{ns} ns", "integrator": ts_type}
     with built(manufactured(COARSE, LAWS["soft"], True, 0.05, time=clock)[0]) as sim:
         if runge:
             sim.integrator.ts.setRKType(runge)

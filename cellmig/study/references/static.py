@@ -74,7 +74,7 @@ STRETCH = np.array([[1.2, 0.15], [0.0, 0.8365]])
 def patch(count: int) -> Measured:
     """Displacements over the size of the block, and nodal stresses over their largest."""
     found = {}
-    u = [f"{STRETCH[i, 0] - (i == 0)!r}*x + {STRETCH[i, 1] - (i == 1)!r}*y" for i in range(2)]
+    u = [f"{STRETCH[i, 0] - (i == 0)}*x + {STRETCH[i, 1] - (i == 1)}*y" for i in range(2)]
     for name, tables in (("held all around", {"supports": [support("all", EDGES, *u)]}), ("pulled by tractions", {})):
         case = piece(rectangle(6.0, 4.0), count, samples=4, **(tables or _pulled()))
         cell = dataclasses.replace(case.cells[0], shape=Shaken(case.cells[0].shape, 0.3))
@@ -219,7 +219,7 @@ def cook(count: int) -> Measured:
 def squeezed_disc(count: int) -> Measured:
     """The highest and the lowest particle keep to the axis, which the plates do not ask for."""
     plates = [{"name": name, "point": ["0 um", f"{y} um"], "normal": [0, -y], "history": RAMP,
-               "displacement": ["0 um", f"{-0.2 * y!r} um"]} for name, y in (("top", 1.415), ("bottom", -1.415))]
+               "displacement": ["0 um", f"{-0.2 * y} um"]} for name, y in (("top", 1.415), ("bottom", -1.415))]
     axis = [support(name, [], "0", "free", box=[["-0.001 um", f"{y - 0.01} um"], ["0.001 um", f"{y + 0.01} um"]])
             for name, y in (("high", 1.415), ("low", -1.415))]
     found: dict[str, float] = {}

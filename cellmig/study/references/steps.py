@@ -16,7 +16,7 @@ KINDS = {"leapfrog": 2, "euler": 1, "rk 2a": 2, "rk 3bs": 3, "rk 4": 4, "rk 5dp"
 def after(kind: str, step: float, *sets: str) -> np.ndarray:
     """Displacements (size, 2) [µm] of a ringing disc at END, by a TS type in steps [ns]."""
     ts_type, _, runge = kind.partition(" ")
-    words = (f'time.step="{step!r} ns"', f'time.integrator="{ts_type}"', *sets)
+    words = (f'time.step="{step} ns"', f'time.integrator="{ts_type}"', *sets)
     with built(altered(case("nucleus", COUNT, *words), STRAINED)) as sim:
         if runge:
             sim.integrator.ts.setRKType(runge)
@@ -58,7 +58,7 @@ def free_fall(ns: float) -> Measured:
     """In parts of g t²/2 and g t at 0.5 µs."""
     pull, t, found = np.array([0.1, -0.2]), 0.5, {}
     for kind in ("leapfrog", "rk"):
-        fall = ('body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]', f'time.step="{ns!r} ns"',
+        fall = ('body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]', f'time.step="{ns} ns"',
                 f'time.integrator="{kind}"', 'cells.0.centre=["0 um", "50 um"]')
         with built(case("one_cell", 100, *fall)) as sim:
             sim.go(t)
