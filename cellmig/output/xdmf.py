@@ -53,7 +53,7 @@ def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
 def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
     """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do.
 
-    Names that programs show have the unit behind; those in the HDF5 have it as an attribute.
+    Units are XML attributes, which readers of XDMF pass over; the HDF5 has them, too.
     """
     file = _file(rank, frame)
     lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time}"/>',
@@ -63,8 +63,7 @@ def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndar
     for name, values in data.items():
         if name not in _MESH:
             kind = _KIND[values.shape[1] if values.ndim > 1 else 1]
-            unit = f" [{units[name]}]" if units[name] not in ("", "1") else ""
-            lines.append(f'<Attribute Name="{name}{unit}" AttributeType="{kind}" Center="Node">'
+            lines.append(f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node" Unit="{units[name]}">'
                          f"{_item(file, name, values, n)}</Attribute>")
     return "\n".join([*lines, "</Grid>\n"])
 

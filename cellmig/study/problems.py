@@ -95,6 +95,7 @@ class Problem:
             centre = sim.scene.centre[0]
             m.state.owned[:, :2] = (sim.scene.X[m.ids] - centre) @ np.array(self.start).T
             m.state.exchange()
+            m.renew_lists()
             sim.sample()
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from paraview import servermanager, simple
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
+UNITS = {"effective_stress": "Pa", "stress": "Pa", "pressure": "Pa", "u": "µm", "v": "µm/µs", "adhesion_force": "pN/µm",
+         "contact_force": "pN/µm", "friction_force": "pN/µm", "protrusion_force": "pN/µm"}
 BOTH_SIGNS = {"pressure"}
 DARK = [0.1, 0.1, 0.1]
 SHARE, LOOKS = 99.0, 15  # % of the values that the colours span; at this many times
@@ -57,7 +59,7 @@ def spacing(points):
     return math.sqrt((high_x - low_x) / cells * (high_y - low_y) * math.pi / 4.0 * cells / count)
 
 
-def colour_range(points, field, both_signs):
+def colour_range(points, field):
     """Limits of a field over the run that a few wild particles do not move."""
     seen, times = [], list(simple.GetAnimationScene().TimeKeeper.TimestepValues) or [0.0]
     for time in times[:: max(1, len(times) // LOOKS)]:
@@ -67,17 +69,15 @@ def colour_range(points, field, both_signs):
         seen.append(np.linalg.norm(values, axis=1) if values.ndim > 1 else values)
     seen = np.concatenate(seen)
     low, high = np.percentile(seen[np.isfinite(seen)], [100.0 - SHARE, SHARE])
-    if both_signs:
+    if field in BOTH_SIGNS:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     return low, high if high > low else low + 1.0
 
 
-def show(points, wanted, view):
-    """Discs coloured by a field, in one scale for all times; its name in the file has the unit behind: "u [um]"."""
-    there = {name.partition(" [")[0]: name for name in points.PointData.keys()}
-    if wanted not in there:
-        raise SystemExit(f"the run has no field '{wanted}'; it has {', '.join(sorted(there))}")
-    field = there[wanted]
+def show(points, field, view):
+    """Discs coloured by a field, in one scale for all times."""
+    if points.PointData.GetArray(field) is None:
+        raise SystemExit(f"the run has no field '{field}'; it has {', '.join(sorted(points.PointData.keys()))}")
     display = simple.Show(points, view, "GeometryRepresentation")
     display.SetRepresentationType("Point Gaussian")
     display.GaussianRadius = 0.7 * spacing(points)
@@ -85,11 +85,11 @@ def show(points, wanted, view):
     vector = points.PointData[field].GetNumberOfComponents() > 1
     simple.ColorBy(display, ("POINTS", field, "Magnitude") if vector else ("POINTS", field))
     colours = simple.GetColorTransferFunction(field)
-    colours.ApplyPreset("Cool to Warm" if wanted in BOTH_SIGNS else "Viridis (matplotlib)", True)
-    colours.RescaleTransferFunction(*colour_range(points, field, wanted in BOTH_SIGNS))
+    colours.ApplyPreset("Cool to Warm" if field in BOTH_SIGNS else "Viridis (matplotlib)", True)
+    colours.RescaleTransferFunction(*colour_range(points, field))
     colours.AutomaticRescaleRangeMode = "Never"
     bar = simple.GetScalarBar(colours, view)
-    bar.Title, bar.ComponentTitle = field.replace("_", " ").replace("um", "µm").replace("us]", "µs]"), ""
+    bar.Title, bar.ComponentTitle = f"{field.replace('_', ' ')} / {UNITS.get(field, '1')}", ""
     bar.TitleColor = bar.LabelColor = DARK
     bar.TitleFontSize = bar.LabelFontSize = 10
     bar.AutomaticLabelFormat, bar.LabelFormat, bar.RangeLabelFormat = 0, "%.3g", "%.3g"
