@@ -20,6 +20,7 @@ from .case.schema import Case, particle_count
 from .meshfree import formulas
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
+from .meshfree.compile import c_source
 from .meshfree.contact import Surfaces
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
@@ -184,6 +185,7 @@ class Simulation:
         """All that depends on the last bits of a library, or of a processor; `scene` : if it is there already."""
         case = self.case
         scene = scene or discretise(case)
+        c_source(scene.materials, self.terms)  # a law that has no counterpart in C is refused before its first use
         control = None if case.static else step_control(case, scene, self.terms)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         alpha = roughness(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])

@@ -225,12 +225,20 @@ COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schem
 
 def what_first(words: list[str]) -> list[str]:
     """A command line that begins with what is to be done: its first command or case file that is no option's value."""
+    if not words or not words[0].startswith("-"):
+        return words
     for at, word in enumerate(words):
         before = words[at - 1] if at else ""
-        value = before.startswith("--") and "=" not in before and before not in ("--quiet", "--no-prune")
+        value = before.startswith("--") and "=" not in before and before not in _alone()
         if not value and (word in COMMANDS or word.endswith(".toml")):
             return [word, *words[:at], *words[at + 1 :]]
     return words
+
+
+def _alone() -> set[str]:
+    """Options of any command that take no value."""
+    commands = next(a.choices for a in parser()._actions if isinstance(a.choices, dict))
+    return {name for one in commands.values() for a in one._actions if a.nargs == 0 for name in a.option_strings}
 
 
 def parse(words: list[str]) -> argparse.Namespace:

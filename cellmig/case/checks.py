@@ -69,7 +69,7 @@ def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
 def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
     """What protrudes is pushed no higher than bonds to the substrate reach."""
     reach = getattr(substrate, "cutoff", math.inf)
-    if push is not None and push.height > reach:
+    if push is not None and push.cells and push.height > reach:
         height, reach = (units.text(v, "um") for v in (push.height, reach))
         source.wrong(("protrusion", "height"), f"{height} is beyond the reach of the bonds to the substrate, "
                      f"adhesion.substrate.cutoff = {reach}: take at most that, or a longer cutoff")

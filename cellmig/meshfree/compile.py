@@ -92,7 +92,7 @@ class Kernel:
 
     def __init__(self, materials: list, terms: Terms):
         """Compile the step of a scene with these material laws and terms."""
-        text, vectors = _source(materials, terms)
+        text, vectors = c_source(materials, terms)
         members = [(f"material_{i}", "double *") for i in range(len(materials))]
         fields = [(name, _TYPES[kind]) for name, kind in [*FIELDS.items(), *members]]
         fields += [("acceleration", ctypes.c_double * 2)]
@@ -147,7 +147,7 @@ def _argument(a: Any) -> Any:
     return ctypes.c_long(a) if isinstance(a, int) else a
 
 
-def _source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]:
+def c_source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]:
     """C source of the scene and the parameter vectors of its laws."""
     members = [f"    {kind}{'' if kind.endswith('*') else ' '}{name};" for name, kind in FIELDS.items()]
     members += [f"    double *material_{i};" for i in range(len(materials))]

@@ -57,7 +57,7 @@ def _write(folder: Path, checkpoint: Checkpoint, kept: int) -> Path:
     path = folder / f"c{max(numbers, default=0) + 1:08d}.h5"
     image = _image(checkpoint)
     replace(path, image + _SEAL + hashlib.sha256(image).hexdigest().encode(), lasting=True)
-    for _, old in listed(folder)[:-kept]:
+    for old in [old for _, old in listed(folder)[:-kept]] + (list(folder.glob("*.damaged")) if kept == 1 else []):
         old.unlink(missing_ok=True)
     return path
 

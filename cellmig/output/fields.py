@@ -60,9 +60,9 @@ _PAIR = (("`cell`, `neighbour`", "numbers of two cells that touch, from 1, the l
 _ABOUT_FIELDS = """
 ## Fields of a frame
 
-By particle, under these names in `rankNNNN/s*.h5`, where each has its unit as an attribute, in `cells.xdmf` (for ParaView)
-and in `rankNNNN.xdmf` (for meshio, too), where `Unit` tells it.  Vectors have a third component there, 0.  Forces are
-per µm of thickness.  A field whose term the scene lacks is not there.
+By particle, under these names in `rankNNNN/s*.h5`, where each has its unit as an attribute, in `cells.xdmf` (for
+ParaView) and in `rankNNNN.xdmf` (for meshio, too), where `Unit` tells it.  Vectors have a third component there, 0.
+Forces are per µm of thickness.  A field whose term the scene lacks is not there.
 
 | field | symbol | unit | shape | term | meaning |
 |---|---|---|---|---|---|

@@ -108,7 +108,7 @@ class Mechanics:
         k["kept"] = np.zeros((n_blocks, k.library.kept_size() // 8))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((self._capacity, 4))
         k["force"] = np.zeros((self._capacity, 2))
-        k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_VOLUMES
+        k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_VOLUMES.copy()
         k["bound"] = scene.field("bound")[self.ids]
         k["viscous_weight"] = scene.field("viscous_weight")[self.ids]
         k["elastic_weight"] = scene.field("elastic_weight")[self.ids]

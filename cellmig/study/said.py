@@ -66,9 +66,10 @@ def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
     gone = length(float(f"{e.distance:.2g}"))
     speeds = [f"{value:.2g} µm/µs {when}" for value, when in (
         (e.start, "at the start"), (e.spreading, "while cells spread"),
-        (e.speed, f"at the end, {gone} from here, by a push of {e.push:.2g} pN/µm a cell")) if value]
-    rows.append(("speeds", f"{', '.join(speeds)}: estimated within a factor of 3; {e.fastest / CRAWLING:.1g} times the "
-                           "0.1 µm/s of a crawling cell"))
+        (e.speed, f"at the end, {gone} from here")) if value]
+    rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))
+    pushed = f"by a push of {e.push:.2g} pN/µm a cell; " if e.push else ""
+    rows.append(("", f"{pushed}{e.fastest / CRAWLING:.1g} times the 0.1 µm/s of a crawling cell"))
     if e.reynolds is not None:
         rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: "
                                  f"{'inertia counts' if e.reynolds > 0.1 else 'viscosity rules'}"))

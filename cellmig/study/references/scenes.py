@@ -58,7 +58,7 @@ def built(case: Case) -> Iterator[Simulation]:
 
 
 def put(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-    """Give the particles displacements u and velocities v (size, 2), by global id; lists, ledger and F are made anew."""
+    """Give the particles displacements u and velocities v (size, 2), by global id, and make lists, ledger, F anew."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
         if values is not None:
