@@ -8,6 +8,7 @@ from pieces import BAR, DISC, bent, squeezed
 from scenes import LEFT, RIGHT, built, everywhere
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
@@ -148,3 +149,11 @@ def test_what_cannot_be_static_is_refused(change: dict, message: str) -> None:
     tree = piece(cell, 60, 2).resolved() | change
     with pytest.raises(CaseError, match=message):
         from_dict(tree)
+
+
+def test_a_static_case_leaves_no_options_of_petsc_behind() -> None:
+    """Who solves one from Python has the defaults again afterwards."""
+    before = PETSc.Options().getAll()
+    with built(bent(120)) as sim:
+        assert sim.integrator.snes.getType() == "newtonls" and sim.integrator.snes.getKSP().getPC().getType() == "lu"
+    assert PETSc.Options().getAll() == before

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from petsc4py import PETSc
 
-from ..parallel.options import own_errors
+from ..parallel.options import defaulted, own_errors
 from .mechanics import Mechanics
 from .plates import Contact
 from .step import NumericsError
@@ -60,11 +60,8 @@ class Static:
 
     def _snes(self) -> None:
         """SNES and its objects, as its options and those of KSP and PC say; by default Newton and a direct solver."""
-        m, options = self.mechanics, PETSc.Options()
-        direct = options.getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
-        for name, value in DEFAULTS.items():
-            if not options.hasName(name) and (direct or name != "pc_factor_mat_solver_type"):
-                options[name] = value
+        m = self.mechanics
+        direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         self.snes = snes = PETSc.SNES().create(comm=m.comm)
         self._x = PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm)
         self._r = self._x.duplicate()
@@ -75,7 +72,8 @@ class Static:
         force = max(l.shear_modulus for l in law) * max(b.spacing for b in t) * math.sqrt(m.scene.size)
         snes.setTolerances(rtol=TIGHT, atol=TIGHT * force, stol=0.0)
         snes.setConvergenceHistory(reset=True)
-        snes.setFromOptions()
+        with defaulted({k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}):
+            snes.setFromOptions()
 
     @property
     def said(self) -> str:
