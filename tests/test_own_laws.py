@@ -72,6 +72,7 @@ def test_a_run_with_a_law_of_ones_own_goes_on_and_can_be_looked_at(cellmig: Call
     assert (looked.returncode, looked.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_sweep_takes_a_law_to_all_its_runs(cellmig: Callable[..., Ended], tmp_path: Path) -> None:
     words = ("sweep", *RUN[:-4], "--set", "time.end=0.2 us", "--set", CORTEX, "--law", LAW, "--vary",
              "cortex.rate=200.0", "--out", tmp_path / "sweep")

@@ -237,7 +237,7 @@ def test_help_and_what_looks_at_runs_come_once_on_several_ranks(on_ranks, runs):
 
 
 @pytest.mark.parametrize(("ranks", "rc", "more", "said"), [
-    (2, "hello world", (), "options file .petscrc line 1: hello"), (2, "-ts_dt", (), "-ts_dt: expects a step"),
+    (2, "hello world", (), ".petscrc line 1: hello"), (2, "-ts_dt", (), "-ts_dt: expects a step"),
     (1, "-ts_dt -1", (), "-ts_dt: expects a step"), (1, "-ts_dt abc", (), "abc"),
     (2, "", ("-a", os.fsdecode(b"\xe9")), "utf-8")])
 def test_options_of_petsc_that_cannot_be_read_are_told_in_one_line(on_ranks, tmp_path, ranks, rc, more, said):

@@ -78,6 +78,7 @@ def test_what_a_launcher_tells_its_ranks_is_kept_from_their_children(monkeypatch
     assert not set(told) & set(left) and all(left[name] == "7" for name in own)
 
 
+@pytest.mark.slow
 def test_a_sweep_on_ranks_runs_though_it_is_on_ranks_itself(on_ranks: Callable, tmp_path: Path) -> None:
     done = on_ranks(2, "-m", "cellmig", "sweep", CASES["one_cell"], "--vary", "seed=1:2", "--ranks", "2", *SMALL[:2],
                     "--set", "time.end=0.1 us", "--out", tmp_path / "sweep")
