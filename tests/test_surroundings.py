@@ -69,7 +69,8 @@ def test_mean_forces_of_the_tables_are_what_changes_the_momentum_of_each_cell(na
 
 @pytest.mark.serial
 @pytest.mark.parametrize(("kind", "tolerance"), [
-    ("rk", 5e-4), ("cn", 2e-3), pytest.param("alpha2", 1e-3, marks=pytest.mark.slow)])  # measured 1.1e-4, 7.0e-4, 3.5e-4: of the second order in the step
+    ("rk", 5e-4), ("cn", 2e-3),  # measured 1.1e-4, 7.0e-4, 3.5e-4: of the second order in the step
+    pytest.param("alpha2", 1e-3, marks=pytest.mark.slow)])
 def test_mean_forces_of_types_of_petsc_are_means_over_their_steps(kind: str, tolerance: float) -> None:
     with built(case("two_three", DRAG, f'time.integrator="{kind}"', 'time.step="2 ns"', per_cell=60)) as sim:
         (_, _, before), (_, rows, after) = rows_of(sim, [0.1])
