@@ -24,6 +24,7 @@ from .meshfree.compile import c_source
 from .meshfree.contact import Surfaces
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
+from .model.seifert import solid
 from .output.interval import Interval
 from .output.log import duration
 from .output.sample import Sampler
@@ -100,7 +101,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     nothing = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=0.01)
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
-    between = case.contact or dataclasses.replace(nothing, range=case.substrate.range if case.substrate else 0.01)
+    between = case.contact or dataclasses.replace(nothing, range=_thin(case))
     contact = unless(why((len(case.cells) == 1, "one cell alone"),
                          (case.static and case.contact is None, "the case has none")),
                      "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
@@ -137,11 +138,9 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  acceleration=force, histories=outside, single=single, skipped=skipped)
 
 
-def solid(law: Any) -> Any:
-    """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
-    if law.work == 0.0:
-        law = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=law.range, cutoff=law.cutoff)
-    return getattr(law, "solid", law)
+def _thin(case: Case) -> float:
+    """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
+    return case.substrate.range if case.substrate else 1e-3 * min(c.shape.area for c in case.cells) ** 0.5
 
 
 class Simulation:

@@ -122,3 +122,6 @@ def test_cells_of_a_case_without_adhesion_between_them_keep_each_other_out() -> 
     with built(from_dict(tree)) as sim:
         assert sim.terms.contact.work == 0.0 and sim.terms.contact.stiffness(0.0) > 0.0
         assert sim.terms.contact.range == sim.terms.substrate.range
+    del tree["adhesion"]
+    with built(from_dict(tree | {"protrusion": {"cells": []}})) as sim:
+        assert sim.terms.contact.range == pytest.approx(1e-3 * np.sqrt(np.pi * 25.0))  # of no absolute length

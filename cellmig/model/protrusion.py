@@ -15,10 +15,11 @@ class EdgeProtrusion:
     On the front half of a cell's surface a membrane at height g carries β α c N σ S'(g) per reference length, with
     S = u² (3 - 2u), u = g/ℓ between 0 and 1: nothing where it is bonded (g = 0) or high (g > ℓ; ℓ is at most the cutoff
     of the bonds).  α in [0, 1] differs from place to place.  c = min(1, B/ℓ), B being the length of closed bonds under
-    the front half: a cell that does not touch the substrate is not pushed, however near it is.  Both S' and B are
-    integrated exactly along surface segments; ℓ makes them independent of the spacing, which the attraction itself,
-    N U'(g), is not: it is felt over ε, far less than a segment.  The front half begins gradually, over ℓ, at the mean
-    of the surface along x, so that no particle is switched on by chance; it is looked for in every step.
+    the front half: a cell beyond the reach of bonds is not pushed, one that they barely reach hardly (at 30 ε by less
+    than 0.2 % of the push of one that holds on).  Both S' and B are integrated exactly along surface segments; ℓ makes
+    them independent of the spacing, which the attraction itself, N U'(g), is not: it is felt over ε, far less than a
+    segment.  The front half begins gradually, over ℓ, at the mean of the surface along x, so that no particle is
+    switched on by chance; it is looked for in every step.
     """
 
     cells: tuple = parameter("names of the cells that protrude", items="cell")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from numpy import where
 
@@ -143,3 +144,10 @@ class Seifert:
         t = r - self.cutoff
         cut = shared - self.attraction * (self.cut_primitive + t * self.cut_potential) - 0.5 * t * t * self.shift
         return where(r < self.cutoff, cut, 0.0)
+
+
+def solid(law: Any) -> Any:
+    """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
+    if law.work == 0.0:
+        law = Seifert(bonds=0.0, energy=0.0, range=law.range, cutoff=law.cutoff)
+    return getattr(law, "solid", law)
