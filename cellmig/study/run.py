@@ -249,7 +249,9 @@ class Run:
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
         x, own = m.surface_positions(), m.scene.X[m.ids] + m.state.owned[:, :2]
-        strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        strays = []
+        if frame:  # it takes longer than a sample does
+            strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
         found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
         if found := found or min(filter(None, strays), default=None):
             self._integrator.broken(found.cause, found.particle, found.remedy)
