@@ -37,7 +37,6 @@ class Integrator:
         self.touches, self.redone = control.touches, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
-        self.origin = 0.0, 0  # time [µs] and number of the step from which steps of a fixed length are counted
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
@@ -110,13 +109,13 @@ class Integrator:
     def saved(self) -> dict[str, Any]:
         """What decides its next steps and what it counts, for a checkpoint."""
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
-        return deepcopy(numbers) | {"gaps": self.gaps.tolist(), "origin": list(self.origin)}
+        return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
 
     def restore(self, about: dict[str, Any]) -> None:
         """Go on from what was saved; the mechanics have been restored."""
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
-        self.gaps, self.origin = np.array(about["gaps"]), tuple(about["origin"])
+        self.gaps = np.array(about["gaps"])
         self.ts.setTime(about["time"])
         self.ts.setStepNumber(about["steps"])
 
@@ -136,7 +135,7 @@ class Integrator:
         """
         ts, m = self.ts, self.mechanics
         if self.whole_step:
-            stop = self.after(round((stop - self.origin[0]) / self.fixed_step) + self.origin[1])
+            stop = round(stop / self.whole_step) * self.whole_step
             if stop <= ts.getTime():
                 return ts.getTime()
         ts.setMaxTime(stop)
@@ -158,10 +157,6 @@ class Integrator:
             m.state.exchange()
         self._seen()
         return ts.getTime()
-
-    def after(self, steps: int) -> float:
-        """Time after so many steps [µs], of a fixed length."""
-        return self.origin[0] + (steps - self.origin[1]) * self.fixed_step
 
     def evenly(self, stop: float) -> tuple[int, float]:
         """How many steps are left to a stop, and their length [µs]."""
@@ -332,10 +327,7 @@ class Leapfrog:
             run.mechanics.undo.keep()
         while True:
             left, dt = run.evenly(stop)
-            if run.fixed_step:
-                run.mechanics.set_clock(t, run.origin[0], taken - run.origin[1])
-            else:
-                run.mechanics.set_clock(t, t)
+            run.mechanics.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
             run.mechanics.advance(n, dt)
             if not run.touches:
@@ -352,5 +344,5 @@ class Leapfrog:
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         run._note_step(dt)
         ts.setTimeStep(dt)
-        ts.setTime(stop if n == left else run.after(taken + n) if run.fixed_step else t + n * dt)
+        ts.setTime(stop if n == left else (taken + n) * dt if run.fixed_step else t + n * dt)
         ts.setStepNumber(taken + n - 1)  # TS adds the last one itself

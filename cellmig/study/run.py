@@ -248,9 +248,9 @@ class Run:
             self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
-        x, own = m.surface_positions(), m.scene.X[m.ids] + m.state.owned[:, :2]
-        strays = []
+        x, strays = m.surface_positions(), []
         if frame:  # it takes longer than a sample does
+            own = m.scene.X[m.ids] + m.state.owned[:, :2]
             strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
         found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
         if found := found or min(filter(None, strays), default=None):
