@@ -11,8 +11,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__version__ = "0.1.0.dev0"
-__all__ = ["build", "change", "load", "open", "run", "sweep"]
+from .version import __version__
+
+__all__ = ["__version__", "build", "change", "load", "open", "run", "sweep"]
 
 
 def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
@@ -69,7 +70,7 @@ def run(case: Any, out: str | PathLike | None = None, until: str | None = None, 
     Raises NumericsError or OutputError if the run breaks; what it left until then can be opened.
     """
     from .case.units import number
-    from .study.session import run_here
+    from .runs.api import run_here
 
     directory = Path("output") / case.name if out is None else Path(out)
     return run_here(case, directory, None if until is None else number(until, "us"), quiet,
@@ -93,7 +94,7 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
     list of dict -- a row for each run that is done and cell (0 is the aggregate), and one, without cell, for each that
         failed, with its cause; ``pandas.DataFrame(rows)`` takes it.
     """
-    from .study.sweep import Sweep, sweep
+    from .runs.sweep import Sweep, sweep
 
     plan = Sweep(Path(path), dict(vary), Path(out), tuple(sets))
     sweep(plan, jobs)
@@ -102,6 +103,6 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
 
 def open(directory: str | PathLike) -> Any:
     """The Record of a run that is there, finished or not: its case, tables and frames."""
-    from .study.record import Record
+    from .runs.record import Record
 
     return Record(Path(directory))

@@ -13,6 +13,7 @@ from typing import Any
 
 from .case.messages import CaseError, lenient
 from .exits import BROKEN, DIFFERENT, DONE, ENVIRONMENT, INPUT_OUTPUT, INTERRUPTED, WRONG
+from .laws import register
 from .parallel.arguments import split_arguments, start_petsc
 from .usage import COMMANDS, RANK, RANKS, UsageError, parse, what_first
 
@@ -24,8 +25,8 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     until = _time(options.until, "--until") if options.until else None
     case = load_together(options.case, options.sets, comm)
     from .output.directory import Claim
-    from .study.keep import check_identity, is_done, look
-    from .study.ranks import check_ranks, size
+    from .runs.checkpointing import check_identity, is_done, look
+    from .runs.ranks import check_ranks, size
 
     check_ranks(size(case), comm.size)
 
@@ -44,9 +45,9 @@ def run(options: argparse.Namespace, comm: Any) -> int:
 
 def resume(options: argparse.Namespace, comm: Any) -> int:
     """Go on with the run in a directory on all ranks."""
-    _discover()
+    register()
     from .output.directory import Claim
-    from .study.keep import is_done, look, new_end, origin
+    from .runs.checkpointing import is_done, look, new_end, origin
 
     until = _time(options.until, "--until") if options.until else None
     claim = Claim(options.directory, comm)
@@ -66,8 +67,8 @@ def _done_already(directory: Path, options: argparse.Namespace) -> int:
 
 def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end: float, prune: bool,
         state: Any, claim: Any, origin: Path | None = None) -> int:
-    from .study.keep import Intervals
-    from .study.run import Run, stop_requests
+    from .runs.checkpointing import Intervals
+    from .runs.run import Run, stop_requests
 
     wall = {name: _time(text, option) / 1e6 if text else None for name, option, text in (
         ("wall", "--checkpoint-wall", options.checkpoint_wall), ("limit", "--wall-time", options.wall_time))}
@@ -86,8 +87,8 @@ def validate(options: argparse.Namespace) -> int:
         except CaseError as error:
             wrong.append(error)
             continue
+        from .runs.preflight import report
         from .simulation import until
-        from .study.preflight import report
 
         print(report(until(case, end)), end="\n\n", flush=True)
     for error in wrong:
@@ -97,7 +98,7 @@ def validate(options: argparse.Namespace) -> int:
 
 def sweep(options: argparse.Namespace) -> int:
     """Many runs of one case."""
-    from .study.sweep import SHOWN, Sweep, array_script, sweep, variation
+    from .runs.sweep import SHOWN, Sweep, array_script, sweep, variation
 
     try:
         varied = [variation(text) for text in options.vary]
@@ -116,8 +117,8 @@ def sweep(options: argparse.Namespace) -> int:
 
 def paper(options: argparse.Namespace) -> int:
     """The paper's claims against what is measured."""
-    from .study.claims import CLAIMS
-    from .study.paper import paper
+    from .paper.claims import CLAIMS
+    from .paper.paper import paper
 
     only = [key.strip().upper() for key in options.only.split(",")] if options.only else []
     if unknown := [key for key in only if key not in CLAIMS]:
@@ -145,13 +146,13 @@ def verify(options: argparse.Namespace) -> int:
     if options.sensitivity:
         if options.seed is not None:
             raise UsageError("--seed is for --stress; --sensitivity varies the seed of the case")
-        from .study.sensitivity import sensitivity
+        from .verify.sensitivity import sensitivity
 
         out = options.out or Path("output") / ("sensitivity-quick" if options.quick else "sensitivity")
         return sensitivity(out, options.jobs, options.quick)
     if options.quick:
         raise UsageError("--quick is for --sensitivity; --stress takes fewer scenes")
-    from .study.stress import stress
+    from .verify.random_scenes import stress
 
     return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs,
                   options.sets)
@@ -160,7 +161,7 @@ def verify(options: argparse.Namespace) -> int:
 def _references(options: argparse.Namespace) -> int:
     if options.seed is not None:
         raise UsageError("--seed is for --stress; references have no chance in them")
-    from .study.verify import listing, verify
+    from .verify.verify import listing, verify
 
     only = [name.strip() for name in options.only.split(",")] if options.only else []
     try:
@@ -178,20 +179,20 @@ def bench(options: argparse.Namespace) -> int:
     if options.modulus:
         if options.out:
             raise UsageError("--modulus writes nothing and knows no --out")
-        from .study import modulus
+        from .bench import modulus
 
         print("\n".join(modulus.said(modulus.continuation(options.quick))))
         return DONE
     out = options.out or Path("output") / ("bench-quick" if options.quick else "bench")
     if options.error:
-        from .study.error import bench_error
+        from .bench.accuracy import bench_error
 
         return bench_error(out, options.quick)
     if options.scaling:
-        from .study.scaling import bench_scaling
+        from .bench.scaling import bench_scaling
 
         return bench_scaling(out)
-    from .study.speed import bench_speed
+    from .bench.speed import bench_speed
 
     return bench_speed(out, options.quick)
 
@@ -199,13 +200,13 @@ def bench(options: argparse.Namespace) -> int:
 def show(options: argparse.Namespace) -> int:
     """The commands that look at runs and at this machine."""
     if options.command == "doctor":
-        from .study.doctor import examine
+        from .doctor import examine
 
         healthy, text = examine()
         print(text)
         return DONE if healthy else ENVIRONMENT
     if options.command == "schema":
-        _discover()
+        register()
         from .case.handbook import handbook
         from .case.json_schema import json_schema
         from .output.fields import handbook_of_fields
@@ -217,8 +218,8 @@ def show(options: argparse.Namespace) -> int:
         return DONE
     if options.command == "plot":
         times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
-        from .study.plot import plot
-        from .study.style import FORMATS
+        from .plot.plot import plot
+        from .plot.style import FORMATS
 
         formats = [kind.strip().lower() for kind in options.format.split(",")]
         if unknown := [kind for kind in formats if kind not in FORMATS]:
@@ -227,11 +228,11 @@ def show(options: argparse.Namespace) -> int:
         print("\n".join(map(str, pictures)))
         return DONE
     if options.command == "info":
-        from .study.info import info
+        from .runs.info import info
 
         print(info(options.directory))
         return DONE
-    from .study.compare import diff
+    from .runs.diff import diff
 
     same, lines = diff(*options.directories, options.tolerance)
     print("\n".join(lines))
@@ -250,26 +251,18 @@ def _time(text: str, option: str) -> float:
     return value
 
 
-def _discover() -> None:
-    from . import meshfree, model
-    from .case.registry import discover
-
-    discover(model)
-    discover(meshfree)
-
-
 def _include(files: list[Path]) -> None:
     """Laws of one's own, on every rank."""
     if files:
         from .case.own_laws import include
 
-        _discover()
+        register()
         for file in files:
             include(file)
 
 
 def _load(path: Path, sets: list[str]) -> Any:
-    _discover()
+    register()
     from .case.load import load
 
     return load(path, sets)
@@ -278,7 +271,7 @@ def _load(path: Path, sets: list[str]) -> Any:
 def load_together(path: Path, sets: list[str], comm: Any) -> Any:
     """The case, read by rank 0 for all; its mistakes are raised on all ranks."""
     case = None
-    _discover()
+    register()
     if comm.rank == 0:
         try:
             case = _load(path, sets)
@@ -305,7 +298,7 @@ def main() -> None:
             raise UsageError("-n is an option of './run' and of mpiexec: mpiexec -n 2 cellmig …")
         options = parse(what_first(words) if serial else ours)
         if not serial:
-            from .study.ranks import start_again
+            from .runs.ranks import start_again
 
             start_again(options, words, lambda: _load(options.case, options.sets))
         if not serial or options.command in ("validate", "sweep", "paper", "verify", "bench") or RANKS > 1:

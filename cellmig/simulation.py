@@ -13,14 +13,14 @@ import numpy as np
 
 from mpi4py import MPI
 
-from . import meshfree, model
 from .case.messages import CaseError, Mistake
-from .case.registry import discover, laws
+from .case.registry import laws
 from .case.schema import Case, particle_count
+from .kernel.kernel import c_source
+from .laws import register
 from .meshfree import formulas
 from .meshfree.body import Scene, template
 from .meshfree.boundary import Boundary, Probes, histories_of
-from .meshfree.compile import c_source
 from .meshfree.contact import Surfaces
 from .meshfree.rkpm import factorised
 from .meshfree.terms import Terms
@@ -36,14 +36,13 @@ from .parallel.swarm import Swarm
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
+from .solve.protrusion_noise import roughness
 from .solve.restart import restore, saved
-from .solve.roughness import roughness
 from .solve.start import at_start
 from .solve.static import Static
 from .solve.step import NumericsError, StepControl, binding
 
-discover(model)
-discover(meshfree)
+register()
 
 
 LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from . import __version__
 from .parallel.launch import told_rank, told_size
+from .version import __version__
 
 WIDTH = 80  # letters of a line of help
 RANK, RANKS = told_rank(), told_size()[1]

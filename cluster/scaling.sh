@@ -19,7 +19,7 @@ code=0
 
 # measure RANKS CELLS: cells of 1,500 particles in a row.
 measure() {
-    srun --ntasks="$1" "${python[@]}" -m cellmig.study.probe "{\"bodies\": $2, \"per_body\": 1500}" >>"$found" || code=$?
+    srun --ntasks="$1" "${python[@]}" -m cellmig.bench.timing "{\"bodies\": $2, \"per_body\": 1500}" >>"$found" || code=$?
 }
 
 for ((ranks = 1; ranks <= ${SLURM_NTASKS:-1}; ranks *= 2)); do

@@ -7,7 +7,7 @@ from typing import Any
 from scenes import LEFT, RIGHT
 
 from cellmig.case.schema import Case
-from cellmig.study.pieces import RAMP, piece
+from cellmig.verify.specimens import RAMP, piece
 
 BAR = {"name": "Bar", "shape": "polygon", "material": "nucleus", "centre": ["0 um", "0 um"],
        "corners": [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]}

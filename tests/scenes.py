@@ -17,7 +17,7 @@ from cellmig.case.schema import Case
 from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
-from cellmig.study import pieces
+from cellmig.verify import specimens as pieces
 
 DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}

@@ -9,8 +9,8 @@ from scenes import forces, put
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from cellmig.case.pointwise import pointwise
 from cellmig.meshfree.body import abs_part
-from cellmig.output.sample import pointwise
 from cellmig.simulation import Simulation
 
 GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 / 18))

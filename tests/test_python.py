@@ -13,7 +13,7 @@ import pytest
 import cellmig
 from cellmig.case.messages import CaseError
 from cellmig.output.directory import OutputError
-from cellmig.study.plot import plot
+from cellmig.plot.plot import plot
 
 ROOT = Path(__file__).resolve().parent.parent
 COARSE = {"particles.per_cell": 100, "time.end": "4 us", "time.frames": 2, "time.samples": 8}

@@ -11,7 +11,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from . import polygons, rkpm
+from ..geometry import polygons
+from . import rkpm
 from .recovery import recovery
 from .stabilisation import stabilisation
 

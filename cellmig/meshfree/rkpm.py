@@ -9,8 +9,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from . import polygons
-from .delaunay import areas, triangles
+from ..geometry import polygons
+from ..geometry.delaunay import areas, triangles
 
 
 def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

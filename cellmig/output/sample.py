@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ..case.pointwise import pointwise
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..parallel.reduce import exact_sum
@@ -18,12 +18,6 @@ STRAIN = 1e-8  # energies below that of such a compression of all cells are not 
 ROUNDED = 1e-6  # of the energy of motion, of which no share is asked for that is smaller
 AT_A_TIME = 1 << 16  # rows whose stress is computed at a time
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
-
-
-def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
-    """A pointwise method of a law, given those of the quantities that it asks for by name."""
-    names = list(inspect.signature(getattr(type(law), method)).parameters)[1:]
-    return getattr(law, method)(*[quantities[n] for n in names])
 
 
 def director_fields(mechanics: Any) -> dict[str, np.ndarray]:

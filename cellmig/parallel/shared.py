@@ -10,7 +10,7 @@ import numpy as np
 
 from mpi4py import MPI
 
-from ..meshfree.compiler import library
+from ..kernel.toolchain import library
 
 SOURCE = Path(__file__).with_name("shared.c")
 LINE = 8  # doubles of a cache line

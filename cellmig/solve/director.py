@@ -8,8 +8,8 @@ import numpy as np
 
 from mpi4py import MPI
 
+from ..kernel.kernel import Kernel, aligned_zeros
 from ..meshfree.body import Scene
-from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import Surfaces
 from ..parallel.ghosts import GhostedField
 

@@ -9,19 +9,19 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..kernel.kernel import Kernel, aligned_zeros
+from ..kernel.layout import home_arrays, make_blocks, number
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
-from ..meshfree.compile import Kernel, aligned_zeros
 from ..meshfree.contact import ContactLists, Surfaces, contact_lists
-from ..meshfree.rows import home_arrays, make_blocks, number
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import exact_sum, extreme
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Impulses, rates
 from .director import Director
-from .places import SurfacePlaces
 from .push import Push, depth
+from .surface_exchange import SurfacePlaces
 from .undo import Undo
 
 SKIN = 0.85  # spacings by which surfaces may approach each other before the search lists are made anew

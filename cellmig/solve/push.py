@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..meshfree.compile import Kernel
+from ..kernel.kernel import Kernel
+from ..kernel.layout import Numbering
 from ..meshfree.contact import Surfaces
-from ..meshfree.rows import Numbering
 
 
 def depth(law: Any) -> float:

@@ -10,9 +10,10 @@ from scipy import sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..meshfree.compile import assemble
-from ..meshfree.rows import csr_rows
-from ..output.sample import director_fields, pointwise
+from ..case.pointwise import pointwise
+from ..kernel.kernel import assemble
+from ..kernel.layout import csr_rows
+from ..output.sample import director_fields
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed

@@ -1,7 +1,7 @@
 """Consistent tangents: the derivatives of any law, exact to rounding, from its pointwise formulas as they stand.
 
 A dual number carries a value and its slopes in some directions through a formula; the rules of calculus are those of
-the operations that formulas may have (see meshfree/translate.py), so that a law needs no word about its tangent.
+the operations that formulas may have (see kernel/codegen.py), so that a law needs no word about its tangent.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..output.sample import pointwise
+from ..case.pointwise import pointwise
 
 
 class Dual(np.lib.mixins.NDArrayOperatorsMixin):

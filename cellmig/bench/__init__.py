@@ -1,0 +1,1 @@
+"""Is it fast: speed, scaling, error against time."""

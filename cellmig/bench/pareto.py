@@ -1,0 +1,183 @@
+"""Time against error: which points no other beats, what a setting gains over the defaults, and the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+
+from cellmig.parallel.options import IMPLICIT
+from cellmig.plot.style import COLOURS, STYLE, save
+
+from .problems import PROBLEMS, Setting
+
+# Nanoseconds of CPU per particle and evaluation of forces of other codes, at 4,500 particles in 2D on one core.
+PEERS = {"SPHinXsys": 504.0, "mfree_iwf": 4800.0}
+PAYS = 1.1  # a gain below is as small as times scatter, and not worth that every run has other bits
+# Changes that gain here and lose on whole scenes or in what is not looked at here: docs/error.md has the measurements.
+UNFIT = {"stabilisation": "with less, scenes at three times the protrusion break", "dilation": "the same",
+         "stiffening": "with more, bending is too stiff", "step_factor": "with more, less of the energy adds up"}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run that was timed.
+
+    problem : str;  setting : what was chosen;  particles, steps : int;  ns : CPU time per particle-step on a calm
+    core;  cpu : seconds of all steps as they were;  error : [-];  parts : of the error, by name.
+    """
+
+    problem: str
+    setting: Setting
+    particles: int
+    steps: int
+    ns: float
+    cpu: float
+    error: float
+    parts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> float:
+        """Seconds of one core: steps x particles x time of each."""
+        return 1e-9 * self.steps * self.particles * self.ns
+
+
+def pareto(points: Sequence[Any]) -> list[Any]:
+    """The points that no other beats in both cost and error, by cost; of equals the first."""
+    best: list[Any] = []
+    for point in sorted(points, key=lambda p: (p.cost, p.error)):
+        if not best or point.error < best[-1].error:
+            best.append(point)
+    return best
+
+
+def time_at(curve: Sequence[Any], error: float) -> float:
+    """Time [s] that a curve of points takes to an error, linear in the logarithms and on beyond its ends.
+
+    Of a curve that is not monotonic the front counts; nan with fewer than two points.
+    """
+    front = pareto(curve)
+    if len(front) < 2:
+        return float("nan")
+    x, y = (np.log([getattr(p, name) for p in front[::-1]]) for name in ("error", "cost"))
+    k = int(np.clip(np.searchsorted(x, np.log(error)), 1, len(x) - 1))
+    slope = (y[k] - y[k - 1]) / (x[k] - x[k - 1])
+    return float(np.exp(y[k] + slope * (np.log(error) - x[k])))
+
+
+def gain(points: Sequence[Point], changes: dict[str, Any]) -> float:
+    """How many times as long the defaults take to the same error, median over the sizes measured; nan if none is."""
+    default = [p for p in points if not p.setting.changes]
+    found = [time_at(default, p.error) / p.cost for p in points if p.setting.changes == changes]
+    return float(np.median(found)) if found else float("nan")
+
+
+def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float]]]:
+    """For each change of the defaults the gain by problem, best first: that of the worst problem counts.
+
+    A choice that means nothing for a problem is left out of the change there.
+    """
+    changes = {repr(p.setting.changes): p.setting.changes for p in points if p.setting.changes}
+    rows = []
+    for change in changes.values():
+        row = {}
+        for name, problem in PROBLEMS.items():
+            own = [p for p in points if p.problem == name]
+            left = {key: value for key, value in change.items() if key not in problem.without}
+            row[name] = gain(own, left) if left else 1.0
+        if not any(np.isnan(value) for value in row.values()):
+            rows.append((change, row))
+    return sorted(rows, key=lambda pair: -min(pair[1].values()))
+
+
+def levelled(points: Sequence[Point]) -> list[Point]:
+    """The points with one time per particle-step for all whose steps do the same work: the median, as times scatter.
+
+    Problem, size, dilation and integrator make that work, and terms that are left out because their factor is zero.
+    """
+    def work(p: Point) -> tuple:
+        s = p.setting
+        return (p.problem, p.particles, s.dilation, s.integrator, not s.stabilisation, not s.stiffening,
+                not s.bulk_viscosity)
+
+    times: dict[tuple, list[float]] = {}
+    for p in points:
+        times.setdefault(work(p), []).append(p.ns)
+    return [replace(p, ns=float(np.median(times[work(p)]))) for p in points]
+
+
+def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
+    """What is best by the numbers, and the sentence that names the setting which the defaults should be."""
+    paying = [row for row in rows if min(row[1].values()) >= PAYS]
+    fit = [row for row in paying if not set(row[0]) & set(UNFIT)]
+    told = "The defaults should stay: no change of them that was measured gains time on every problem."
+    if fit:
+        told = f"The defaults should be: {_gained(fit[0])}."
+    elif paying:
+        used = [key for key in UNFIT if any(key in change for change, _ in paying)]
+        why = "; ".join(f"{key.replace('_', ' ')}: {UNFIT[key]}" for key in used)
+        told = f"All the same the defaults should stay, as what gains is unfit ({why})."
+    best = f"By these numbers alone the best is {_gained(paying[0])}.  " if paying and paying[:1] != fit[:1] else ""
+    return best + told
+
+
+def _gained(row: tuple[dict[str, Any], dict[str, float]]) -> str:
+    told = ", ".join(f"{value:.2g} times as fast on the {name}" for name, value in row[1].items())
+    return f"{Setting(**row[0]).said} ({told}, to the same error)"
+
+
+def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
+    """Log time against log error of each problem: all points, the front, the defaults, other codes."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(10.5, 4.6), layout="constrained")
+        axes = figure.subplots(1, len(PROBLEMS))
+        for ax, (name, problem) in zip(axes, PROBLEMS.items(), strict=True):
+            own = [p for p in points if p.problem == name]
+            _panel(ax, own, problem.title)
+            if floor := uncertain.get(name):
+                ax.axhspan(ax.get_ylim()[0], 100.0 * floor, color="0.9", zorder=0)
+                ax.text(0.03, 0.02, "grey: the reference is not known better", transform=ax.transAxes, fontsize=7)
+            if name == "disc":
+                _peers(ax, [p for p in own if not p.setting.changes])
+        axes[0].set_ylabel("error [%]")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=3)
+        figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.88))  # room for the legend
+        save(figure, path.parent, path.stem, (path.suffix[1:],))
+
+
+def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
+    """The front is a staircase: between its points nothing that was measured is as good as a line would promise."""
+    front, default = pareto(points), sorted((p for p in points if not p.setting.changes), key=lambda p: p.cost)
+    implicit = [p for p in points if p.setting.integrator in IMPLICIT]
+    for some, style in ((points, {"marker": ".", "ls": "", "color": "0.65", "mew": 0, "label": "all settings"}),
+                        (front, {"marker": "o", "ms": 3.5, "drawstyle": "steps-post", "color": COLOURS[0],
+                                 "label": "Pareto set"}),
+                        (default, {"marker": "s", "ms": 5, "ls": ":", "color": COLOURS[1],
+                                   "label": "defaults, with their particles"}),
+                        (implicit, {"marker": "^", "ms": 5, "ls": "", "color": "black", "label": "implicit steps"})):
+        ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
+    for p in default:
+        ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (5, 4), textcoords="offset points", fontsize=7,
+                    color=COLOURS[1])
+    ax.set(title=title, xlabel="CPU time on one core [s]")
+    ax.set_ylim(bottom=0.8 * min(100.0 * p.error for p in points))
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("")
+    ax.grid(color="0.9", lw=0.5)
+    ax.set_axisbelow(True)
+
+
+def _peers(ax: Axes, default: Sequence[Point]) -> None:
+    """Our default discretisations at what a particle costs other codes: an offset in time, no run of theirs."""
+    curve = sorted(default, key=lambda p: p.cost)
+    for (name, ns), colour, dashes in zip(PEERS.items(), COLOURS[2:], ("--", "-."), strict=False):
+        ax.plot([1e-9 * ns * p.steps * p.particles for p in curve], [100.0 * p.error for p in curve], ls=dashes, lw=1.0,
+                color=colour, label=f"our particles and steps at {name}'s {ns:g} ns")

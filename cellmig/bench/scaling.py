@@ -1,0 +1,196 @@
+"""`cellmig bench --scaling`: a model of what a step costs on many ranks, its constants measured here, what it says.
+
+A step of a rank with m own particles of N takes, in nanoseconds,
+
+    row(m) (m + extra) + surface(m)                     compute: the own rows, and those that are computed twice
+    + latency + byte x 32 copies                        copies of others' particles, once a step
+    + [look m + hop log2 P] / LOOK                      step control: extremes of F and gaps over all ranks
+    + [near S_own + far S] / RENEW                      search lists: own surfaces, and the places of all S
+
+Cells stay whole while a rank has one or more; smaller parts have rows and copies along their cuts.  Cells of a kind
+share their coefficients: few large bodies, whose coefficients stream from memory, are not what this is of.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from cellmig.exits import DONE
+from cellmig.output.log import table
+from cellmig.output.manifest import processor
+
+from .speed import keep, measured
+from .timing import SURFACE, Scene
+
+PER_CELL = 1500
+ROWS = tuple(Scene(cells, PER_CELL) for cells in (1, 3, 12, 67))  # whole cells, each also on 2 and 4 ranks
+CUT = (Scene(1, 6000), Scene(1, 24_000))
+LARGE = Scene(335, PER_CELL)  # beyond all caches
+LOOK, RENEW = 200, 555  # steps between two looks at the step and two renewals of lists, in the paper's main scene
+BYTES = 32  # of a copy
+NETWORK = (2.0e3, 1.0)  # assumed between nodes: latency [ns], and ns per byte of a rank when all ranks of a node send
+RANKS = (1, 16, 64, 256, 1024, 10_000)  # of predictions
+NODE = 64  # assumed: ranks of a node
+MEMORY = 4e9  # assumed: bytes for each rank
+SIDE = 25.0  # copies where two cells touch, of cells of 1,500 particles (what probes of cells in a row find)
+
+
+@dataclasses.dataclass(frozen=True)
+class Constants:
+    """What was measured: `row` [ns] by `size` [particles of a rank]; `extra`, `copies` per particle along a cut.
+
+    surface [ns per own surface particle];  latency [ns], byte [ns per byte] of messages on this machine;  look [ns per
+    own particle], hop [ns per doubling of ranks];  near, far [ns per surface particle];  own_bytes, all_bytes : memory
+    of a rank per own particle and per particle of the scene, base_bytes : that of the program.
+    """
+
+    size: tuple[float, ...]
+    row: tuple[float, ...]
+    surface: float
+    extra: float
+    copies: float
+    latency: float
+    byte: float
+    look: float
+    hop: float
+    near: float
+    far: float
+    own_bytes: float
+    all_bytes: float
+    base_bytes: float
+
+
+def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
+    """Constants by least squares, none negative, over probes on 1, 2 and 4 ranks.
+
+    Compute is CPU time, as it is the same where ranks share a core; exchange, looks and lists are wall time, of probes
+    whose ranks have a core each.
+    """
+    alone = sorted((p for p in probes if p["ranks"] == 1), key=lambda p: p["particles"])
+    row = [median(p["ns"]["stress"]["cpu"]) + median(p["ns"]["divergence"]["cpu"]) for p in alone]
+    on_surface = [sum(median(p["ns"][t]["cpu"]) for t in (*SURFACE, "protrusion") if t in p["ns"]) * p["particles"]
+                  / p["surface"] for p in alone]
+    cut = [p for p in probes if p["bodies"] == 1 and p["ranks"] > 1]
+    chord = [_cuts(p["particles"], p["ranks"]) * p["ranks"] for p in cut]
+    at_once = [p for p in probes if p["ranks"] <= len(os.sched_getaffinity(0))]
+    sent = [p for p in at_once if p["ranks"] > 1]
+    latency, byte = _least_squares([[1.0, BYTES * max(p["ghosts"])] for p in sent],
+                                   [1e3 * median(p["us"]["messages"]) for p in sent])
+    look, hop = _least_squares([[max(p["owned"]), math.log2(p["ranks"])] for p in at_once],
+                               [1e3 * median(p["us"]["look"]) for p in at_once])
+    _, near, far = _least_squares([[1.0, p["surface"] / p["ranks"], p["surface"]] for p in at_once],
+                                  [1e3 * median(p["us"]["lists"]) for p in at_once])
+    memory = _least_squares([[p["particles"] / p["ranks"], p["particles"], 1.0] for p in probes],
+                            [p["peak_bytes"] * p["particles"] / p["ranks"] for p in probes])
+    return Constants(tuple(float(p["particles"]) for p in alone), tuple(row), median(on_surface),
+                     sum(sum(p["rows"]) - p["particles"] for p in cut) / sum(chord),
+                     sum(sum(p["ghosts"]) for p in cut) / sum(chord), latency, byte, look, hop, near, far, *memory)
+
+
+def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
+    """Factors that are not negative, of columns weighted so that each value counts by its ratio."""
+    from scipy.optimize import nnls
+
+    a, b = np.array(rows, float), np.array(values, float)
+    return [float(x) for x in nnls(a / b[:, None], np.ones(len(b)))[0]]
+
+
+def _cuts(particles: float, parts: float) -> float:
+    """Particles along the cuts of one part of a disc: of slices that are thick enough, else of squares."""
+    across = 2.0 * math.sqrt(particles / math.pi)
+    return min(2.0 * (parts - 1.0) / parts * across, 4.0 * math.sqrt(particles / parts))
+
+
+def predicted(c: Constants, particles: float, ranks: float, per_cell: float = PER_CELL,
+              network: tuple[float, float] | None = None) -> dict[str, float]:
+    """Nanoseconds of a step by part, and bytes of memory of a rank; `network` : latency [ns] and ns per byte.
+
+    Where it is not given, that of this machine up to a node's ranks, and the one assumed between nodes beyond.
+    """
+    own, whole = particles / ranks, particles / ranks >= per_cell
+    cut = 0.0 if whole or ranks == 1 else _cuts(per_cell, per_cell / own)
+    copies = c.copies * cut + (SIDE * 4.0 * math.sqrt(own / per_cell) if whole and ranks > 1 else 0.0)
+    ring = 4.0 * math.sqrt(per_cell) * 0.89  # surface particles of a disc of so many: 2 sqrt(pi n)
+    surface, surface_own = particles / per_cell * ring, own / per_cell * ring
+    row = float(np.interp(math.log(own), np.log(c.size), c.row))
+    latency, byte = network or ((c.latency, c.byte) if ranks <= NODE else NETWORK)
+    parts = {"compute": row * (own + c.extra * cut) + c.surface * surface_own,
+             "exchange": (latency + byte * BYTES * copies) if ranks > 1 else 0.0,
+             "control": (c.look * own + max(c.hop, latency) * math.log2(ranks)) / LOOK,
+             "lists": (c.near * surface_own + c.far * surface) / RENEW}
+    return {**parts, "step": sum(parts.values()),
+            "bytes": c.own_bytes * own + c.all_bytes * particles + c.base_bytes}
+
+
+def bench_scaling(out: Path) -> int:
+    """Measure, fit, compare with the measured steps, predict; writes scaling.json and scaling.md.
+
+    Parameters
+    ----------
+    out : Path -- directory of the results.
+
+    Returns
+    -------
+    int -- exit code 0.
+    """
+    probes = []
+    for scene, on in [*((s, (1, 2, 4)) for s in ROWS), *((s, (1, 2, 4)) for s in CUT), (LARGE, (1, 2))]:
+        for ranks in on:
+            print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
+            probes.append(measured(scene, ranks))
+    c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1])
+    keep(out / "scaling", "cellmig bench --scaling", {"constants": dataclasses.asdict(c), "probes": probes},
+         said(c, probes))
+    return DONE
+
+
+def said(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
+    """Constants, measured against fitted steps, and predictions, in Markdown."""
+    rows = ", ".join(f"{ns:.1f} with {size:.0f}" for size, ns in zip(c.size, c.row, strict=True))
+    lines = [f"{processor()}", "", f"- a row: {rows} particles on a rank [ns]; a surface particle {c.surface:.2g} ns",
+             f"- along a cut: {c.extra:.2g} rows computed twice and {c.copies:.2g} copies for each particle of it",
+             f"- messages here: {1e-3 * c.latency:.2g} µs and {c.byte:.2g} ns a byte; assumed between nodes: "
+             f"{1e-3 * NETWORK[0]:.2g} µs and {NETWORK[1]:.2g} ns a byte and rank, {NODE} ranks a node",
+             f"- a look at the step: {c.look:.2g} ns a particle and {1e-3 * c.hop:.2g} µs a doubling of ranks, every "
+             f"{LOOK} steps",
+             f"- search lists: {c.near:.0f} ns an own surface particle and {c.far:.2g} ns one of the scene, every "
+             f"{RENEW} steps",
+             f"- memory of a rank: {c.own_bytes:.0f} B a particle of its own, {c.all_bytes:.0f} B one of the scene, "
+             f"{1e-6 * c.base_bytes:.0f} MB", ""]
+    cores = len(os.sched_getaffinity(0))
+    lines += table(["particles", "bodies", "ranks", "step, measured [µs]", "by the model", "ratio"],
+                   [_compared(c, p) for p in probes if p["ranks"] <= cores and p["per_body"] == PER_CELL])
+    head = ["particles", "ranks", "step [µs]", "ns a particle and rank", "efficiency", "exchange", "control", "lists",
+            "memory of a rank"]
+    strong = [(n, p, predicted(c, n, 1)["step"] / p) for n in (1e5, 1e6, 1e7, 1e9) for p in RANKS if 90 <= n / p <= 2e6]
+    weak = [(1e5 * p, p, predicted(c, 1e5, 1)["step"]) for p in RANKS]
+    for title, cases in (("Strong scaling, cells of 1,500", strong), ("Weak scaling, 100,000 particles a rank", weak)):
+        lines += ["", f"{title}:", "", *table(head, [_prediction(c, *one) for one in cases])]
+    return lines
+
+
+def _compared(c: Constants, p: dict[str, Any]) -> list[str]:
+    step = 1e-3 * median(p["ns"]["step"]["wall"]) * p["particles"]
+    near = 1e3 * median(p["us"]["exchange"]) if p["ranks"] > 1 else 0.0
+    parts = predicted(c, p["particles"], p["ranks"], p["per_body"], (near, 0.0))
+    model = 1e-3 * (parts["compute"] + parts["exchange"])  # a step alone: without looks and lists
+    return [str(p["particles"]), str(p["bodies"]), str(p["ranks"]), f"{step:.0f}", f"{model:.0f}",
+            f"{model / step:.2f}"]
+
+
+def _prediction(c: Constants, particles: float, ranks: float, ideal: float) -> list[str]:
+    """A line of the tables; `ideal` : the step if nothing were lost to one rank [ns]."""
+    many = predicted(c, particles, ranks)
+    share = [f"{100.0 * many[part] / many['step']:.2g} %" for part in ("exchange", "control", "lists")]
+    fits = "" if many["bytes"] < MEMORY else " (more than there is)"
+    return [f"{particles:.0e}", str(ranks), f"{1e-3 * many['step']:.4g}",
+            f"{many['step'] * ranks / particles:.1f}", f"{ideal / many['step']:.2f}", *share,
+            f"{1e-9 * many['bytes']:.2g} GB{fits}"]

@@ -1,0 +1,149 @@
+"""`cellmig bench`: what a step costs, term by term, against what others would write and what the machine can do."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+from cellmig.exits import DONE
+from cellmig.output.directory import replace
+from cellmig.output.log import table
+from cellmig.output.manifest import environment, processor
+from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
+from cellmig.runs.cases import FOLDER
+from cellmig.simulation import discretise
+
+from .baseline import Baseline
+from .timing import Scene
+
+PAPER = Scene(3, 1485)
+SCENES = ((PAPER, (1, 2)), (Scene(3, 6700), (1, 2)), (Scene(1, 100_000, False), (1, 2)),
+          (Scene(1, 100_000, True), (1, 2)), (Scene(67, 1500), (1, 2)), (Scene(670, 1500), (1, 2)))
+REPEATS = 7
+OPERATIONS = 20.0  # of a neighbour in the internal force: eight products and sums for F and f, two for S
+TERMS = ("stress", "divergence", "substrate", "contact", "protrusion")
+
+
+def bench_speed(out: Path, quick: bool = False) -> int:
+    """Measure, print the tables, write speed.json and speed.md; each scene in processes of its own.
+
+    Parameters
+    ----------
+    out : Path -- directory of the results.  quick : bool -- the paper's scene alone, in half a minute.
+
+    Returns
+    -------
+    int -- exit code 0.
+    """
+    baseline = Baseline(discretise(PAPER.case()))
+    limits, plain = baseline.limits(REPEATS), {
+        "numpy": baseline.nanoseconds(baseline.numpy_step, REPEATS),
+        "plain loop in C": baseline.nanoseconds(baseline.loop_step, REPEATS)}
+    probes = []
+    for scene, on in SCENES[: 1 if quick else None]:
+        for ranks in on:
+            print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
+            probes.append(measured(scene, ranks, output=scene == PAPER))
+    found = {"limits": limits, "baseline_ns": plain, "start_s": starts(), "probes": probes}
+    keep(out / "speed", f"cellmig bench{' --quick' * quick}", found, said(found))
+    return DONE
+
+
+def keep(place: Path, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
+    """Print what is said, and write it as Markdown, and what a command found as JSON, to `place` with suffixes."""
+    origin = {"command": command, "date": date.today().isoformat(), **environment(MPI.COMM_SELF)}
+    data, text = place.with_suffix(".json"), place.with_suffix(".md")
+    print("", *lines, sep="\n")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    replace(data, json.dumps({"origin": origin} | found, indent=1, ensure_ascii=False) + "\n")
+    replace(text, "\n".join(lines) + "\n")
+    print(data, text, sep="\n")
+
+
+def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = False) -> dict[str, Any]:
+    """What `probe` finds of a scene on some ranks, in processes of its own."""
+    asked = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
+    command = [*PYTHON, "-m", "cellmig.bench.timing", asked]
+    if ranks > 1:
+        command = on_ranks(ranks, command)
+    return json.loads(_done(command))
+
+
+def starts() -> dict[str, float]:
+    """Wall seconds of a first run that takes no step to speak of, which compiles, and of a second."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        command = [*PYTHON, "-m", "cellmig", "run", str(FOLDER / "all_protrude.toml"), "--until", "1 ns",
+                   "--quiet", "--out", str(Path(folder) / "run")]
+        for name in ("first", "second"):
+            begin = perf_counter()
+            _done(command, {"CELLMIG_CACHE": str(Path(folder) / "cache")})
+            found[name] = perf_counter() - begin
+    return found
+
+
+def _done(command: Sequence[str], more: dict[str, str] | None = None) -> str:
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace",
+                          env=outside_mpi() | (more or {}), check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}: {done.stderr}")
+    return done.stdout
+
+
+def said(found: dict[str, Any]) -> list[str]:
+    """The tables in Markdown: medians, and how far quarters of the measurements lie apart."""
+    probes, first = found["probes"], found["probes"][0]
+    lines = [f"{processor()}; medians of {REPEATS}; ns per particle-step of wall time unless said", "",
+             *table(["particles", "bodies", "coefficients", "ranks", "step", "CPU, all ranks", "internal force", *TERMS,
+                     "exchange [µs]", "kernel [B]", "peak [B]"], [_line(p) for p in probes]), ""]
+    rate = 1e9 / internal(first)
+    bytes_moved, operations = first["traffic_bytes"] / first["particles"], OPERATIONS * first["neighbours"]
+    width, peak = median(found["limits"]["bandwidth"]), median(found["limits"]["arithmetic"])
+    lines += ["Of the paper's scene on one rank:", "",
+              *table(["", "takes [ns]", "over ours"], [
+                  ["internal force", f"{internal(first):.1f}", "1"],
+                  *([name, f"{median(ns):.1f}", f"{median(ns) / internal(first):.1f}"]
+                    for name, ns in found["baseline_ns"].items())]), "",
+              f"{bytes_moved:.0f} B and {operations:.0f} operations a particle-step are "
+              f"{1e-9 * rate * bytes_moved:.1f} GB/s, {rate * bytes_moved / width / 1e7:.0f} % of the {width:.1f} GB/s "
+              "to memory that one core reaches (beyond 100 %: from caches), "
+              f"and {1e-9 * rate * operations:.1f} GFlop/s, {rate * operations / peak / 1e7:.0f} % of its {peak:.1f} "
+              "GFlop/s.", "",
+              f"Start: {found['start_s']['first']:.2f} s with compilation, {found['start_s']['second']:.2f} s without. "
+              + ", ".join(f"{name} {1e-3 * median(first['us'][name]):.2g} ms" for name in ("lists", "sample", "frame"))]
+    return [*lines, *(scaling for scaling in (_scaling(probes),) if scaling)]
+
+
+def internal(probe: dict[str, Any], time: str = "wall") -> float:
+    """Nanoseconds of the internal force per particle-step."""
+    return median(probe["ns"]["stress"][time]) + median(probe["ns"]["divergence"][time])
+
+
+def _line(p: dict[str, Any]) -> list[str]:
+    wall = sorted(p["ns"]["step"]["wall"])
+    spread = wall[3 * len(wall) // 4] - wall[len(wall) // 4]
+    exchange = f"{median(p['us']['exchange']):.1f}" if "exchange" in p["us"] else ""
+    return [str(p["particles"]), str(p["bodies"]), "single" if p["single"] else "double", str(p["ranks"]),
+            f"{median(wall):.1f} ± {spread:.1f}", f"{median(p['ns']['step']['cpu']):.1f}", f"{internal(p):.1f}",
+            *(f"{median(p['ns'][t]['wall']):.2g}" if t in p["ns"] else "" for t in TERMS), exchange,
+            f"{p['kernel_bytes']:.0f}", f"{p['peak_bytes']:.0f}"]
+
+
+def _scaling(probes: Sequence[dict[str, Any]]) -> str:
+    """How much of twice the speed two ranks reach."""
+    alone = {(p["bodies"], p["per_body"], p["single"]): median(p["ns"]["step"]["wall"]) for p in probes
+             if p["ranks"] == 1}
+    parts = [f"{p['particles']} in {p['bodies']} ({'single' if p['single'] else 'double'}): "
+             f"{alone[key] / median(p['ns']['step']['wall']) / p['ranks']:.2f}" for p in probes if p["ranks"] > 1
+             and (key := (p["bodies"], p["per_body"], p["single"])) in alone]
+    return f"\nEfficiency of two ranks: {', '.join(parts)}." if parts else ""

@@ -1,0 +1,184 @@
+"""One scene timed: its step, its terms, exchange and output.  A process of `cellmig bench`, on ranks of its own.
+
+``mpiexec -n 2 python -m cellmig.bench.timing '{"bodies": 3, "per_body": 1485}'`` prints one line of JSON.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+
+from mpi4py import MPI
+
+from cellmig.case.load import from_dict, load
+from cellmig.case.schema import Case
+from cellmig.laws import register
+from cellmig.output.fields import FIELDS
+from cellmig.output.manifest import memory_told
+from cellmig.output.xdmf import Frames
+from cellmig.runs.cases import FOLDER
+from cellmig.simulation import Simulation, discretise, find_terms
+from cellmig.solve.step import binding
+
+STILL = 1e-12  # µs: a step that moves nothing
+LEAST = 0.05  # s that are timed at a time, at least
+SURFACE = {"substrate": "substrate_adhesion", "contact": "cell_adhesion"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """Cells of the paper in a row, all of which protrude.
+
+    bodies, per_body : int;  single : whether coefficients are in single precision, None as a run would choose.
+    """
+
+    bodies: int
+    per_body: int
+    single: bool | None = None
+
+    @property
+    def particles(self) -> int:
+        """How many, but for a few."""
+        return self.bodies * self.per_body
+
+    def case(self) -> Case:
+        """Its case."""
+        register()
+        tree = load(FOLDER / "paper.toml", (f"particles.per_cell={self.per_body}",)).resolved()
+        cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": [self.bodies], "pitch": [["-10.01 um", "0 um"]]}
+        tree["cells"] = [cell]
+        tree["protrusion"]["cells"] = [f"Cell-{i + 1}" for i in range(self.bodies)]
+        return from_dict(tree, "bench")
+
+
+class Watch:
+    """Wall time of the slowest rank and CPU time of all ranks per particle-step [ns], of things done many times."""
+
+    def __init__(self, comm: MPI.Comm, particles: int, repeats: int):
+        self.comm, self.particles, self.repeats = comm, particles, repeats
+
+    def seconds(self, work: Callable[[int], Any]) -> tuple[list[float], list[float]]:
+        """Wall and CPU seconds of `work(1)`, measurement by measurement; collective."""
+        n, wall, cpu = 1, [], []
+        while (spent := self._once(work, n)[0]) < LEAST:
+            n = max(2 * n, round(1.2 * n * LEAST / max(spent, 1e-9))) if spent > 1e-4 else 10 * n
+        for _ in range(self.repeats):
+            w, c = self._once(work, n)
+            wall.append(w / n)
+            cpu.append(c / n)
+        return wall, cpu
+
+    def _once(self, work: Callable[[int], Any], n: int) -> tuple[float, float]:
+        self.comm.Barrier()
+        begin, used = perf_counter(), process_time()
+        work(n)
+        used = process_time() - used
+        self.comm.Barrier()
+        return self.comm.allreduce(perf_counter() - begin, MPI.MAX), self.comm.allreduce(used)
+
+    def __call__(self, work: Callable[[int], Any]) -> dict[str, list[float]]:
+        """The same in nanoseconds per particle."""
+        wall, cpu = self.seconds(work)
+        return {"wall": [1e9 * t / self.particles for t in wall], "cpu": [1e9 * t / self.particles for t in cpu]}
+
+
+def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) -> dict[str, Any]:
+    """What a scene costs on these ranks.  Collective.
+
+    Parameters
+    ----------
+    scene : Scene.  repeats : int -- measurements of each thing.  output : bool -- samples and frames, too.
+
+    Returns
+    -------
+    dict -- `ns` : by what was timed, lists of "wall" and "cpu" nanoseconds per particle and step, the whole "step",
+    its internal force, which is "stress" and "divergence", and terms of surfaces; `us` : microseconds of an "exchange"
+    of ghosts as steps do it and of one by "messages", a "look" of the step control, "lists", "sample", "frame"; sizes
+    and bytes.
+    """
+    case, begin = scene.case(), perf_counter()
+    built, terms = discretise(case), find_terms(case)
+    if scene.single is not None:
+        terms = dataclasses.replace(terms, single=scene.single)
+    sim = Simulation(case, comm, parts=(built, terms))
+    setup = comm.allreduce(perf_counter() - begin, MPI.MAX)
+    m, k = sim.mechanics, sim.mechanics.kernel
+    m.advance(3, STILL)
+    watch = Watch(comm, sim.scene.size, repeats)
+    scratch = np.zeros((m._capacity, 2))
+    ns = {"step": watch(lambda n: m.advance(n, STILL)),
+          "stress": watch(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
+          "divergence": watch(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
+    for term, function in SURFACE.items():
+        if getattr(terms, term) is not None:
+            ns[term] = watch(lambda n, function=function: k.repeated(n, function, scratch, None, 0.0))
+    ns["protrusion"] = watch(lambda n: k.repeated(n, "protrude", scratch, None, None, 0.0, 0.0))
+    us = {"look": watch.seconds(lambda n: [m.limits() for _ in range(n)])[0],
+          "lists": watch.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
+    if comm.size > 1:
+        us["messages"] = watch.seconds(lambda n: [m.state.exchange() for _ in range(n)])[0]
+        us["exchange"] = watch.seconds(lambda n: k.repeated(n, "exchange_state"))[0]
+    if output:
+        us |= _output(sim, watch)
+    found = {
+        **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
+        "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
+        "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.base.n_rows),
+        "ghosts": comm.allgather(len(m.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
+        "neighbours": float(np.mean([t.G.nnz / t.G.shape[0] for t in sim.scene.templates])),
+        "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
+        "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,
+        "ns": ns, "us": {name: [1e6 * t for t in wall] for name, wall in us.items()}}
+    sim.destroy()
+    return found
+
+
+def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
+    """Seconds of a sample, and of one frame written by all ranks."""
+    sample = watch.seconds(lambda n: [sim.sample() for _ in range(n)])[0]
+    folder = watch.comm.bcast(tempfile.mkdtemp() if watch.comm.rank == 0 else None)
+    fields = sim.sampler.fields()
+    frames = Frames(Path(folder), watch.comm, {name: FIELDS[name].unit for name in fields})
+    count = iter(range(1, 1 << 30))
+
+    def write(n: int) -> None:
+        for _ in range(n):
+            at = next(count)
+            frames.write(float(at), at, sim.sampler.fields())
+
+    return {"sample": sample, "frame": watch.seconds(write)[0]}
+
+
+def traffic(kernel: Any) -> float:
+    """Bytes that a step of the internal force reads and writes at least, once each, on this rank."""
+    read = {"gradient": 1, "adjoint": 1, "column": 2, "column_outer": 1, "outer": 1, "column_stiff": 1, "stiff": 1,
+            "first": 2, "block": 2, "volume": 1, "per_mass": 1, "bulk_damping": 1}
+    changed = {"state": 1, "F": 2, "Q": 2, "kept": 2}
+    sizes = {name: kernel[name].nbytes for name in {**read, **changed} if name in kernel._arrays}
+    return float(sum(sizes[name] * times for name, times in {**read, **changed}.items() if name in sizes))
+
+
+def peak_memory() -> float:
+    """Most memory that this process has had [B]; that which getrusage tells is of its parent, too."""
+    return memory_told("/proc/self/status")["VmHWM"]
+
+
+def main() -> None:
+    """Probe the scene of the first argument; rank 0 prints."""
+    comm, asked = MPI.COMM_WORLD, json.loads(sys.argv[1])
+    repeats, output = asked.pop("repeats", 7), asked.pop("output", False)
+    found = probe(Scene(**asked), comm, repeats, output)
+    if comm.rank == 0:
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Shapes of cells and the particles that fill them."""

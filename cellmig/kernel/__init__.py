@@ -1,0 +1,1 @@
+"""The step in C: layout of a rank's particles, laws translated, compiled."""

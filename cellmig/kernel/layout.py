@@ -1,0 +1,354 @@
+"""Rows of one rank: its particles and their neighbours, in the blocks of four that kernel.c reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from ..meshfree.body import Scene
+from ..meshfree.terms import Terms
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Local numbers of a rank: owned particles by id, then ghosts of layer 1, then all further ghosts.
+
+    ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed;
+    lent : (n_owned,) bool -- whether others may have copies.
+    """
+
+    ids: np.ndarray
+    n_owned: int
+    n_rows: int
+    lent: np.ndarray
+
+    def local(self, ids: np.ndarray) -> np.ndarray:
+        """Local numbers of global ids; -1 where this rank does not hold them."""
+        order = self._order
+        at = np.minimum(np.searchsorted(self.ids, ids, sorter=order), len(order) - 1)
+        found = order[at] if len(order) else np.zeros_like(ids)
+        return np.where(self.ids[found] == ids, found, -1) if len(order) else np.full(np.shape(ids), -1)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.ids, kind="stable")
+
+    def places(self, size: int) -> np.ndarray:
+        """Local numbers of all `size` particles of the scene (size,); -1 where this rank does not hold them."""
+        out = np.full(size, -1)
+        out[self.ids] = np.arange(len(self.ids))
+        return out
+
+    def extended(self, ids: np.ndarray) -> Numbering:
+        """The same with further ghosts at the end."""
+        return replace(self, ids=np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]))
+
+
+def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
+    """Numbering for the owned ids and what their internal forces need: two layers of neighbours, and `needed` ids."""
+    own = np.zeros(scene.size, bool)
+    own[owned] = True
+    first, second, lent = own.copy(), own.copy(), np.zeros(scene.size, bool)
+    patterns = lru_cache(lambda k: _near_and_far(scene.templates[k]))
+    for c in np.unique(scene.cell[owned]):
+        part = slice(scene.offset[c], scene.offset[c + 1])
+        if own[part].all():
+            continue
+        near, far = patterns(scene.kind[c])
+        first[part] = reach(near, own[part])
+        second[part] = reach(near, first[part]) | reach(far, own[part])
+        lent[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
+    second[needed] = True
+    if len(owned) < scene.size:
+        lent[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
+    layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
+    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), lent[layers[0]])
+
+
+def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Ones where a CSR matrix has entries: some may be zero, and are read all the same."""
+    return sparse.csr_matrix((np.ones(len(m.indices)), m.indices, m.indptr), m.shape)
+
+
+def _near_and_far(t: Any) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Patterns of the gradients, which forces reach through twice, and of the stabilisations, once."""
+    return pattern(t.G), pattern(t.S) + pattern(t.E)
+
+
+def reach(ones: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
+    """Particles that are in `mask` or have a neighbour there (n,) bool; the pattern is symmetric."""
+    return mask | (ones @ mask.astype(float) > 0)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
+
+    table : (b, 5) int -- first row, number of rows, home, shift, material: of one home are the blocks whose neighbours'
+    local numbers are those of its lead but for the shift;  n_lent, n_owned : number of blocks that others may have
+    copies of, which are first, and of all blocks of owned particles;  lead : (h,) -- the first block of each home.
+    """
+
+    table: np.ndarray
+    n_lent: int
+    n_owned: int
+    lead: np.ndarray
+
+    @cached_property
+    def lanes_of(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block and lane of every row (n_rows,)."""
+        block = np.repeat(np.arange(len(self.table)), self.table[:, 1])
+        lane = np.arange(len(block)) - np.repeat(np.cumsum(self.table[:, 1]) - self.table[:, 1], self.table[:, 1])
+        order = np.argsort(self.table[block, 0] + lane)
+        return block[order], lane[order]
+
+
+def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
+    """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
+    ids = numbering.ids[: numbering.n_rows]
+    cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
+    lent = np.append(numbering.lent, np.zeros(ghost.sum(), bool))
+    start = np.flatnonzero(_changes(cell, material, ghost))
+    length = np.diff(np.append(start, len(ids)))
+    count = -(-length // 4)
+    within = 4 * (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count))
+    row, lanes = np.repeat(start, count) + within, np.minimum(np.repeat(length, count) - within, 4)
+    at, kind = ids[row] - scene.offset[cell[row]], scene.kind[cell[row]]
+    lane = np.arange(len(ids)) - np.repeat(row, lanes)
+    shape = _mixed(_patterns(scene, numbering, terms) + lane)
+    shape = np.add.reduceat(shape, row) if len(row) else shape
+    lent = np.logical_or.reduceat(lent, row) if len(row) else np.zeros(0, bool)
+    _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
+    order = np.lexsort((number, shape, lanes, at, kind, number // GROUP, ~lent, ghost[row]))
+    row, lanes, at, kind, shape = row[order], lanes[order], at[order], kind[order], shape[order]
+    at = np.where(ghost[row], -1 - np.arange(len(row)), at)  # those of copies share nothing
+    key = np.column_stack([kind, at, lanes, shape])
+    _, lead, home = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    first = np.argsort(lead)  # homes by their first use
+    lead, home = lead[first], np.argsort(first)[home]
+    table = np.column_stack([row, lanes, home, row - row[lead[home]], material[row]])
+    return Blocks(table, int(lent.sum()), int((~ghost[row]).sum()), lead)
+
+
+GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them
+
+
+def _patterns(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
+    """Hash of each row's place in its template, and of its neighbours' local numbers less its own (n_rows,)."""
+    place, out = numbering.places(scene.size), np.empty(numbering.n_rows, np.int64)
+    ids = numbering.ids[: numbering.n_rows]
+    own = np.argsort(ids, kind="stable")
+    bounds = np.searchsorted(ids[own], scene.offset)
+    reach_of = lru_cache(lambda k: _reach_of(scene.templates[k], terms))
+    for c in np.flatnonzero(np.diff(bounds)):
+        rows = own[bounds[c] : bounds[c + 1]]
+        at = ids[rows] - scene.offset[c]
+        local = place[scene.offset[c] : scene.offset[c + 1]]
+        out[rows] = _mixed(at)
+        if (np.diff(local) == 1).all():
+            continue  # as in the template
+        near = reach_of(scene.kind[c])
+        row = np.repeat(np.arange(len(local)), np.diff(near.indptr))
+        further = local[near.indices] - local[row] - near.indices + row
+        hashed = np.where(further, _mixed(_mixed(near.indices) + further), 0)
+        out[rows] += np.add.reduceat(hashed, near.indptr[:-1])[at]
+    return out
+
+
+def _mixed(x: np.ndarray) -> np.ndarray:
+    """Numbers that look like chance, by what they are made of (Steele, Lea & Flood 2014, SplitMix64)."""
+    z = x.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
+    return (z ^ (z >> np.uint64(31))).view(np.int64)
+
+
+def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
+    """Pattern of all matrices of a template that the kernel applies."""
+    further = [pattern(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there]
+    return sum(further, pattern(t.G)).tocsr()
+
+
+def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
+    """Coefficients of the kernel by home, by their names there.
+
+    `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
+    is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
+    """
+    homes, stabilised = Homes(scene, numbering, blocks), terms.stabilised
+    G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
+    extended = list
+    if terms.single:
+        G, S, E = ([rounded(m) for m in matrices] for matrices in (G, S, E))
+        extended = partial(map, with_rest)
+    out = {"volume": homes.by_lane(scene.field("V")), "bulk_damping": homes.by_lane(scene.field("damping")),
+           "per_mass": homes.by_lane(1.0 / scene.field("mass"))}
+    H, inside = [_adjoint(m) for m in G], [_inside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
+    outside = [_outside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
+    G, H, inside, E = (list(extended(matrices)) for matrices in (G, H, inside, E))
+    first, group, lane, owned, kind, at, out["column"] = homes.entries(G)
+    pair = 4 * (lane // 2) + lane % 2
+    gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
+    g = _values(G, kind, at)
+    gradient[group, pair], gradient[group, pair + 2] = g.real, g.imag
+    h = np.where(owned, _values(H, kind, at), 0)  # the others serve for their stress only
+    adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
+    if stabilised:
+        gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, _values(inside, kind, at), 0)
+        out |= homes.scalars("outer", outside)
+    if terms.stiffened:
+        out |= homes.scalars("stiff", E)
+    return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
+
+
+class Homes:
+    """The particles that stand for the lanes of the homes, and the entries of their rows."""
+
+    def __init__(self, scene: Scene, numbering: Numbering, blocks: Blocks):
+        """A particle for each lane that is there."""
+        row, lanes = blocks.table[blocks.lead, :2].T
+        self._home, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
+        self._lane -= (np.cumsum(lanes) - lanes)[self._home]
+        self._ids = numbering.ids[row[self._home] + self._lane]
+        cell = scene.cell[self._ids]
+        self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
+        self._owned = row[self._home] < numbering.n_owned
+        self._place = numbering.places(scene.size)
+        self._lead = np.flatnonzero(self._lane == 0)
+        self._itself = self._place[self._ids[self._lead]]
+
+    def by_lane(self, values: np.ndarray) -> np.ndarray:
+        """Values of the particles (size,) as (homes, 4), with zeros where there is no lane."""
+        out = np.zeros((self._count, 4))
+        out[self._home, self._lane] = values[self._ids]
+        return out
+
+    def entries(self, matrices: list, owned: bool = False) -> tuple[np.ndarray, ...]:
+        """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a home.
+
+        Returns the first group of each home; group, lane, whether owned, template and place in its CSR of each entry;
+        four times the neighbours (groups, 4).  Entries of a lane ascend by the global id of their column.
+        """
+        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset, self._owned | (not owned))
+        kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
+        for k, m in enumerate(matrices):
+            columns[kind == k] = m.indices[at[kind == k]]
+        count = np.bincount(lanes, minlength=len(self._ids))
+        longest = np.maximum.reduceat(count, self._lead) if len(count) else count
+        first, home = np.append(0, np.cumsum(longest)), self._home[lanes]
+        group = first[home] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
+        lane = self._lane[lanes]
+        neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
+        neighbours[group, lane] = self._place[self._offset[lanes] + columns]
+        return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
+
+    def scalars(self, name: str, matrices: list) -> dict[str, np.ndarray]:
+        """Groups of scalar matrices, for owned particles alone."""
+        first, group, lane, _, kind, at, column = self.entries(matrices, owned=True)
+        values = np.zeros((first[-1], 4))
+        values[group, _STAB_LANE[lane]] = _values(matrices, kind, at)
+        return {f"first_{name}": first, f"column_{name}": column, name: values}
+
+
+def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:
+    """First rows of matrices that couple no more than neighbours, one CSR for each template, in local numbers."""
+    ids, place = numbering.ids[:n_rows], numbering.places(scene.size)
+    cell = scene.cell[ids]
+    row, at = _rows_of(matrices, scene.kind[cell], ids - scene.offset[cell])
+    kind, columns = scene.kind[cell][row], np.empty(len(at), np.int64)
+    for k, m in enumerate(matrices):
+        columns[kind == k] = m.indices[at[kind == k]]
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
+    values = _values(matrices, kind, at)
+    return sparse.csr_matrix((values, place[scene.offset[cell][row] + columns], ptr), (n_rows, n_columns))
+
+
+_STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
+
+
+def rounded(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """A matrix in single precision, but for the diagonal: that makes rows sum to zero, for motions as a whole."""
+    single = np.complex64 if np.iscomplexobj(m.data) else np.float32
+    out = sparse.csr_matrix((m.data.astype(single).astype(m.data.dtype), m.indices, m.indptr), m.shape)
+    on = _diagonal(out)
+    out.data[on] = 0.0
+    out.data[on] = -(out @ np.ones(m.shape[0]))[out.indices[on]]
+    return out
+
+
+def with_rest(m: sparse.csr_matrix) -> sparse.csr_matrix:
+    """A matrix with a further entry at the end of each row: what single precision lacks of the diagonal."""
+    on = _diagonal(m)
+    rest, row = m.data[on], m.indices[on]
+    rest = rest - rest.astype(np.complex64 if np.iscomplexobj(rest) else np.float32)
+    data, columns = (np.insert(a, m.indptr[row + 1], b) for a, b in ((m.data, rest), (m.indices, row)))
+    further = np.append(0, np.cumsum(np.bincount(row, minlength=m.shape[0])))
+    return sparse.csr_matrix((data, columns, m.indptr + further), m.shape)
+
+
+def _diagonal(m: sparse.csr_matrix) -> np.ndarray:
+    """Places of the diagonal in the data of a CSR matrix."""
+    return np.flatnonzero(m.indices == np.repeat(np.arange(m.shape[0]), np.diff(m.indptr)))
+
+
+def _adjoint(G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """-Gᵀ on the pattern of G."""
+    H = -G.T.tocsr()
+    H.sort_indices()
+    if not np.array_equal(H.indices, G.indices):
+        raise AssertionError("the neighbours are not symmetric")
+    return H
+
+
+def _inside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """S on the pattern of G."""
+    values = S[np.repeat(np.arange(G.shape[0]), np.diff(G.indptr)), G.indices]
+    return sparse.csr_matrix((np.asarray(values).ravel(), G.indices, G.indptr), G.shape)
+
+
+def _outside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """S without its entries on the pattern of G."""
+    n, S = np.int64(G.shape[0]), S.tocoo()
+    on = np.repeat(np.arange(n), np.diff(G.indptr)) * n + G.indices
+    out = ~np.isin(S.row * n + S.col, on)
+    rest = sparse.csr_matrix((S.data[out], (S.row[out], S.col[out])), S.shape)
+    rest.sort_indices()
+    return rest
+
+
+def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray, there: Any = True) -> tuple[np.ndarray, np.ndarray]:
+    """For rows of the CSR matrices of some templates, where `there`: which, and places in the CSR, of all entries."""
+    parts = []
+    for k, m in enumerate(matrices):
+        of_kind = np.flatnonzero((kind == k) & there)
+        which, at = _expand(m.indptr, rows[of_kind])
+        parts.append(np.stack([of_kind[which], at]))
+    entries = np.concatenate(parts, axis=1)
+    return tuple(entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries)
+
+
+def _values(matrices: list, kind: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values of entries, from the CSR matrix of each template."""
+    out = np.zeros(len(at), matrices[0].dtype)
+    for k, m in enumerate(matrices):
+        out[kind == k] = m.data[at[kind == k]]
+    return out
+
+
+def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For CSR rows: position in `rows` and index of every entry, in order."""
+    count = ptr[rows + 1] - ptr[rows]
+    which = np.repeat(np.arange(len(rows)), count)
+    begin = np.repeat(ptr[rows] - (np.cumsum(count) - count), count)
+    return which, begin + np.arange(count.sum())
+
+
+def _changes(*arrays: np.ndarray) -> np.ndarray:
+    """Where any of the arrays differs from its value before; the first does."""
+    new = np.ones(len(arrays[0]), bool)
+    new[1:] = np.any([a[1:] != a[:-1] for a in arrays], axis=0)
+    return new

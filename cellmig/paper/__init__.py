@@ -1,0 +1,1 @@
+"""The publication: its claims over seeds, its figures."""

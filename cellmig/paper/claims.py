@@ -1,0 +1,272 @@
+"""What the paper claims, R1 to R6, against what was measured: a number in each seed, a bound, a verdict.
+
+The claims are those of Bai, Lin & Zeng, CMES 121(3), 2019, section 4.  Every claim is taken apart into statements that
+one number decides; the bounds are stated here and are the same whatever the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cellmig.runs.outcome import Outcome, aspect, circularity, gap, oscillation, stresses
+
+HOLDS, AVERAGE, FAILS, UNKNOWN = "holds", "holds on average", "does not hold", "not measured"
+ADHESION, PROTRUSION = (0.5, 1.0, 2.0, 4.0), (0.5, 1.0, 2.0)  # of the values of the paper's case
+CASES = {"three_only": "{3}", "one_three": "{1,3}", "two_three": "{2,3}", "all_protrude": "{1,2,3}"}
+END = 400.0  # us
+
+Results = Mapping[str, Mapping[int, Outcome]]  # configuration -> seed -> what came out
+
+
+def study(what: str, factor: float) -> str:
+    """Name of the configuration with this multiple of the adhesion or protrusion; 1 is the paper's case itself."""
+    return "all_protrude" if factor == 1.0 else f"{what}_x{factor:g}"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A statement that one number decides.
+
+    what : str -- the number and its unit;  values : dict -- it by seed;  above, below : float -- where it has to lie.
+    """
+
+    what: str
+    values: Mapping[int, float]
+    above: float = -np.inf
+    below: float = np.inf
+
+    @property
+    def text(self) -> str:
+        """The statement with its bounds."""
+        if np.isfinite(self.above) and np.isfinite(self.below):
+            return f"{self.what} in {self.above:g}-{self.below:g}"
+        return f"{self.what} > {self.above:g}" if np.isfinite(self.above) else f"{self.what} < {self.below:g}"
+
+    @property
+    def mean(self) -> float:
+        """Mean over the seeds."""
+        return float(np.mean(list(self.values.values()))) if self.values else np.nan
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation over the seeds; nan for one."""
+        return float(np.std(list(self.values.values()), ddof=1)) if len(self.values) > 1 else np.nan
+
+    def within(self, value: float) -> bool:
+        """Whether a value is as claimed; nan is not."""
+        return bool(self.above < value < self.below)
+
+    @property
+    def held(self) -> set[int]:
+        """The seeds in which it holds."""
+        return {seed for seed, value in self.values.items() if self.within(value)}
+
+    @property
+    def verdict(self) -> str:
+        """Whether it holds in every seed, in the mean, or not."""
+        if not self.values:
+            return UNKNOWN
+        return HOLDS if len(self.held) == len(self.values) else AVERAGE if self.within(self.mean) else FAILS
+
+    @property
+    def errors(self) -> float:
+        """Distance of the mean from the nearer bound, in standard errors of the mean [-]; nan for one seed."""
+        distance = min(abs(self.mean - self.above), abs(self.mean - self.below))
+        return distance * np.sqrt(len(self.values)) / self.spread if self.spread > 0 else np.nan
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper: its parts have to hold together; `notes` always, `why` where it fails, in numbers."""
+
+    key: str
+    text: str
+    parts: list[Part]
+    notes: list[str] = field(default_factory=list)
+    why: list[str] = field(default_factory=list)
+
+    @property
+    def seeds(self) -> set[int]:
+        """The seeds in which all parts were measured."""
+        return set.intersection(*(set(part.values) for part in self.parts))
+
+    @property
+    def held(self) -> set[int]:
+        """The seeds in which all parts hold."""
+        return set.intersection(*(part.held for part in self.parts))
+
+    @property
+    def verdict(self) -> str:
+        """That of the worst of its parts."""
+        found = {part.verdict for part in self.parts}
+        return next(v for v in (UNKNOWN, FAILS, AVERAGE, HOLDS) if v in found)
+
+
+def judge(results: Results) -> list[Claim]:
+    """All claims against what was measured."""
+    return [claim(results) for claim in CLAIMS.values()]
+
+
+# ---------------------------------------------------------------------------------------------------------- helpers
+
+
+def by_seed(results: Results, names: Iterable[str], number: Callable[..., float]) -> dict[int, float]:
+    """A number of each seed that all of these configurations have: `number(*outcomes)`; None is left out."""
+    runs = [results.get(name, {}) for name in names]
+    found = {seed: number(*(run[seed] for run in runs)) for seed in sorted(set.intersection(*map(set, runs)))}
+    return {seed: float(value) for seed, value in found.items() if value is not None}
+
+
+def mean_of(results: Results, name: str, number: Callable[[Outcome], float]) -> str:
+    """A number of one configuration as text, mean ± standard deviation over the seeds."""
+    return text_of(by_seed(results, [name], number).values())
+
+
+def text_of(values: Iterable[float]) -> str:
+    """Mean ± standard deviation as text."""
+    part = Part("", dict(enumerate(values)))
+    return f"{part.mean:.3g} ± {part.spread:.2g}" if len(part.values) > 1 else f"{part.mean:.3g}"
+
+
+def moved(outcome: Outcome) -> float:
+    """Mean displacement of the aggregate at the end [um]."""
+    return outcome.at("ux_um", END)
+
+
+def ordered(results: Results, names: list[str], labels: list[str]) -> list[Part]:
+    """Displacement [um] grows along these configurations, step by step."""
+    return [Part(f"displacement at 400 us of {labels[k + 1]} less that of {labels[k]} [um]",
+                 by_seed(results, names[k:k + 2], lambda low, high: moved(high) - moved(low)), above=0.0)
+            for k in range(len(names) - 1)]
+
+
+def account(results: Results, names: list[str], labels: list[str]) -> list[str]:
+    """What moved the aggregate, in the seeds that all configurations have: without friction, the impulse alone."""
+    common = set.intersection(*(set(results.get(name, {})) for name in names))
+    lines = []
+    for name, label in zip(names, labels, strict=True) if common else ():
+        runs = {name: {seed: results[name][seed] for seed in common}}
+        push, on, between = (mean_of(runs, name, number) for number in (
+            lambda o: 1e-3 * o.impulse, lambda o: o.at("substrate_contact_um", END),
+            lambda o: o.at("cell_contact_um", END)))
+        apart = (f"the outer cells are apart from Cell-2 for {mean_of(runs, name, lambda o: o.separated)} of 2 x 400 us"
+                 if any(o.separated for o in runs[name].values()) else "no cell ever parts")
+        lines.append(f"{label}: moved {mean_of(runs, name, moved)} um by an impulse of {push} nN us/um; contact at "
+                     f"400 us {on} um with the substrate, {between} um between cells; {apart}")
+    return lines
+
+
+# ----------------------------------------------------------------------------------------------------------- claims
+
+
+def r1(results: Results) -> Claim:
+    """Fig. 2: round at 20 us, then the contact grows, then the cells move and press on each other."""
+
+    def part(what: str, number: Callable[[Outcome], Any], **bounds: float) -> Part:
+        return Part(what, by_seed(results, ["all_protrude"], number), **bounds)
+
+    def grows(column: str, late: float, early: float) -> Callable[[Outcome], float]:
+        return lambda outcome: outcome.at(column, late) - outcome.at(column, early)
+
+    def state(time: float) -> str:
+        on, between, far = (mean_of(results, "all_protrude", partial(Outcome.at, column=column, time=time))
+                            for column in ("substrate_contact_um", "cell_contact_um", "ux_um"))
+        return f"{time:g} us: contact {on} um with the substrate, {between} um between cells; moved {far} um"
+
+    def speeds(o: Outcome) -> float:
+        return grows("ux_um", 268.0, 204.0)(o) / 64.0 - o.at("ux_um", 204.0) / 204.0
+
+    return Claim("R1", "all protrude: round at first, then spread, then moving, in growing contact (Fig. 2)", [
+        part("least circularity 4 pi A/P^2 of a cell at 20 us", lambda o: circularity(o, 20.0), above=0.95),
+        part("height/width at 20 us of the cell that is least round", lambda o: aspect(o, 20.0), above=0.9, below=1.1),
+        part("contact with the substrate, 204 us less 20 us [um]", grows("substrate_contact_um", 204.0, 20.0),
+             above=0.0),
+        part("contact with the substrate, 268 us less 204 us [um]", grows("substrate_contact_um", 268.0, 204.0),
+             above=0.0),
+        part("mean speed 204-268 us less that before [um/us]", speeds, above=0.0),
+        part("contact between cells, 268 us less 20 us [um]", grows("cell_contact_um", 268.0, 20.0), above=0.0),
+    ], why=[state(time) for time in (20.0, 204.0, 268.0)])
+
+
+def r2(results: Results) -> Claim:
+    """Fig. 3: the stress of the middle cell swings.
+
+    That its neighbours do it is more than the paper's figure shows: the same cell without neighbours is the control.
+    """
+    swing = {seed: oscillation(outcome) for seed, outcome in results.get("all_protrude", {}).items()}
+    alone = {seed: oscillation(outcome, cell=1) for seed, outcome in results.get("alone", {}).items()}
+    notes = [f"{who}: standard deviation {text_of(s.deviation for s in found.values())} Pa, of the means over "
+             f"10 us {text_of(s.slow for s in found.values())} Pa; sign changes "
+             f"{text_of(s.changes for s in found.values())}; largest compression (push) "
+             f"{text_of(s.push for s in found.values())} Pa, largest tension (pull) "
+             f"{text_of(s.pull for s in found.values())} Pa"
+             for who, found in (("Cell-2", swing), ("one cell alone, protruding", alone)) if found]
+    if common := swing.keys() & alone.keys():
+        more = sum(swing[seed].slow > alone[seed].slow for seed in common)
+        notes.append(f"Cell-2 swings more than the cell alone (means over 10 us) in {more} of {len(common)} seeds: "
+                     "only what it swings more can be push and pull of its neighbours")
+    return Claim("R2", "sigma11 at the lower centre of Cell-2 oscillates (Fig. 3)", [
+        Part("sign changes about its linear trend, 20-400 us, means over 10 us [-]",
+             {seed: float(s.changes) for seed, s in swing.items()}, above=3.5),
+        Part("its standard deviation over the mean effective stress of Cell-2 [-]",
+             {seed: s.deviation / s.scale for seed, s in swing.items()}, above=1.0),
+    ], notes)
+
+
+def r3(results: Results) -> Claim:
+    """Fig. 4: who protrudes orders the displacement."""
+    names, labels = list(CASES), list(CASES.values())
+    parts = ordered(results, names, labels)
+    return Claim("R3", "displacement by who protrudes: {3} < {1,3} < {2,3} < {1,2,3} (Fig. 4)", parts,
+                 notes=account(results, names, labels))
+
+
+def r4(results: Results) -> Claim:
+    """Fig. 5: the follower is the least stressed, and at first apart from the leader in front."""
+    runs = results.get("one_three", {})
+    stress = {seed: stresses(outcome, 250.0, END) for seed, outcome in runs.items()}
+    stress = {seed: s for seed, s in stress.items() if s}
+    parts = [Part(f"median stress 250-400 us of Cell-{leader} less that of Cell-2, {where} [Pa]",
+                  {seed: s[where][leader] - s[where][2] for seed, s in stress.items()}, above=0.0)
+             for where in ("whole cell", "cytoplasm at the bottom") for leader in (1, 3)]
+    parts.append(Part("contact of Cell-1 with Cell-2 at 24 us [um]",
+                      by_seed(results, ["one_three"], lambda o: o.at("cell_contact_um", 24.0, 1)), below=0.01))
+    notes = [f"effective stress, median over 250-400 us, {where}: " + ", ".join(
+        f"Cell-{cell} {text_of(s[where][cell] for s in stress.values())}" for cell in (1, 2, 3))
+        + (" [-]" if where.startswith("share") else " Pa") for where in next(iter(stress.values()), {})]
+    if notes:
+        notes.append("the nucleus weighs in the whole cell by its share, and its stress has not converged")
+    why = [_who_parts(results, name) for name in ("one_three", "all_protrude") if results.get(name)]
+    return Claim("R4", "{1,3}: Cell-2 less stressed than Cells 1 and 3; Cells 1 and 2 apart at first (Fig. 5)",
+                 parts, notes, why)
+
+
+def _who_parts(results: Results, name: str) -> str:
+    contact, width, first, last = (mean_of(results, name, number) for number in (
+        lambda o: o.at("cell_contact_um", 24.0, 1), lambda o: gap(o, 24.0, 1.0), lambda o: o.apart(1),
+        lambda o: o.apart(3)))
+    return (f"{CASES[name]}: contact of Cell-1 with Cell-2 at 24 us {contact} um, gap between them 1 um above the "
+            f"substrate {width} um; of 400 us Cell-1 is apart from Cell-2 for {first} us, Cell-3 for {last} us")
+
+
+def r5(results: Results) -> Claim:
+    """Fig. 6: adhesion between cells makes the aggregate faster."""
+    return _grows(results, "R5", "adhesion", ADHESION, "faster with stronger adhesion between cells (Fig. 6)")
+
+
+def r6(results: Results) -> Claim:
+    """Section 4.2: protrusion makes it faster."""
+    return _grows(results, "R6", "protrusion", PROTRUSION, "faster with stronger protrusion")
+
+
+def _grows(results: Results, key: str, what: str, factors: tuple[float, ...], text: str) -> Claim:
+    names, labels = [study(what, factor) for factor in factors], [f"x {factor:g}" for factor in factors]
+    return Claim(key, text, ordered(results, names, labels), notes=account(results, names, labels))
+
+
+CLAIMS = {"R1": r1, "R2": r2, "R3": r3, "R4": r4, "R5": r5, "R6": r6}

@@ -1,0 +1,183 @@
+"""`cellmig paper`: the cases and studies over many random seeds, claims R1 to R6 judged, figures drawn."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cellmig.case.schema import Case
+from cellmig.exits import DONE, STOPPED
+from cellmig.runs.batch import Ended, Job, counting, run_missing, write_rows
+from cellmig.runs.cases import FOLDER
+from cellmig.runs.collect import collect, source
+from cellmig.runs.outcome import CELLS, Outcome
+from cellmig.runs.run import stop_requests
+
+from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
+from .figures import draw
+
+# Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.
+_FRAMES, _QUICK_FRAMES = 100, 20
+_QUICK = ("particles.per_cell=331", "time.samples=200")
+_CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy} pN um",
+            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength}",
+            "alone": lambda case, factor: f'protrusion.cells=["{case.cells[0].name}"]'}
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A case of the paper, a multiple of one strength in it or a control, and the claims that turn on it."""
+
+    case: str
+    claims: tuple[str, ...]
+    frames: bool = False
+    what: str = ""
+    factor: float = 1.0
+
+    def sets(self, base: Case, quick: bool, given: Sequence[str] = ()) -> tuple[str, ...]:
+        """How it differs from its case file; `base` is that with the changes that were `given`, which are in it."""
+        frames = (_QUICK_FRAMES if quick else _FRAMES) if self.frames else 1
+        changed = (_CHANGED[self.what](base, self.factor),) if self.what else ()
+        return (f"time.frames={frames}", *(_QUICK if quick else ()), *given, *changed)
+
+
+CONFIGURATIONS = {
+    "all_protrude": Configuration("all_protrude", ("R1", "R2", "R3", "R5", "R6"), frames=True),
+    "one_three": Configuration("one_three", ("R3", "R4"), frames=True),
+    "two_three": Configuration("two_three", ("R3",)),
+    "three_only": Configuration("three_only", ("R3",)),
+    "alone": Configuration("one_cell", ("R2",), what="alone"),
+    **{study("adhesion", f): Configuration("all_protrude", ("R5",), False, "adhesion", f) for f in ADHESION if f != 1},
+    **{study("protrusion", f): Configuration("all_protrude", ("R6",), False, "protrusion", f)
+       for f in PROTRUSION if f != 1},
+}
+
+
+def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = (),
+          given: Sequence[str] = ()) -> int:
+    """Run what is missing, judge the claims, draw the figures, write the numbers.
+
+    Parameters
+    ----------
+    out : Path -- directory of everything; the runs are in `runs/<configuration>/seed<seed>` of it.
+    seeds : int -- the case's own seed and the numbers that follow it.
+    at_once : int -- runs at a time; by default one for each core.
+    quick : bool -- coarse particles, few frames and samples.
+    only : list of str -- keys of claims that are run for and told of; by default all.  What is there already of the
+        others stays in the figures and in the files of numbers.
+    given : list of str -- "KEY=VALUE", changes to all cases; the strengths are multiples of what they make them.
+
+    Returns
+    -------
+    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    """
+    claims = list(dict.fromkeys(only)) or list(CLAIMS)
+    jobs = plan(out, seeds, quick, given)
+    wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
+    with stop_requests() as asked:
+        failed = run_missing(out, wanted, at_once or len(os.sched_getaffinity(0)), asked)
+    if asked:
+        print("stopped; the same command goes on from here")
+        return STOPPED
+    sound, bad = counting(jobs)
+    results = collect(sound)
+    judged = judge(results)
+    print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
+    _write_claims(out / "claims.csv", judged)
+    _write_runs(out / "runs.csv", jobs, results, failed | bad)
+    print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
+    return next((ended.code for ended in (failed | bad).values()), DONE)
+
+
+def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[tuple[str, int], Job]:
+    """All runs by configuration and seed; seed by seed, so that a part of them is of use."""
+    cases = {c.case: FOLDER / f"{c.case}.toml" for c in CONFIGURATIONS.values()}
+    bases = {name: Job("", path, tuple(given), out).load() for name, path in cases.items()}
+    jobs = {}
+    for k in range(seeds):
+        for name, c in CONFIGURATIONS.items():
+            seed = bases[c.case].seed + k
+            sets = (*c.sets(bases[c.case], quick, given), f"seed={seed}")
+            jobs[name, seed] = Job(f"{name}, seed {seed}", cases[c.case], sets, out / "runs" / name / f"seed{seed}")
+    return jobs
+
+
+# ------------------------------------------------------------------------------------------------------- what is said
+
+
+def table(claims: list[Claim], seeds: int) -> list[str]:
+    """Claim / what was measured / in how many seeds / verdict, as lines; what is missing is said."""
+    lines = [_line("claim", "measured", "holds in", "verdict"), "-" * 134]
+    for claim in claims:
+        lines.append(_line(f"{claim.key}  {claim.text}", "", f"{len(claim.held)} of {len(claim.seeds)}",
+                           claim.verdict))
+        lines += [_line(f"      {part.text}", text_of(part.values.values()) if part.values else "-",
+                        f"{len(part.held)} of {len(part.values)}",
+                        part.verdict + (" (within the scatter)" if part.errors < 1.0 else "")) for part in claim.parts]
+        why = [*_scatter(claim), *claim.why] if claim.verdict != HOLDS else []
+        for text in [*claim.notes, *(f"why: {reason}" for reason in why)]:
+            lines += textwrap.wrap(text, 134, initial_indent=" " * 6, subsequent_indent=" " * 8)
+        if missing := seeds - len(claim.seeds):
+            lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed or do not count")
+    return lines
+
+
+def _line(claim: str, measured: str, seeds: str, verdict: str) -> str:
+    return f"{claim:<88} {measured:>17}  {seeds:>8}  {verdict}".rstrip()
+
+
+def _scatter(claim: Claim) -> list[str]:
+    """Of each part that does not hold in all seeds, how its mean compares with the scatter."""
+    said = []
+    for part in claim.parts:
+        if part.values and part.verdict != HOLDS:
+            errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 and part.errors < 100 else ""
+            said.append(f"{part.what}: mean {part.mean:.3g} {'misses' if part.verdict == FAILS else 'keeps'} its bound"
+                        f"{errors}; by seed {', '.join(f'{v:.3g}' for v in part.values.values())}")
+    return said
+
+
+def _write_claims(path: Path, claims: list[Claim]) -> None:
+    seeds = sorted({seed for claim in claims for part in claim.parts for seed in part.values})
+    write_rows(path, [{"claim": claim.key, **_entries(part),
+                       **{f"seed{seed}": part.values.get(seed, "") for seed in seeds}, "claim_verdict": claim.verdict}
+                      for claim in claims for part in claim.parts])
+
+
+def _entries(part: Part) -> dict[str, Any]:
+    return {"part": part.what, "above": part.above, "below": part.below, "mean": part.mean, "spread": part.spread,
+            "standard_errors": part.errors, "seeds": len(part.values), "holds_in": len(part.held),
+            "verdict": part.verdict}
+
+
+def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results, failed: Mapping[Job, Ended]) -> None:
+    """One row a run that there is, or that failed."""
+    rows = []
+    for (name, seed), job in jobs.items():
+        c = CONFIGURATIONS[name]
+        row: dict[str, Any] = {"configuration": name, "protruding": CASES.get(c.case, "{1}"), "changed": c.what,
+                               "factor": c.factor, "seed": seed}
+        if job in failed:
+            rows.append(row | {"exit_code": failed[job].code, "message": failed[job].message})
+        elif outcome := results.get(name, {}).get(seed):
+            rows.append(row | {"exit_code": DONE, "message": ""} | _numbers(outcome))
+    write_rows(path, rows)
+
+
+def _numbers(outcome: Outcome) -> dict[str, Any]:
+    """What a finished run did, as a row."""
+    m = outcome.manifest
+    row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_closure", "state_hash")}
+    row["source"] = source(outcome)
+    row["impulse_pn_us_per_um"] = outcome.impulse
+    for time in (20.0, 24.0, 204.0, 268.0, END):
+        for column in ("ux_um", "substrate_contact_um", "cell_contact_um"):
+            row[f"{column}_at_{time:g}us"] = outcome.at(column, time)
+    for cell in set(CELLS) & set(outcome.history["cell"].tolist()):
+        row[f"ux_um_of_cell{cell}_at_{END:g}us"] = outcome.at("ux_um", END, cell)
+        row[f"apart_us_of_cell{cell}"] = outcome.apart(cell)
+    return row

@@ -1,0 +1,130 @@
+"""Pictures of a run: shapes and stress, displacement and contact, energy, forces on the substrate and between cells."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from cellmig.output.directory import OutputError, the_run
+from cellmig.output.tables import names_of, read_table
+from cellmig.output.xdmf import Frame, frames
+
+from .snapshots import chosen, film, not_reached, shapes
+from .style import COLOURS, STYLE, save
+from .traction import between, traction
+
+_LEAST_SPAN = 1e-3  # µm, of the displacement axis
+
+
+def plot(directory: Path, times: Sequence[float] | None = None, field: str = "effective_stress",
+         out: Path | None = None, formats: Sequence[str] = ("png", "pdf"), moving: bool = False) -> list[Path]:
+    """Draw what a run left, finished or not.
+
+    Parameters
+    ----------
+    directory : Path -- of the run.
+    times : list of float -- [us] of the snapshots, each the nearest frame; by default early, in the middle, at the end.
+    field : str -- fills the shapes; of a vector its length.
+    out : Path -- where the pictures go; by default into the run's directory.
+    formats : list of str -- "png", "pdf" or "svg".
+    moving : bool -- a film as well.
+
+    Returns
+    -------
+    list of Path -- the pictures: shapes, displacement, ledger, traction, between (neighbours), of what there is.
+    """
+    directory = the_run(directory)
+    out = Path(out or directory)
+    out.mkdir(parents=True, exist_ok=True)
+    with matplotlib.rc_context(STYLE):
+        found = frames(directory)
+        some = [frame.time for frame in chosen(found, times)] if found else []
+        for remark in filter(None, [not_reached(found, times), _no_tables(directory, found)] if found else []):
+            print(f"cellmig: {remark}", file=sys.stderr)
+        history, ledger, substrate, neighbours = (
+            _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
+        samples = np.unique(history.get("time_us", []))
+        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(history),
+                   "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
+                   "between": between(neighbours, samples)}
+        if not any(figures.values()):
+            raise OutputError(f"'{directory}' holds no frames and no samples to draw")
+        paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
+        made = film(directory, out, field) if moving else None
+    return [*paths, made] if made else paths
+
+
+def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
+    """What to say where forces are in the frames alone; "" if the tables are there, or there are no such forces."""
+    tables = {"adhesion_force": "substrate.csv", "contact_force": "neighbours.csv"}
+    lacking = [name for field, name in tables.items() if field in found[0].units() and not (directory / name).exists()]
+    return f"no pictures of forces: the run is of an older version, without {' and '.join(lacking)}" if lacking else ""
+
+
+def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
+    """Displacement of every cell and the mean, what it touches, and its effective stress, against time."""
+    if not history:
+        return None
+    names = names_of(history)
+    cells = [cell for cell in np.unique(history["cell"]) if cell]
+    contacts = [(name, text, style) for name, text, style in (("substrate_contact_um", "with the substrate", "-"),
+                                                              ("cell_contact_um", "with cells", ":"))
+                if np.nan_to_num(history[name]).any()]
+    stressed = np.nan_to_num(history["effective_stress_pa"]).any()
+    panels = 1 + bool(contacts) + bool(stressed)
+    figure = Figure(figsize=(6.0, 0.4 + 2.0 * panels), layout="constrained")
+    axes = figure.subplots(panels, 1, sharex=True, squeeze=False).ravel()
+    for cell in cells if len(cells) == 1 else [0, *cells]:
+        rows = history["cell"] == cell
+        time = history["time_us"][rows]
+        colour = COLOURS[(cell - 1) % len(COLOURS)]
+        style = {"color": colour, "label": names[cell]} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
+        axes[0].plot(time, history["ux_um"][rows], **style)
+        for name, _, line in contacts if cell else ():
+            axes[1].plot(time, history[name][rows], color=colour, ls=line)
+        if stressed:
+            axes[-1].plot(time, history["effective_stress_pa"][rows], **style)
+    axes[0].set_ylabel("displacement $u_x$ [µm]")
+    axes[0].legend(loc="upper left")
+    low, high = axes[0].get_ylim()
+    if high - low < _LEAST_SPAN:  # nothing moves: no picture of rounding errors
+        axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))
+    if contacts:
+        for _, text, line in contacts:
+            axes[1].plot([], [], color="0.4", ls=line, label=text)
+        axes[1].set_ylabel("contact length [µm]")
+        axes[1].legend(loc="upper left")
+    if stressed:
+        axes[-1].set_ylabel("effective stress [Pa]")
+    axes[-1].set_xlabel("time [µs]")
+    return figure
+
+
+def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
+    """Every entry of the energy ledger that the scene has, and what does not add up."""
+    if not ledger:
+        return None
+    figure = Figure(figsize=(6.0, 4.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    entries = [name for name in ledger if name not in ("time_us", "closure") and np.nan_to_num(ledger[name]).any()]
+    for number, name in enumerate(entries):
+        style = "-" if number < len(COLOURS) else "--"
+        upper.plot(ledger["time_us"], ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
+                   label=name.replace("_", " "))
+    lower.plot(ledger["time_us"], 100 * ledger["closure"], color="0.2")
+    upper.set_ylabel("energy per thickness [pN]")
+    lower.set(ylabel="does not\nadd up [%]", xlabel="time [µs]")
+    if entries:
+        upper.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
+    return figure
+
+
+def _table(path: Path) -> dict[str, np.ndarray]:
+    """A table with at least one row, or an empty one."""
+    table = read_table(path) if path.exists() else {}
+    return table if table and len(table["time_us"]) else {}

@@ -1,0 +1,1 @@
+"""Runs, one or many: what they leave, resume, compare, sweep."""

@@ -1,0 +1,283 @@
+"""Many runs: one process each, as many at once as there are cores; what is there already is kept."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import IO, Any
+
+from tqdm import tqdm
+
+from mpi4py import MPI
+
+from cellmig.case.load import load
+from cellmig.case.own_laws import included
+from cellmig.case.schema import Case
+from cellmig.exits import BROKEN
+from cellmig.laws import register
+from cellmig.output.directory import Claim, replace
+from cellmig.output.log import clock
+from cellmig.output.manifest import read_manifest
+from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
+from cellmig.parallel.options import deciding, options_given, options_in
+from cellmig.simulation import until
+from cellmig.version import __version__
+
+from .preflight import cost
+
+_SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
+CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
+_PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks.
+
+    until : float -- where it ends [us], if not where the case says.
+    """
+
+    name: str
+    case: Path
+    sets: tuple[str, ...]
+    directory: Path
+    options: tuple[str, ...] = ()
+    ranks: int = 1
+    until: float | None = None
+
+    def load(self) -> Case:
+        """The case that this run is of."""
+        register()
+        return load(self.case, self.sets)
+
+    def is_done(self) -> bool:
+        """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
+        manifest = read_manifest(self.directory)
+        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self.is_of(manifest)
+
+    def is_outdated(self) -> bool:
+        """Whether what its directory holds was done by another version of cellmig."""
+        manifest = read_manifest(self.directory)
+        return manifest.get("exit_status") == 0 and manifest.get("version") != __version__
+
+    def goes_on(self) -> bool:
+        """Whether its directory holds this very run with a checkpoint, stopped or killed before its end."""
+        manifest = read_manifest(self.directory)
+        return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("exit_status") != 0
+                and self.is_of(manifest))
+
+    def is_of(self, manifest: Mapping[str, Any]) -> bool:
+        """Whether a manifest is of this case, by this version: what another computed may differ."""
+        if manifest.get("version") != __version__:
+            return False
+        case = self.load()
+        options, end = options_given() | options_in(self.options), until(case, self.until).time.end
+        return (manifest["end_us"] == end and manifest.get("laws", []) == included()
+                and deciding(manifest.get("petsc_options", {})) == deciding(options)
+                and manifest["case"] == json.loads(json.dumps(case.resolved())))
+
+    def arguments(self) -> list[str]:
+        """What the command line says of it."""
+        sets = [word for text in self.sets for word in ("--set", text)]
+        sets += [word for one in included() for word in ("--law", one["file"])]
+        end = [] if self.until is None else ["--until", f"{self.until} us"]
+        return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *end, *self.options]
+
+    def command(self) -> str:
+        """The line that runs it again."""
+        on_ranks = ["mpiexec", "-n", str(self.ranks)] if self.ranks > 1 else []
+        return shlex.join([*on_ranks, "cellmig", *self.arguments()])
+
+    def start(self, errors: IO[str]) -> subprocess.Popen:
+        """Start it, or go on with it; what it says about a failure goes to `errors`."""
+        going_on = ("--resume", "auto") if self.goes_on() else ()
+        command = [*PYTHON, "-m", "cellmig", *self.arguments(), *going_on]
+        if self.ranks > 1:
+            command = on_ranks(self.ranks, command)
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+                                env=outside_mpi() | {"OPENBLAS_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8"})
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended: its exit code, and a message if that is not 0."""
+
+    job: Job
+    code: int
+    message: str = ""
+
+
+def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit: float = math.inf) -> Iterator[Ended]:
+    """Run jobs in order, on `at_once` ranks at a time or more if one needs them; tell of each as it ends.
+
+    A failure stops no other.  One that takes longer than `limit` wall seconds is killed.  As soon as `asked` is not
+    empty, nothing more is started and what runs is asked to stop, too.
+    """
+    waiting, active = list(jobs)[::-1], {}
+
+    def room() -> bool:
+        return not active or sum(job.ranks for job, *_ in active.values()) + waiting[-1].ranks <= at_once
+
+    with ExitStack() as files:
+        try:
+            while (waiting or active) and not asked:
+                while waiting and room():
+                    job = waiting.pop()
+                    errors = files.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace"))
+                    active[job.start(errors)] = job, errors, perf_counter()
+                time.sleep(_PAUSE)
+                late = [p for p, (*_, begin) in active.items() if perf_counter() > begin + limit and p.poll() is None]
+                for process in late:
+                    _kill(process)
+                    yield Ended(active.pop(process)[0], process.returncode, f"no end within {limit:g} s")
+                for process in [p for p in active if p.poll() is not None]:
+                    yield _ended(process.returncode, *active.pop(process)[:2])
+        finally:
+            for process in active:
+                process.terminate()
+            for process in active:
+                process.wait()
+
+
+def run_missing(out: Path, jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
+                ) -> dict[Job, Ended]:
+    """Run the jobs that are not done, in order or the longest first, and show how many have ended; those that failed.
+
+    `out` : where they are, which one command at a time works in.
+    Ranks wait for each other and want the cores for themselves: by length, runs on several of them come last.
+    """
+    with Claim(out, MPI.COMM_SELF, make=True):
+        return _run_missing(list(jobs), at_once, asked, longest_first)
+
+
+def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longest_first: bool) -> dict[Job, Ended]:
+    load = os.getloadavg()[0]
+    missing = [job for job in jobs if not job.is_done()]
+    outdated = sum(job.is_outdated() for job in missing)
+    print(f"{len(jobs)} runs; {len(jobs) - len(missing)} of them are there already"
+          + (f"; {outdated} are there of another version of cellmig: they are moved aside and done again" if outdated
+             else ""), flush=True)
+    if not missing:
+        return {}
+    seconds = _costs(missing)
+    wall = expected(seconds, at_once, load, len(os.sched_getaffinity(0)))
+    print(f"{len(missing)} to go, {at_once} at a time: about {clock(wall)} with the machine as busy as it is now (load "
+          f"{load:.1f})", flush=True)
+    if longest_first:
+        missing.sort(key=lambda job: (job.ranks, -seconds[job]))
+    count, failed = Count(len(missing)), {}
+    for ended in run_all(missing, at_once, asked):
+        count(ended)
+        if ended.code:
+            failed[ended.job] = ended
+    count.close()
+    return failed
+
+
+def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
+    """Seconds that each job takes on one core that it has for itself; what differs in the seed alone is timed once."""
+    known: dict[str, float] = {}
+    found = {}
+    for job in jobs:
+        case = dataclasses.replace(until(job.load(), job.until), seed=0, title="", path="")
+        if repr(case) not in known:
+            known[repr(case)] = _SETUP + cost(case).seconds
+        found[job] = known[repr(case)]
+    return found
+
+
+def expected(seconds: Mapping[Job, float], at_once: int, load: float, cores: int) -> float:
+    """Wall seconds of jobs that take these on one core each; `load` : other processes that want to run meanwhile."""
+    longest = max(time / job.ranks for job, time in seconds.items())
+    return max(sum(seconds.values()) / at_once, longest) * max(1.0, (at_once + load) / cores)
+
+
+def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
+    """Runs to the end whose energy does not add up: they pass for no result, whatever they would say."""
+    found = {}
+    for job in jobs:
+        closure = read_manifest(job.directory)["worst_closure"]
+        if closure is None or closure > CLOSES:
+            closure = float("nan") if closure is None else closure
+            message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
+            found[job] = Ended(job, BROKEN, message)
+            print(f"{job.name} does not count: {message}")
+    return found
+
+
+def counting(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, Ended]]:
+    """Of all jobs by key, those that are done and count, and those that ended but do not."""
+    done = {key: job for key, job in jobs.items() if job.is_done()}
+    bad = unsound(done.values())
+    return {key: job for key, job in done.items() if job not in bad}, bad
+
+
+def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Rows as CSV; a column for each name that is in any of them."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace(path, text.getvalue())
+
+
+def _kill(process: subprocess.Popen) -> None:
+    """End a process that hangs, and its ranks: a second ^C ends them at once."""
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE / 2)
+    process.kill()
+    process.wait()
+
+
+def _ended(code: int, job: Job, errors: IO[str]) -> Ended:
+    if code == 0:
+        return Ended(job, code)
+    errors.seek(0)
+    said = errors.read().strip().split("\n")[-1].removeprefix("cellmig: ")
+    cause = read_manifest(job.directory).get("cause")
+    return Ended(job, code, cause or said or f"killed by signal {-code}")
+
+
+class Count:
+    """How many runs have ended: a bar on a terminal, else a line now and then."""
+
+    def __init__(self, total: int, unit: str = "run") -> None:
+        watched = "CELLMIG_TERMINAL" in os.environ or sys.stdout.isatty()
+        self._bar = tqdm(total=total, unit=unit, file=sys.stdout, leave=False, disable=not watched, dynamic_ncols=True)
+        self._total, self._done, self._begin, self._unit = total, 0, perf_counter(), unit
+        self._due = float("inf") if watched else self._begin + _NEXT_LINE
+
+    def __call__(self, ended: Ended) -> None:
+        """After a run."""
+        self._done += 1
+        self._bar.update()
+        if ended.code:
+            tqdm.write(f"{ended.job.name} failed (exit code {ended.code}): {ended.message}", file=sys.stdout)
+        if (now := perf_counter()) >= self._due:
+            self._due = now + _NEXT_LINE
+            left = (now - self._begin) * (self._total - self._done) / self._done
+            print(f"{self._done} of {self._total} {self._unit}s, {clock(now - self._begin)}, left {clock(left)}",
+                  flush=True)
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._bar.close()

@@ -1,0 +1,229 @@
+"""When a run writes checkpoints and what they say; from which of them a run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError, Mistake
+from cellmig.case.own_laws import include_all, included
+from cellmig.case.schema import Case
+from cellmig.output import checkpoint
+from cellmig.output.checkpoint import Checkpoint
+from cellmig.output.directory import Claim, OutputError, together
+from cellmig.output.log import Log
+from cellmig.output.manifest import processor, read_manifest
+from cellmig.output.tables import up_to
+from cellmig.output.xdmf import check_frames
+from cellmig.parallel.options import deciding
+from cellmig.simulation import Simulation, same_places
+from cellmig.version import __version__
+
+FORMAT = 2  # of checkpoints: what they hold, and what it is called
+GO_ON, SAVE, STOP = 0, 1, 2
+USUAL = 300.0  # wall seconds between checkpoints, if nobody says
+SHARE = 0.02  # of the wall time that they may take, if nobody says how often
+SPARE = 3.0  # wall seconds kept back for the start and the end, besides what the slowest steps and checkpoints take
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """When to save: every so many wall seconds and µs of simulated time; when to stop: wall seconds; None: as usual."""
+
+    wall: float | None = None
+    simulated: float | None = None
+    limit: float | None = None
+
+
+USUALLY = Intervals()
+
+
+class Keeper:
+    """Writer of the checkpoints of a run; every method is collective.
+
+    count : checkpoints written;  seconds : wall time that they took;  held : the last state that can be saved, where
+    that of now cannot.
+    """
+
+    def __init__(self, directory: Path, comm: MPI.Comm, intervals: Intervals, begin: float, start: float):
+        """`begin` : of the wall time that is limited, by perf_counter;  `start` : where the run goes on [µs]."""
+        self.directory, self.comm, self.intervals = directory, comm, intervals
+        self.count, self.seconds = 0, 0.0
+        self.held: Checkpoint | None = None
+        self._begin, self._seen = begin, perf_counter()
+        self._written = self._seen
+        self._saved_until, self._slowest, self._last = start, 0.0, 0.0
+
+    def wish(self, time: float, asked: Sequence[int]) -> int:
+        """GO_ON, SAVE or STOP at a time [µs]; `asked` : signals that this rank got."""
+        now, i = perf_counter(), self.intervals
+        self._slowest, self._seen = max(self._slowest, now - self._seen), now
+        own = STOP if asked else GO_ON
+        if self.comm.rank == 0 and not own:
+            if i.limit and now - self._begin + 2.0 * self._slowest + SPARE > i.limit:
+                own = STOP
+            elif now - self._written > (i.wall or max(USUAL, self._last / SHARE)) or (
+                    i.simulated and time // i.simulated > self._saved_until // i.simulated):
+                own = SAVE
+        return self.comm.allreduce(own, MPI.MAX)
+
+    def save(self, state: Callable[[], Checkpoint]) -> None:
+        """Write a checkpoint of what is held, else of a state."""
+        begin = perf_counter()
+        made = self.held or state()
+        checkpoint.write(self.directory, self.comm, made)
+        self._written = perf_counter()
+        self._last, self._saved_until = self._written - begin, made.about["time_us"]
+        self.count, self.seconds = self.count + 1, self.seconds + self._last
+
+
+def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
+    """What a checkpoint has to be of, as JSON has it; `end` [µs]."""
+    laws = {"laws": included()} if included() else {}
+    return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune, **laws}
+
+
+def method(simulation: Simulation, options: dict[str, str]) -> dict[str, Any]:
+    """What is known once a simulation is built, and has to be the same: code and options."""
+    run = simulation.integrator
+    return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
+            "integrator": run.said, "step": run.fixed_step, "options": deciding(options)}
+
+
+def _code(source: str) -> str:
+    """What a compiler sees of C: without comments and layout."""
+    return " ".join(re.sub(r"/\*.*?\*/|//[^\n]*", " ", source, flags=re.DOTALL).split())
+
+
+def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
+    """Refuse tables and frames in a directory that are not those that a checkpoint was written beside; collective."""
+
+    def act() -> None:
+        tables = dict(state.about["files"])
+        check_frames(directory, tables.pop("frames"), state.about["id"])
+        for name, end in tables.items():
+            up_to(directory / f"{name}.csv", end)
+
+    together(comm, act, root_only=True)
+
+
+def check_method(state: Checkpoint, simulation: Simulation, options: dict[str, str]) -> None:
+    """Refuse to go on by another method than that of a checkpoint, or with other particles; collective."""
+    then, now = state.about["method"], method(simulation, options)
+    if then["kernel"] != now["kernel"]:
+        raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
+                          "that, or begin anew")
+    if not same_places(state.arrays, simulation.scene, simulation.comm):
+        raise OutputError("the checkpoint is of other particles than are laid out by this version of cellmig on this "
+                          f"processor ({processor()}; it is of {state.about['processor']}): go on there, or begin anew")
+    for name in ("integrator", "step"):
+        if then[name] != now[name]:
+            raise OutputError(f"the checkpoint is of a run with {name} {then[name] or 'auto'}, not "
+                              f"{now[name] or 'auto'}: give the PETSc options that were given then")
+    if other := sorted(dict(then["options"].items() ^ now["options"].items())):
+        was, here = (", ".join(f"-{name} {of['options'][name]}".strip() for name in other if name in of["options"])
+                     or "without" for of in (then, now))
+        raise OutputError(f"the checkpoint is of a run with other PETSc options (on the command line, in PETSC_OPTIONS "
+                          f"or in a file .petscrc): {was} then, {here} now")
+
+
+def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:
+    """Refuse to go on with another case than that of a run."""
+    _check_version(about)
+    now = json.loads(json.dumps(identity(case, end, prune)))
+    about, now = ({**one, "laws": [file["sha256"] for file in one.get("laws", ())]} for one in (about, now))
+    for name, what in (("case", ""), ("end_us", "--until"), ("prune", "--no-prune"), ("laws", "--law")):
+        if about.get(name) != now[name]:
+            found = what or next(_differences(about["case"], now["case"]))
+            raise CaseError([Mistake(case.path, None, found, "is not what it was in the run that is there: give what "
+                                     "was given then, another place with --out DIR, or no --resume")])
+
+
+def _check_version(about: dict[str, Any]) -> None:
+    if about.get("version") != __version__:
+        raise OutputError(f"the run that is there is of cellmig {about.get('version')}, this is {__version__}: go on "
+                          "with that version, or begin anew")
+
+
+def _differences(a: Any, b: Any, path: str = "") -> Any:
+    """Where two trees of tables differ, as dotted keys."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in {**a, **b}:
+            yield from _differences(a.get(key), b.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for i, pair in enumerate(zip(a, b, strict=True)):
+            yield from _differences(*pair, f"{path}.{i}")
+    elif a != b:
+        yield path
+
+
+def look(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = False
+         ) -> tuple[dict[str, Any], Checkpoint | None]:
+    """The manifest of the run in a directory and its newest whole checkpoint, as far as there are; collective.
+
+    Who looks has claimed it before.  A run that is done needs no checkpoint, unless `done_too` asks for its last state.
+    """
+    directory = claim.path
+    manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
+    state = None
+    if done_too or not is_done(manifest):
+        state = checkpoint.newest(directory, comm, lambda text: Log(comm, directory, quiet)(text))
+    if state:
+        _check_version(state.about.get("run", {}))
+        if state.about.get("format") != FORMAT:
+            raise OutputError(f"the checkpoint in '{directory}' is of another state of cellmig's source: begin anew")
+        if manifest.get("run_id", state.about["id"]) != state.about["id"]:
+            raise OutputError(f"the checkpoint in '{directory}' is of another run than the manifest: take away what "
+                              "belongs to another, or begin anew")
+    return manifest, state
+
+
+def is_done(manifest: dict[str, Any]) -> bool:
+    """Whether a run came to its end."""
+    return manifest.get("exit_status") == 0 and not manifest.get("cause")
+
+
+def state_of(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint:
+    """The last state of a run that another one is to start from; collective."""
+    with Claim(directory, comm) as claim:
+        _, state = look(claim, comm, quiet, done_too=True)
+    if state is None:
+        raise OutputError(f"'{directory}' has no checkpoint to start from")
+    return state
+
+
+def parent(directory: Path, state: Checkpoint) -> dict[str, Any]:
+    """What a manifest says of the run that another one started from."""
+    about = state.about
+    return {"directory": str(directory), "run_id": about["id"], "time_us": about["time_us"],
+            "case_file": about["case_file"], "title": about["run"]["case"].get("title", "")}
+
+
+def new_end(until: float, state: Checkpoint | None, manifest: dict[str, Any], directory: Path) -> float:
+    """The end [µs] that a run is given anew.  Raises OutputError or CaseError if it cannot go on to there."""
+    if state is None and is_done(manifest):
+        raise OutputError(f"the run in '{directory}' is done and has no checkpoint to go on from")
+    if state and until < (reached := state.about["time_us"]):
+        raise CaseError([Mistake("--until", None, "", f"the run in '{directory}' is at {reached:.12g} µs already, "
+                                 f"beyond {until:.12g} µs; 'run CASE --from DIR' starts another case from its state")])
+    return until
+
+
+def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) -> tuple[Case, float, bool]:
+    """Case, end [µs] and pruning of a run that is to go on, or to begin anew if it has no checkpoint yet."""
+    about = state.about | state.about["run"] if state else manifest
+    if not ({"case_file", "end_us", "prune", "version"} <= about.keys() and isinstance(about.get("case"), dict)):
+        raise OutputError(f"there is nothing to resume in '{directory}'")
+    if state:
+        _check_version(about)
+    include_all(about.get("laws", ()))
+    return from_dict(about["case"], about["case_file"]), about["end_us"], about["prune"]

@@ -1,0 +1,135 @@
+"""What a run was and did, on one screen, from its manifest and tables; it may be unfinished."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellmig.output.directory import the_run
+from cellmig.output.log import clock, duration, two_columns
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import names_of, read_table
+from cellmig.output.xdmf import frames
+
+from .summary import lost_said
+
+Rows = Iterator[tuple[str, Any]]
+_ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "stopped on request"}
+_LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
+# What other rows say already, or what only a program asks for.
+_SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_closure", "hosts", "list_renewals",
+         "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
+_ROUNDING = 1e-9  # of a length [µm] or momentum [pN µs/µm]: less is none
+
+
+def info(directory: Path) -> str:
+    """Lines for the user."""
+    directory = the_run(directory)
+    manifest = read_manifest(directory)
+    rows: list[tuple[str, Any]] = [("directory", directory)]
+    if manifest:
+        rows += [*_was(manifest), *_numbers(manifest)]
+    else:
+        rows.append(("manifest", "none yet: the run was stopped before it wrote one, or is at its start"))
+    rows += [*_ledger_rows(directory / "ledger.csv"), *_history_rows(directory / "history.csv")]
+    found = frames(directory)
+    span = f" from {found[0].time:g} to {found[-1].time:g} µs" if found else ""
+    rows += [("frames", f"{len(found)}{span}"), *_made_with(manifest), *_rest(manifest)]
+    return two_columns(rows)
+
+
+def _was(m: dict[str, Any]) -> Rows:
+    """What it was, and how it ended; takes from the manifest what it says."""
+    case, file = m.pop("case", {}), m.pop("case_file", "")
+    yield "case", " ".join(filter(None, [case.get("title", "untitled"), f"({file})" if file else ""]))
+    status, cause = m.pop("exit_status", None), m.pop("cause", "")
+    how = _ENDED.get(status, f"exit code {status}") if status is not None else "not yet: it runs, or was killed"
+    yield "ended", how + (f": {cause}" if cause else "") + ("" if status in (None, 0) else f" (exit code {status})")
+    if (time := m.pop("time_us", None)) is not None:
+        yield "reached", (f"{duration(1e-6 * time, 6)} of {duration(1e-6 * m.get('end_us', time), 6)} in "
+                          f"{m.pop('steps', 0)} steps")
+    ranks, wall = m.pop("ranks", 1), m.pop("wall_seconds", None)
+    yield "took", ("" if wall is None else f"{clock(wall)} ") + f"on {ranks} rank{'s' * (ranks > 1)}"
+    for name in ("particles", "seed"):
+        if name in m:
+            yield name, m.pop(name)
+    skipped = m.pop("skipped", None) or {"nothing": ""}
+    for number, (name, why) in enumerate(skipped.items()):
+        yield "" if number else "skipped", f"{name}: {why}" if why else name
+
+
+def _numbers(m: dict[str, Any]) -> Rows:
+    """Steps, volumes, strains."""
+    dt, by, redone = m.pop("dt_us", None) or {}, m.pop("dt_set_by", ""), m.pop("steps_redone", 0)
+    if None not in (dt.get("least"), dt.get("most")):
+        yield "time step", (f"{1e3 * dt['least']:.3g} to {1e3 * dt['most']:.3g} ns" + (f", set by {by}" if by else "")
+                            + (f"; {redone} steps were taken again, smaller" if redone else ""))
+    if speed := m.pop("ns_per_particle_step", None):
+        yield "speed", f"{speed:.1f} ns per particle and step"
+    if J := m.pop("J", None):
+        yield "volume ratio J", " to ".join("unknown" if value is None else f"{value:.4f}" for value in J)
+    if momentum := m.pop("momentum_pN_us_per_um", None):
+        yield "momentum", ", ".join(map(_number, momentum)) + " pN µs/µm"
+    strain = m.pop("strain", None) or {}
+    if largest := strain.get("largest"):
+        crossed = strain.get("crossed_at_us")
+        beyond = f", beyond the limit of {strain['limit']:g} from {crossed:.6g} µs on" if crossed is not None else ""
+        yield "fluid", f"stretched up to {largest:.3g}-fold{beyond}"
+
+
+def _history_rows(path: Path) -> Rows:
+    table = read_table(path) if path.exists() else {}
+    if not table or not len(table["cell"]):
+        return
+    last, names = table["time_us"] == table["time_us"][-1], names_of(table)
+    yield "last sample", f"{table['time_us'][-1]:g} µs"
+    for row in np.flatnonzero(last):
+        cell = table["cell"][row]
+        numbers = [f"{text} {_number(table[name][row])} µm" for text, name in
+                   (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
+                   if np.isfinite(table[name][row])]
+        yield names[int(cell)] if cell else "aggregate", "  ".join(numbers)
+
+
+def _ledger_rows(path: Path) -> Rows:
+    table = read_table(path) if path.exists() else {}
+    if not table or not np.isfinite(table["closure"]).any():
+        return
+    worst = np.nanargmax(np.abs(table["closure"]))
+    if lost := lost_said({name: float(column[-1]) for name, column in table.items()}):
+        yield "losses", lost
+    yield "energy", (f"at most {100 * abs(table['closure'][worst]):.2g} % does not add up, at "
+                     f"{table['time_us'][worst]:g} µs")
+
+
+def _made_with(m: dict[str, Any]) -> Rows:
+    if version := m.pop("cellmig", None):
+        commit = ", ".join(filter(None, [m.pop("commit", ""), m.pop("tree", "")]))
+        libraries = [f"{name} {m.pop(name)}" for name in _LIBRARIES if name in m]
+        petsc = [f"PETSc {m.pop('petsc')}"] if "petsc" in m else []
+        yield "made with", ", ".join([f"cellmig {version}" + (f" ({commit})" if commit else ""), *petsc])
+        yield "", ", ".join(libraries)
+    if digest := m.pop("state_hash", None):
+        yield "state hash", f"{digest}: runs with the same are the same"
+
+
+def _rest(m: dict[str, Any]) -> Rows:
+    """What no other row took."""
+    for key, value in m.items():
+        if key not in _SAID and value not in (None, "", [], {}):
+            yield key.replace("_", " "), _plain(value)
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value if abs(value) > _ROUNDING else 0.0:.4g}"
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, dict):
+        return "; ".join(f"{name}: {_plain(item)}" for name, item in value.items() if item is not None)
+    if isinstance(value, list):
+        return ", ".join(map(_plain, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,289 @@
+"""Before a run: what it will cost, what it resolves, what it skips."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from time import perf_counter
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.meshfree.body import Template
+from cellmig.output.fields import FIELDS
+from cellmig.output.log import duration, two_columns
+from cellmig.parallel.options import IMPLICIT, integrator_asked
+from cellmig.simulation import (
+    TRIAL,
+    Simulation,
+    Trial,
+    cheaper,
+    discretise,
+    find_terms,
+    particle_count,
+    step_control,
+    try_implicit,
+)
+from cellmig.solve.step import NumericsError, binding
+
+from .summary import load_said, scene_said, skipped_said, step_said
+
+PROBE = 20_000  # particles of the scene, at most, on which a step is timed
+TRIED, FEW = 1_500, 3  # the same of implicit steps, and how many of them if they are of one length
+KIND = 5_000  # and particles of a cell, at most, that are laid out for that
+LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
+LONG, LONG_TRIAL = 86400.0, 5.0  # seconds of explicit steps from which implicit ones are tried, and for how long
+RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
+NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
+SCENE_BYTES = 1100  # per particle beside the kernel's arrays, as the scene is built (measured: 1,070 to 1,110)
+KIND_BYTES = 10_000  # and per particle of each kind of cell (measured: 5,500 at 5,000, 8,800 at 1e5, 10,400 at 1e6)
+
+
+class Cost(NamedTuple):
+    """What a run takes.
+
+    particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
+    step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
+    memory : float -- bytes in all, beside RANK_BYTES on each rank;  coarse : bool -- whether it was timed on fewer
+    particles of a cell, whose coefficients stay in the caches;  skipped : dict -- terms that are, and why.
+    """
+
+    particles: int
+    spacing: float
+    stable: dict[str, float]
+    step: float
+    steps: int
+    per_step: float
+    memory: float
+    coarse: bool
+    skipped: dict[str, str]
+
+    @property
+    def seconds(self) -> float:
+        """On one core, without output, if the step stays as it is at rest."""
+        return self.steps * self.particles * self.per_step
+
+
+def cost(case: Case) -> Cost:
+    """What a case takes; timed now, on some cells of it if it is large, and on fewer particles if a cell is."""
+    size, terms = _size(case), find_terms(case)
+    part, ratio = _part(case, PROBE)
+    scene = discretise(part)
+    scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
+    stable = step_control(case, scene, terms).stable()
+    step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
+    per_step, row_bytes = _timed(part)
+    kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
+    memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
+    return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
+                memory, ratio < 1.0, terms.skipped)
+
+
+def _size(case: Case) -> int:
+    """Particles of a case."""
+    shapes = {c.shape: 0 for c in case.cells}
+    shapes = {shape: particle_count(case, shape) for shape in shapes}
+    return sum(shapes[c.shape] for c in case.cells)
+
+
+def _part(case: Case, most: int) -> tuple[Case, float]:
+    """Some cells of a case, of `most` particles in all and KIND in each; and the case's spacing over theirs."""
+    cells = case.cells[: max(1, most * len(case.cells) // _size(case))]
+    largest = max(particle_count(case, shape) for shape in {c.shape for c in cells})
+    count, p = min(most, KIND), case.particles
+    ratio = math.sqrt(min(1.0, count / largest))
+    if ratio < 1.0:
+        p = dataclasses.replace(p, per_cell=p.per_cell and count, spacing=p.spacing and p.spacing / ratio)
+    return dataclasses.replace(case, cells=cells, particles=p), ratio
+
+
+def _finer(t: Template, ratio: float) -> Template:
+    """What a particle sees about it if spacings are `ratio` times as long: the same picture, shrunk."""
+    viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
+                  if m and (v := m.numerical_viscosity(t.spacing))) if t.S.nnz else 1.0
+    return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=t.G / ratio, S=viscous * t.S,
+                               spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t
+
+
+def report(case: Case) -> str:
+    """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
+    if case.static:
+        return _static_report(case)
+    chosen: list[tuple[str, str]] = []
+    if integrator_asked(case.time.integrator) == "auto":
+        part, _ = _part(case, PROBE)
+        part, reason = cheaper(part, MPI.COMM_SELF)
+        case = dataclasses.replace(case, time=part.time)
+        chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
+    if integrator_asked(case.time.integrator) in IMPLICIT:
+        return _implicit_report(case, chosen)
+    c = cost(case)
+    fixed = None if case.time.step == "auto" else case.time.step
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        *([("accuracy", case.chosen)] if case.chosen else []),
+        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
+        ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
+        ("time step", step_said(c.stable, case.time.step_factor, fixed)),
+        ("steps", f"{_count(c.steps)} to {_end(case)}"),
+        ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
+                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
+        *_faster(case, c),
+        ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        _disk(case, c.particles),
+        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
+    ])
+
+
+def _static_report(case: Case) -> str:
+    """The report of a static case, which has no steps in time."""
+    part, ratio = _part(case, PROBE)
+    size, spacing = _size(case), ratio * max(t.spacing for t in discretise(part).templates)
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        _particles(case, size, spacing), *scene_said(case, case.time.end),
+        ("load steps", load_said(case)),
+        ("time", f"about {duration(NEWTON * size)} for each step of Newton on one core, 4 to 8 to a load step, "
+                 "as measured elsewhere with a direct solver"),
+        ("memory", f"about {said_bytes(STATIC_BYTES * size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        _disk(case, size),
+        *skipped_said(find_terms(case).skipped),
+    ])
+
+
+def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
+    """The report of a case with implicit steps: how many they will be is known if their length is given."""
+    c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
+    trial, times, solver = _tried(case, c.particles)
+    step, one = trial.simulated / trial.steps, times * trial.wall / trial.steps
+    fixed = case.time.step != "auto"
+    steps = math.ceil(case.time.end / (case.time.step if fixed else step))
+    count = f"{steps} to {_end(case)}"
+    if not fixed:
+        count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_as_tried(trial)}"
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
+        ("time step", solver),
+        ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
+        ("steps", count), ("time", f"{duration(steps * one)} on one core"),
+        ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
+        ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        _disk(case, c.particles),
+        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
+    ])
+
+
+def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
+    """Implicit steps of a case of `size` particles, or of some cells of it; how many times larger it is; the solver."""
+    part, ratio = _part(case, TRIED)
+    s = Simulation(part, MPI.COMM_SELF)
+    try:
+        trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
+        return trial, size / s.scene.size / ratio, s.integrator.steps_said  # factors of n particles cost n^1.5
+    finally:
+        s.destroy()
+
+
+def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
+    """What implicit steps would take, where explicit ones take days."""
+    if c.seconds < LONG or case.plates:
+        return []
+    implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
+    try:
+        trial, times, _ = _tried(implicit, c.particles, LONG_TRIAL)
+    except NumericsError as error:
+        return [("", f'time.integrator = "bdf", implicit steps, finds no way on from the start: {error}')]
+    seconds = times * case.time.end / trial.speed
+    said = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_as_tried(trial)}'
+    if seconds < min(c.seconds / 2, LONG):
+        return [("better", said)]
+    return [("", f"{said}: at that pace no integrator here ends within a day; fewer particles or a shorter time.end "
+                 "do")]
+
+
+def _as_tried(trial: Trial) -> str:
+    """Where an estimate comes from."""
+    mean, reached = (duration(1e-6 * t) for t in (trial.simulated / trial.steps, trial.reached))
+    return (f"as the last {trial.steps} of {trial.taken} steps of a trial of {trial.particles} particles went, {mean} "
+            f"long in the mean, {reached} after the start; steps lengthen where the motion slows")
+
+
+def _end(case: Case) -> str:
+    """When the run ends."""
+    return duration(1e-6 * case.time.end, 6)
+
+
+def _count(steps: int) -> str:
+    """A number of steps."""
+    return f"{steps}" if steps < 1e9 else f"{steps:.2g}"
+
+
+def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
+    cells = len(case.cells)
+    return "particles", (f"{count} in {cells} cell{'s' * (cells > 1)}, spacing {spacing:.3g} µm, "
+                         f"support {case.particles.dilation:g} spacings")
+
+
+def _disk(case: Case, count: int) -> tuple[str, str]:
+    frames = case.time.frames + 1
+    return "disk", f"{said_bytes(disk_bytes(case, count))} in {frames} frames"
+
+
+def disk_bytes(case: Case, count: int) -> int:
+    """Bytes of all frames of a case of `count` particles."""
+    return (case.time.frames + 1) * count * _frame_bytes(case)
+
+
+def _timed(case: Case) -> tuple[float, float]:
+    """Seconds per particle-step on this core, and bytes per particle of the kernel's arrays."""
+    s = Simulation(case, MPI.COMM_SELF)
+    m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
+    n = max(5, round(2e6 / s.scene.size))
+    m.advance(3, dt)
+    spent = min(_seconds(m, n, dt) for _ in range(3))
+    result = spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
+    s.destroy()
+    return result
+
+
+def _seconds(mechanics, n: int, dt: float) -> float:
+    start = perf_counter()
+    mechanics.advance(n, dt)
+    return perf_counter() - start
+
+
+def _modulus(case: Case) -> list[tuple[str, str]]:
+    return [(name, f"bulk modulus reduced from {m.bulk_modulus / 1e6:g} to {m.reduced_bulk_modulus / 1e6:g} MPa")
+            for name, m in case.materials.items()
+            if hasattr(m, "reduced_bulk_modulus") and m.reduced_bulk_modulus < m.bulk_modulus]
+
+
+def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
+    """How the lengths of the model compare with the spacing."""
+    rows = []
+    for name, term, law in (("substrate", "adhesion to the substrate", case.substrate),
+                            ("between cells", "adhesion between cells", case.contact)):
+        if term not in c.skipped:
+            rows.append((name, f"range {1e3 * law.range:g} nm is {law.range / c.spacing:.2g} of the spacing: "
+                               "integrated along the surface, not sampled at particles"))
+    if "protrusion" not in c.skipped:
+        rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
+                                   "spacings"))
+    return rows
+
+
+def _frame_bytes(case: Case) -> int:
+    """Bytes of a particle in a frame."""
+    there = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
+             "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
+             "friction": case.friction is not None and case.substrate is not None,
+             "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
+    return 28 + sum(field.stored for field in FIELDS.values() if there[field.term])
+
+
+def said_bytes(n: float) -> str:
+    """Bytes for people: 3.2 GB."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if n < 1000:
+            return f"{n:.3g} {unit}"
+        n /= 1000
+    return f"{n:.3g} TB"

@@ -1,0 +1,139 @@
+"""What a run left, read back: tables as pandas frames or arrays, frames as arrays, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellmig.case.load import from_dict
+from cellmig.case.own_laws import include_all
+from cellmig.case.schema import Case
+from cellmig.laws import register
+from cellmig.output.directory import OutputError, the_run
+from cellmig.output.fields import FIELDS
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import Frame, frames
+
+
+class Record:
+    """A run as it is on the disk, finished or not; what is asked for is read then.
+
+    directory : Path -- of the run.
+    """
+
+    def __init__(self, directory: Path):
+        """Refuse a directory that is no run's."""
+        self.directory = the_run(directory)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """The whole of manifest.json."""
+        return read_manifest(self.directory)
+
+    @property
+    def status(self) -> int | None:
+        """Exit code of the run: 0 done, 75 stopped on request …; None if it has not ended."""
+        return self.manifest.get("exit_status")
+
+    @property
+    def case(self) -> Case:
+        """The case that was run, with all changes and defaults."""
+        register()
+        manifest = self.manifest
+        if "case" not in manifest:
+            raise OutputError(f"'{self.directory}' does not tell its case: the run was stopped before it wrote it")
+        include_all(manifest.get("laws", ()))
+        return from_dict(manifest["case"], manifest["case_file"])
+
+    # ------------------------------------------------------------ tables
+
+    def table(self, name: str) -> dict[str, np.ndarray]:
+        """Columns of "history" or "ledger" by name, (rows,) each; needs no pandas."""
+        path = self.directory / f"{name}.csv"
+        if not path.exists():
+            raise OutputError(f"'{self.directory}' has no {name}.csv")
+        return read_table(path)
+
+    @property
+    def history(self) -> Any:
+        """history.csv as a pandas frame: a row for each sample and cell, 0 is the aggregate; units in the names."""
+        return _pandas("history").DataFrame(self.table("history"))
+
+    @property
+    def ledger(self) -> Any:
+        """ledger.csv as a pandas frame: energies per thickness [pN] by sample, and the closure [-]."""
+        return _pandas("ledger").DataFrame(self.table("ledger"))
+
+    # ------------------------------------------------------------ frames
+
+    @property
+    def _frames(self) -> list[Frame]:
+        return frames(self.directory)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames (n,) [µs]."""
+        return np.array([frame.time for frame in self._frames])
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each field of a frame."""
+        return {"x": "um", **self._nearest(0.0).units()}
+
+    def frame(self, time: float | None = None) -> dict[str, np.ndarray]:
+        """Fields of all particles in the frame nearest to a time, in the order of their ids.
+
+        Parameters
+        ----------
+        time : float -- [µs]; None for the last frame.
+
+        Returns
+        -------
+        dict -- "time" [µs], "x" : positions now (n, 2) [µm], and every field of the run: vectors (n, 2), tensors
+            (n, 3, 3), e.g. X, u [µm], v [µm/µs], stress [Pa], cell (1, 2 …), material; `units` has their units.
+        """
+        frame = self._nearest(time)
+        fields = {name: _shaped(name, values) for name, values in frame.read().items()}
+        return {"time": np.array(frame.time), "x": fields["X"] + fields["u"], **fields}
+
+    def _nearest(self, time: float | None) -> Frame:
+        if not (found := self._frames):
+            raise OutputError(f"'{self.directory}' has no frames yet")
+        return found[-1] if time is None else min(found, key=lambda frame: abs(frame.time - time))
+
+    # ------------------------------------------------------------ for people
+
+    def picture(self, times: Sequence[float] | None = None, field: str = "effective_stress") -> Any:
+        """Shapes at some times [µs], filled with a field, as a figure of matplotlib's; a notebook shows it."""
+        import matplotlib
+
+        from cellmig.plot.snapshots import shapes
+        from cellmig.plot.style import STYLE
+
+        with matplotlib.rc_context(STYLE):
+            return shapes(self.directory, times, field)
+
+    def __repr__(self) -> str:
+        from .info import info
+
+        return info(self.directory)
+
+
+def _shaped(name: str, values: np.ndarray) -> np.ndarray:
+    """A field without what the file has in it for ParaView."""
+    if values.ndim == 2 and values.shape[1] == 9:
+        return values.reshape(-1, 3, 3)
+    return values[:, :2] if name in FIELDS and FIELDS[name].shape == (2,) else values
+
+
+def _pandas(name: str) -> Any:
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(f"{name} is a pandas frame, and pandas is not here: apt install python3-pandas, or take "
+                          f"table('{name}'), a dict of arrays", name="pandas") from error
+    return pandas

@@ -1,0 +1,363 @@
+"""One run: what it says, what it leaves, how it ends."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+
+from mpi4py import MPI
+
+from cellmig.case.messages import CaseError
+from cellmig.case.schema import Case
+from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
+from cellmig.meshfree.overlap import stray, tangle
+from cellmig.output import checkpoint
+from cellmig.output.checkpoint import Checkpoint
+from cellmig.output.directory import Claim, OutputError, together
+from cellmig.output.fields import FIELDS
+from cellmig.output.log import Log, Progress, Timers, clock, duration
+from cellmig.output.manifest import environment, write_manifest
+from cellmig.output.tables import Tables
+from cellmig.output.xdmf import Frames, cut_frames
+from cellmig.parallel.options import check_integrator, options_given, options_obeyed, petsc_version, unused_options
+from cellmig.simulation import Simulation, stops
+from cellmig.solve.step import NumericsError
+from cellmig.solve.strain import StrainWatch
+from cellmig.version import __version__
+
+from . import checkpointing
+from .checkpointing import STOP, USUALLY, Intervals, Keeper
+from .resources import require_room
+from .summary import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
+
+CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
+
+
+class Run:
+    """A simulation with its directory: samples and frames as it goes, a manifest before and after."""
+
+    def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
+                 quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None,
+                 claim: Claim | None = None, origin: Path | None = None):
+        """Make the directory and build the simulation; with a `state`, go on from there; collective.
+
+        `claim` : of the directory, where that was looked into before;  `origin` : of a run whose last state this one
+        starts with, at time 0.
+        """
+        options = options_given()
+        check_integrator(case.time.integrator, f"{case.path}: time.integrator")
+        if not state:
+            require_room(case, directory, comm)
+        begun = checkpointing.state_of(origin, comm, quiet) if origin and not state else None
+        parent = checkpointing.parent(origin, begun) if begun else state and state.about["from"]
+        self.case, self.comm, self.timers = case, comm, Timers()
+        self.directory = Path(directory)
+        self.claim = claim or Claim(self.directory, comm, make=True)
+        self.aside = None if state else self.claim.clear()
+        if state:
+            checkpointing.check_files(state, self.directory, comm)
+        self.log = Log(comm, self.directory, quiet)
+        self.begin = perf_counter()
+        self.end = case.time.end if until is None else until
+        self.identity = checkpointing.identity(case, self.end, prune)
+        self.manifest = {**self.identity, "run_id": state.about["id"] if state else comm.bcast(uuid4().hex),
+                         "case_file": case.path, "exit_status": None, **environment(comm), "petsc": petsc_version(),
+                         "petsc_options": options,
+                         "seed": case.seed, **({"from": parent} if parent else {}),
+                         **({"accuracy": case.chosen} if case.chosen else {})}
+        if not state:
+            self._save_manifest()
+        self._say_header()
+        with self.timers("build"), options_obeyed():
+            self.simulation = self._built(prune, begun)
+        if state:
+            checkpointing.check_method(state, self.simulation, options)
+        self._say_scene()
+        self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
+        self.strain = StrainWatch(self.simulation.mechanics)
+        self.worst_closure = self.step_seconds = self.wall_before = 0.0
+        self.looked, self.stopping, self.resumed = -1.0, "", []  # looked up at [µs]
+        self.frames: Frames | None = None
+        self._open(state.about["files"] if state else {"frames": 0})
+        if state:
+            self._restore(state)
+        self._save_manifest()
+        self.keeper = Keeper(self.directory, comm, intervals, self.begin, self.simulation.time)
+        if not self._integrator.between_samples:
+            self.keeper.held = self._state()
+
+    def _built(self, prune: bool, begun: Checkpoint | None) -> Simulation:
+        try:
+            return Simulation(self.case, self.comm, prune, start=begun.arrays if begun else None)
+        except CaseError as error:  # known once there are particles
+            self.manifest |= {"exit_status": WRONG, "cause": str(error)}
+            self._save_manifest()
+            raise
+
+    def _open(self, ends: dict[str, Any]) -> None:
+        """The files, up to where they are to go on."""
+        terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
+        there = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
+        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, ends)
+        self.frames_before = ends["frames"]
+        if "history" in ends:
+            cut_frames(self.directory, self.comm, self.frames_before)
+
+    def go(self, asked: Sequence[int] = ()) -> int:
+        """Run until something ends it, such as an entry in `asked`; returns the exit code; collective."""
+        progress = Progress(self.log, self.end, self.simulation.time)
+        self._integrator.report = self.log
+        self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
+        status, cause = DONE, ""
+        try:
+            for stop, sample, frame in stops(self.case, self.end, self._integrator.whole_step):
+                if stop <= self.looked:
+                    continue
+                if stop > 0.0:
+                    self._advance(stop)
+                status, cause = self._ended_early(stop, asked)
+                with self.timers("output"):
+                    self._look(sample or bool(cause), frame or bool(cause))
+                if cause:
+                    break
+                self.looked = stop
+                if not self._integrator.between_samples:
+                    self.keeper.held = self._state()
+        except NumericsError as error:
+            status, cause = BROKEN, str(error)
+            self._try_last_frame()
+        except OutputError as error:
+            status, cause = INPUT_OUTPUT, str(error)
+        finally:
+            progress.close()
+        if status == DONE:
+            self._keep_the_last()
+        self._finish(status, cause)
+        self.claim.release()
+        return status
+
+    @property
+    def _integrator(self):
+        return self.simulation.integrator
+
+    def _after_batch(self, time: float, progress: Progress, asked: Sequence[int]) -> None:
+        """Between stops: the progress, a checkpoint if it is time for one, and an end of this solve if that is due."""
+        progress(time, self._integrator.steps, self._integrator.dt)
+        wish = self.keeper.wish(time, asked)
+        if wish:
+            self._save()
+        if wish == STOP:
+            self._stop(asked)
+            self._integrator.halt()
+
+    def _stop(self, asked: Sequence[int]) -> None:
+        asked = self.comm.allreduce(len(asked))
+        self.stopping = "asked to stop" if asked else "the wall time is used up"
+
+    def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
+        """Status, and why the run ends here, if it does."""
+        if not self.stopping and self.comm.allreduce(len(asked)):
+            self._save()
+            self._stop(asked)
+        if self.stopping:
+            return STOPPED, self.stopping
+        if self._integrator.finished and self.simulation.time < stop:
+            return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
+        return DONE, ""
+
+    # ------------------------------------------------------------ checkpoints
+
+    def _save(self) -> None:
+        """A checkpoint of now, or of the last sample where only that will do."""
+        with self.timers("checkpoints"):
+            self.tables.settle()
+            self.keeper.save(self._state)
+
+    def _keep_the_last(self) -> None:
+        """Of the checkpoints that of the end alone, for who wants the run longer, or another from there."""
+        with self.timers("checkpoints"):
+            last = self.keeper.held or self._state()
+            try:
+                checkpoint.write(self.directory, self.comm, last, kept=1)
+            except OutputError as error:  # the run is done all the same
+                self.log(f"its last state is not kept: {error}")
+
+    def _state(self) -> Checkpoint:
+        """All that has to be known to go on from here; collective."""
+        about, arrays = self.simulation.saved()
+        files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
+        run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
+               "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
+        now = checkpointing.method(self.simulation, self.manifest["petsc_options"])
+        return Checkpoint({"format": checkpointing.FORMAT, "id": self.manifest["run_id"],
+                           "from": self.manifest.get("from"),
+                           "run": self.identity, "case_file": self.case.path, "time_us": self._integrator.time,
+                           "processor": self.manifest["processor"], "method": now, "files": files,
+                           "past": run, "state": about}, arrays)
+
+    def _restore(self, state: Checkpoint) -> None:
+        self.simulation.restore(state.about["state"], state.arrays)
+        run = state.about["past"]
+        self.looked, self.worst_closure, self.resumed = run["looked"], run["worst_closure"], run["resumed"]
+        self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]
+        self.strain.restore(run["strain"])
+        self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
+        self.manifest["resumed"] = self.resumed
+        self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
+        if (end := state.about["run"]["end_us"]) != self.end:
+            self.resumed[-1]["until_us"] = self.end
+            self.log(f"its end is now {self.end:.12g} µs, no longer {end:.12g} µs")
+        before, now = state.about["processor"], self.manifest["processor"]
+        if before != now:
+            self.resumed[-1]["processor"] = now
+            self.log(f"it was written on another processor ({before}; this is {now}): last bits may differ")
+
+    def _wall(self) -> float:
+        """Seconds that the run took so far, with all before it was resumed."""
+        return self.wall_before + perf_counter() - self.begin
+
+    # ------------------------------------------------------------ steps and samples
+
+    def _advance(self, stop: float) -> None:
+        with self.timers("steps"):
+            start = perf_counter()
+            self.simulation.go(stop)
+            self.step_seconds += perf_counter() - start
+
+    def _look(self, sample: bool, frame: bool) -> None:
+        s = self.simulation
+        with np.errstate(all="ignore"):  # what is not finite is told below
+            rows, entries = s.sample()
+        if not all(map(math.isfinite, entries.values())):
+            self._integrator.broken("an energy is not finite")
+        self.worst_closure, self.entries = max(self.worst_closure, entries["closure"]), entries
+        if warning := self.strain.look(s.time):
+            self.log(warning)
+        if sample:
+            self.tables.write(s.time, rows, entries, s.next_row(rows))
+        if frame:
+            self._write_frame()
+        if entries["closure"] > CLOSURE and not self.case.static:  # shapes may look right for long after
+            self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
+                                    f"{100 * CLOSURE:g} % at most")
+        m, terms = s.mechanics, s.terms
+        x, strays = m.surface_positions(), []
+        if frame:  # it takes longer than a sample does
+            own = m.scene.X[m.ids] + m.state.owned[:, :2]
+            strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
+        if found := found or min(filter(None, strays), default=None):
+            self._integrator.broken(found.cause, found.particle, found.remedy)
+
+    def _write_frame(self) -> None:
+        fields = self.simulation.sampler.fields()
+        if self.frames is None:
+            units = {name: FIELDS[name].unit for name in fields}
+            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"])
+        self.frames.write(self.simulation.time, self._integrator.steps, fields)
+
+    def _try_last_frame(self) -> None:
+        """A picture of what broke, if it can be drawn at all."""
+        with np.errstate(all="ignore"), suppress(OutputError):
+            self.simulation.time = self._integrator.time
+            self.simulation.mechanics.rate()
+            self._write_frame()
+
+    # ------------------------------------------------------------ what is said
+
+    def _say_header(self) -> None:
+        m = self.manifest
+        commit = f" ({m['commit']}, {m['tree']})" if "commit" in m else ""
+        self.log(f"cellmig {__version__}{commit}  {self.comm.size} rank{'s' * (self.comm.size > 1)}  "
+                 f"PETSc {m['petsc']}  {self.case.path}")
+        if self.case.title:
+            self.log(self.case.title)
+
+    def _say_scene(self) -> None:
+        s, m, run = self.simulation, self.simulation.mechanics, self._integrator
+        owned = self.comm.allgather(m.n_owned)
+        copies = self.comm.allgather(len(m.numbering.ids) - m.n_owned)
+        shared = f"; on each rank {span(owned)} and copies of {span(copies)} others" if self.comm.size > 1 else ""
+        cells = len(s.scene.kind)
+        self.log.table([
+            ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
+                          f"{span([t.spacing for t in s.scene.templates])} µm{shared}"),
+            *([("accuracy", self.case.chosen)] if self.case.chosen else []),
+            *(scene_said(self.case, self.end) if self.log.root else []),
+            *laws_said(self.case, s),
+            *skipped_said(s.terms.skipped),
+            ("integrator", run.said),
+            *([("chosen", s.reason)] if s.reason else []),
+            ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
+             run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+            *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
+              if "from" in self.manifest else []),
+            ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),
+            *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
+        ])
+
+    def _save_manifest(self) -> None:
+        together(self.comm, lambda: write_manifest(self.directory, self.manifest), root_only=True)
+
+    def _finish(self, status: int, cause: str) -> None:
+        s, run, wall = self.simulation, self._integrator, self._wall()
+        per_step = 1e9 * self.step_seconds / max(1, run.steps) / s.scene.size
+        mechanism = max(run.count, key=run.count.get) if run.count else ""
+        self.manifest |= {
+            "exit_status": status, "cause": cause, "time_us": s.time, "steps": run.steps,
+            "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
+            "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
+            "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
+            "strain": self.strain.record(), "worst_closure": self.worst_closure,
+            "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
+            **run.record(), **({"chosen": s.reason} if s.reason else {}),
+            "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
+            "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
+            "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
+            "sections_seconds": self.timers.seconds()}
+        self._save_manifest()
+        ended = {DONE: "done", BROKEN: "broken", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
+        why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
+        self.log(f"{ended}: {duration(1e-6 * s.time, 6)} in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per "
+                 f"particle and step{why}")
+        if run.steps:
+            stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
+            self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
+                     f"at most {100 * self.worst_closure:.2g} % of the energy does not add up")
+        if lost := lost_said(self.entries):
+            self.log(f"lost {lost}")
+        if warning := self.strain.summary():
+            self.log(warning)
+        if self.manifest["unused_options"]:
+            self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
+        self.log(self.timers.summary(self.comm))
+        if status == STOPPED:
+            self.log(f"'resume {self.directory}' goes on")
+        if status in (BROKEN, INPUT_OUTPUT):
+            self.log.error(f"cellmig: {cause}")
+
+
+@contextmanager
+def stop_requests() -> Iterator[list[int]]:
+    """Signals that ask for a clean end, as they come: SIGTERM, SIGUSR1, ^C; a second ^C ends the program at once."""
+    asked: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if number == signal.SIGINT and signal.SIGINT in asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    old = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
+    try:
+        yield asked
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)

@@ -1,0 +1,154 @@
+"""What a run says of itself at its start."""
+
+from __future__ import annotations
+
+from cellmig.case.gaps import Lie, lie
+from cellmig.case.schema import Case
+from cellmig.simulation import Simulation
+from cellmig.solve.step import binding
+
+from .estimates import expected
+
+FLOATING = 5  # cells that are named
+CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
+FAR = 4.0  # sizes of a cell that a push may carry it: the fluid of the paper's goes 1.5 and is stretched 2.5-fold
+
+
+def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
+    """What the time step [µs] will be and why; `stable` : by mechanism;  `fixed` : as the user says."""
+    mechanism, limit = binding(stable)
+    if not fixed:
+        return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
+                "the deformation")
+    said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
+    return said if fixed <= limit else f"{said}: TOO LARGE"
+
+
+def load_said(case: Case) -> str:
+    """What the load steps of a static case are."""
+    return (f"{case.time.samples}, one for each sample; one that finds no equilibrium is cut; time is what loads "
+            "depend on, nothing moves")
+
+
+def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
+    """What the scene does not need, a row each."""
+    rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
+    return [("" if number else "skipped", row) for number, row in enumerate(rows)]
+
+
+def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
+    """Where the cells lie at the start and how far apart, which of them float, and what motion to expect: rows.
+
+    `end` : time at which the run ends [µs].
+    """
+    found = lie(case)
+    (left, bottom), (right, top) = found.box
+    rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
+    lowest, gaps = int(found.heights.argmin()), []
+    if case.substrate is not None:
+        gaps.append(f"{length(found.heights[lowest])} to the substrate ({case.cells[lowest].name})")
+    if found.gap is not None:
+        names = " and ".join(case.cells[n].name for n in found.pair)
+        gaps.append(f"{length(found.gap)} between cells ({names})")
+    if gaps:
+        rows.append(("least gaps", ", ".join(gaps)))
+    return [*rows, *_floating(case, found), *_pressed(case, found), *([] if case.static else _motion(case, found, end))]
+
+
+def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
+    """Drag, and the speeds to expect."""
+    e = expected(case, lie, end)
+    rows = [] if case.substrate is None else [
+        ("drag", f"{case.friction.coefficient:g} Pa µs/µm on bonded membrane that slides" if case.friction else
+         "none: cells slide, and what is pushed goes ever faster; [friction] holds them back")]
+    if not e.fastest:
+        return rows
+    gone = length(float(f"{e.distance:.2g}"))
+    speeds = [f"{value:.2g} µm/µs {when}" for value, when in (
+        (e.start, "at the start"), (e.spreading, "while cells spread"),
+        (e.speed, f"at the end, {gone} from here")) if value]
+    rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))
+    pushed = f"by a push of {e.push:.2g} pN/µm a cell; " if e.push else ""
+    rows.append(("", f"{pushed}{e.fastest / CRAWLING:.1g} times the 0.1 µm/s of a crawling cell"))
+    if e.reynolds is not None:
+        rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: "
+                                 f"{'inertia counts' if e.reynolds > 0.1 else 'viscosity rules'}"))
+    if e.distance > FAR * e.size:
+        rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
+                                "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
+                                "protrusion.strength leaves them in shape"))
+    return rows
+
+
+def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
+    """Cells that no adhesion holds, which few scenes mean."""
+    number = len(found.floating)
+    if not number:
+        return []
+    cells, it = ("a cell floats", "it") if number == 1 else (f"{number} cells float", "them")
+    names = [f"'{case.cells[n].name}' by {length(found.heights[n])}" for n in found.floating[:FLOATING]]
+    names += [f"{number - FLOATING} more"] if number > FLOATING else []
+    reach = length(case.substrate.cutoff)
+    return [("WARNING", f"{cells} above the substrate, beyond the {reach} that its bonds reach: no adhesion "
+                        f"holds {it}: {', '.join(names)}; rest = true in the table of a cell sets it down")]
+
+
+def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
+    """Bonds that start compressed: they fling the cells apart, which no scene means."""
+    rows = []
+    for law, gap, term, remedy in (
+            (case.substrate, found.heights.min(), "adhesion to the substrate",
+             "rest = true sets a cell down at their range, or set the centre of the lowest cell higher by"),
+            (case.contact, found.gap, "adhesion between cells", "set the cells apart by a further")):
+        if law is not None and law.work and gap is not None and gap < law.cap:
+            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
+                                    "nm: its first steps are finer, and 1 % of the energy may be lost; "
+                                    f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
+    return rows
+
+
+def length(value: float) -> str:
+    """A length [µm] for people: 10 nm, 1.2 µm."""
+    return f"{1e3 * value:.3g} nm" if abs(value) < 0.1 else f"{value:.4g} µm"
+
+
+def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
+    """The laws of a scene as rows for the log, with what is numerical in them."""
+    rows = []
+    for name, law in case.materials.items():
+        if law not in simulation.scene.materials:
+            continue
+        viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
+        said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
+        said += f" and {law.numerical_modulus / 1e3:.3g} kPa" if law.numerical_modulus else ""
+        if hasattr(law, "reduced_bulk_modulus"):
+            said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
+        rows.append((name, said))
+    t = simulation.terms
+    for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
+        if law is not None and law.work:
+            rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, range {1e3 * law.range:g} nm"))
+        elif law is not None and law.stiffness(0.0):
+            rows.append((name, f"no adhesion; surfaces closer than {1e3 * law.range:g} nm repel each other"))
+    if t.protrusion is not None and case.protrusion:
+        rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; strength {t.protrusion.strength:g}, "
+                                   f"height {t.protrusion.height:g} µm"))
+    return rows
+
+
+def span(values: list) -> str:
+    """Least and largest of some values, as text."""
+    low, high = min(values), max(values)
+    text = "{:.4g}" if isinstance(low, float) else "{}"
+    return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"
+
+
+def lost_said(entries: dict[str, float]) -> str:
+    """What viscosity, friction and the method took, from a row of the ledger; empty if nothing was lost."""
+    parts = [(name, entries.get(f"{key}_loss", 0.0)) for name, key in (
+        ("viscosity", "viscous"), ("friction", "friction"), ("what is numerical", "numerical"))]
+    total = sum(abs(value) for _, value in parts)
+    if not total > 0.0:
+        return ""
+    said = ", ".join(f"{value:.3g} pN by {name}" for name, value in parts if value)
+    return f"{said}: {100 * abs(parts[-1][1]) / total:.2g} % are the method's (docs/numerics.md)"

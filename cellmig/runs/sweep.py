@@ -1,0 +1,339 @@
+"""`cellmig sweep`: one case with some of its values varied, run in parallel, in one table and one picture."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import os
+import re
+import shlex
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cellmig.case.messages import CaseError, Mistake, suggest
+from cellmig.case.schema import Case
+from cellmig.case.units import UnitError, number
+from cellmig.exits import DONE, STOPPED
+from cellmig.output.directory import OutputError, replace
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import HISTORY, further_columns, read_table
+from cellmig.plot.style import COLOURS, STYLE, save
+
+from .batch import Ended, Job, run_missing, unsound, write_rows
+from .run import stop_requests
+
+SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
+_LONGEST = 120  # letters of a directory's name
+_SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity whose unit may stand in a name
+_WORD, _SIGNS = re.compile(r"[\w.+^-]+"), re.compile(r"[^\w.+^-]+")
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
+_MANIFEST = ("exit_status", "cause", "worst_closure", "steps", "wall_seconds", "state_hash")
+
+
+def variation(text: str) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of "a.b=1,2,4", "a.b=1,2,4 kPa" (one unit for all), "a.b='one','two'" or "seed=1:8".
+
+    Raises ValueError; its text is for the user.
+    """
+    key, _, rest = (part.strip() for part in text.partition("="))
+    if not key or not rest:
+        raise ValueError(f"expects KEY=VALUE,VALUE,… or KEY=FIRST:LAST, not '{text}'")
+    if whole := re.fullmatch(r"(-?\d+):(-?\d+)", rest):
+        first, last = map(int, whole.groups())
+        values: list[Any] = list(range(first, last + 1))
+    else:
+        try:
+            values = tomllib.loads(f"values = [{rest}]")["values"]
+        except tomllib.TOMLDecodeError:
+            values = _with_unit([word.strip() for word in rest.split(",")])
+    if not values or "" in values:
+        raise ValueError(f"'{text}' has no values, or an empty one")
+    return key, tuple(values)
+
+
+def _with_unit(words: list[str]) -> list[Any]:
+    """Words as they are, pure numbers among them with the unit of the last, or as numbers if that has none."""
+    last = _QUANTITY.fullmatch(words[-1])
+    unit = last[2] if last else ""
+
+    def read(word: str) -> Any:
+        if not (number := _QUANTITY.fullmatch(word)) or number[2]:
+            return word
+        return f"{word} {unit}" if unit else int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
+
+    return [read(word) for word in words]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A case file, what all runs change in it, what each varies, and the directory of everything.
+
+    vary : dict -- dotted key to its values;  sets : "KEY=VALUE" for all;  ranks : of each run;
+    until : float -- where all end [us], if not where the case says.
+    """
+
+    case: Path
+    vary: Mapping[str, Sequence[Any]]
+    out: Path
+    sets: tuple[str, ...] = ()
+    ranks: int = 1
+    until: float | None = None
+
+    def jobs(self) -> dict[tuple[str, ...], Job]:
+        """All runs by their values as TOML, the first key slowest.  Raises CaseError if one does not suit the case."""
+        short = [key.rpartition(".")[2] for key in self.vary]
+        names = short if len(set(short)) == len(short) else list(self.vary)
+        jobs, varied = {}, set()
+        for values in itertools.product(*self.vary.values()):
+            name = "_".join(f"{key}={_in_a_name(value)}" for key, value in zip(names, values, strict=True))
+            name = name if len(name) <= _LONGEST else f"run-{_digest(name)}"
+            texts = tuple(map(_toml, values))
+            sets = [f"{key}={text}" for key, text in zip(self.vary, texts, strict=True)]
+            varied.update(sets)
+            jobs[texts] = Job(name, self.case, (*self.sets, *sets), self.out / "runs" / name, ranks=self.ranks,
+                              until=self.until)
+        _check(jobs.values(), varied)
+        return jobs
+
+    def rows(self, jobs: Mapping[tuple[str, ...], Job], failed: Mapping[Job, Ended] = MappingProxyType({})
+             ) -> Iterator[dict[str, Any]]:
+        """Of each run that is done: what it varied, the last row of history for each cell, and how it ended.
+
+        One row of each that failed, or ended early, with its exit status and cause, and no numbers of cells; `failed`
+        are those that are known, others are told from their manifests.
+        """
+        columns = [_column(key, values) for key, values in self.vary.items()]
+        for texts, job in jobs.items():
+            varied = {name: values[text] for (name, values), text in zip(columns, texts, strict=True)}
+            manifest, done = read_manifest(job.directory), job.is_done()
+            if not done and not (manifest.get("exit_status") and job.is_of(manifest)):
+                manifest = {}  # of another run
+            ended = {key: manifest.get(key) for key in _MANIFEST} | {"directory": str(job.directory)}
+            if job in failed:
+                ended |= {"exit_status": failed[job].code, "cause": failed[job].message}
+            if done:
+                history = read_table(job.directory / "history.csv")
+                for row in np.flatnonzero(history["time_us"] == history["time_us"][-1]):
+                    yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended}
+            elif ended["exit_status"] is not None:
+                yield {**varied, "time_us": manifest.get("time_us"), **ended}
+
+
+def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
+    """Raise the mistakes of all cases, each once; those in what is varied under the name of its option."""
+    said = {f"--set {text}": f"--vary {text}" for text in varied}
+    mistakes = []
+    for job in jobs:
+        try:
+            job.load()
+        except CaseError as error:
+            mistakes += [dataclasses.replace(one, file=said.get(one.file, one.file)) for one in error.mistakes]
+    if mistakes:
+        raise CaseError(dict.fromkeys(mistakes))
+
+
+def _check_columns(case: Case, shown: Iterable[str]) -> None:
+    """Refuse to draw what history.csv will not have."""
+    there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
+                                            (one.name for one in (*case.supports, *case.plates)))[:-1])  # but names
+    if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
+                    for name in shown if name not in there]:
+        raise CaseError(mistakes)
+
+
+def _toml(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, str | bool | np.bool_):
+        return json.dumps(value if isinstance(value, str) else bool(value), ensure_ascii=False)
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _in_a_name(value: Any) -> str:
+    """A value as part of the name of a directory, which no other value has: a digest stands for signs that are lost."""
+    text = _toml(value)
+    if not isinstance(value, str):
+        if _WORD.fullmatch(text):
+            return text
+    elif quantity := _SHORT.fullmatch(value):
+        return f"{quantity[1]}_{'per_' if quantity[2] else ''}{quantity[3]}"
+    elif _WORD.fullmatch(value) and value[0].isalpha() and value not in ("true", "false", "inf", "nan"):
+        return value
+    return f"{_SIGNS.sub('_', text).strip('_')}-{_digest(text)}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _column(key: str, values: Sequence[Any]) -> tuple[str, dict[str, Any]]:
+    """Name of the column of what is varied, and what stands there for each value, by its text as TOML.
+
+    Quantities are numbers in the unit of the first, which the name has; where not all are, they stay as they are.
+    """
+    quantities = [_QUANTITY.fullmatch(value) if isinstance(value, str) else None for value in values]
+    if all(quantity and quantity[2] for quantity in quantities):
+        unit = quantities[0][2]
+        with suppress(UnitError):
+            one = number(f"1 {unit}", unit)
+            return f"{key} [{unit}]", {
+                _toml(value): float(quantity[1]) if quantity[2] == unit else float(f"{number(value, unit) / one:.12g}")
+                for value, quantity in zip(values, quantities, strict=True)}
+    return key, {_toml(value): value if isinstance(value, bool | int | float) else
+                 value if isinstance(value, str) else _toml(value) for value in values}
+
+
+def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN) -> int:
+    """Run what is missing, then write sweep.csv and draw sweep.png and sweep.pdf.
+
+    Parameters
+    ----------
+    plan : Sweep.
+    at_once : int -- runs at a time; by default one for each core.
+    shown : list of str -- columns of history.csv that are drawn.
+
+    Returns
+    -------
+    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    """
+    jobs = plan.jobs()
+    _check_columns(next(iter(jobs.values())).load(), shown)
+    with stop_requests() as asked:
+        failed = run_missing(plan.out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
+    failed |= unsound(job for job in jobs.values() if job.is_done())
+    if rows := list(plan.rows(jobs, failed)):
+        write_rows(plan.out / "sweep.csv", rows)
+        print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), sep="\n")
+    if asked:
+        print("stopped; the same command goes on from here")
+        return STOPPED
+    return next((ended.code for ended in failed.values()), DONE)
+
+
+# ---------------------------------------------------------------------------------------------------- the picture
+
+
+def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> list[Path]:
+    """The aggregate at the end against the first key; a line, the mean over seeds, for each choice of the others."""
+    rows = [row for row in rows if row.get("cell") == 0]
+    if not rows:
+        return []
+    keys = list(itertools.takewhile(lambda name: name != "time_us", rows[0]))
+    across, *others = [key for key in keys if key != "seed"] or ["seed"]
+    shown = [name for name in shown if any(row.get(name) for row in rows)] or list(shown[:1])
+    lines: dict[tuple, dict] = {}
+    for row in rows:
+        lines.setdefault(tuple(row.get(key) for key in others), {}).setdefault(row.get(across), []).append(row)
+    labels = [", ".join(f"{_said(key)} {_value_said(value)}" for key, value in zip(others, choice, strict=True))
+              for choice in lines]
+    with matplotlib.rc_context(STYLE):
+        columns, tall = min(2, len(shown)), (len(shown) + 1) // 2
+        figure = Figure(figsize=(3.2 * columns, 0.4 + 2.1 * tall), layout="constrained")
+        axes = figure.subplots(tall, columns, squeeze=False, sharex=True).ravel()
+        for ax, name in zip(axes, shown, strict=False):
+            for number, (label, line) in enumerate(zip(labels, lines.values(), strict=True)):
+                _line(ax, {at: [row[name] for row in group] for at, group in line.items()}, number, label)
+            ax.set_ylabel(axis_of(name))
+        for ax in axes[max(0, len(shown) - columns):len(shown)]:
+            ax.set_xlabel(_said(across))
+            ax.tick_params(labelbottom=True)
+        for ax in axes[len(shown):]:
+            ax.set_axis_off()
+        if others:
+            axes[0].legend()
+        return save(figure, out, "sweep", ("png", "pdf"))
+
+
+def _line(ax: Axes, values: Mapping[Any, Sequence[float]], number: int, label: str) -> None:
+    """One line: means, and faint single runs where there are several; `values` by what is varied."""
+    style = {"color": COLOURS[number % len(COLOURS)], "marker": "osD^vP*"[number % 7]}
+    ax.plot(list(values), [np.mean(group) for group in values.values()], label=label, markersize=4, **style)
+    single = [(at, value) for at, group in values.items() for value in group if len(group) > 1]
+    if single:
+        ax.plot(*zip(*single, strict=True), ls="", alpha=0.35, markersize=2.5, **style)
+
+
+_AXES = {"ux_um": "displacement $u_x$ [µm]", "uy_um": "displacement $u_y$ [µm]", "area_um2": "area [µm²]",
+         "substrate_contact_um": "contact with the substrate [µm]", "cell_contact_um": "contact with cells [µm]",
+         "perimeter_um": "perimeter [µm]", "effective_stress_pa": "effective stress [Pa]"}
+
+
+def axis_of(column: str) -> str:
+    """Label of an axis for a column of history.csv."""
+    return _AXES.get(column, column)
+
+
+def _value_said(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _said(key: str) -> str:
+    """A column of what is varied, as people write it."""
+    name, bracket, unit = key.partition(" [")
+    return name.replace("_", " ") + bracket + unit.replace("um", "µm").replace("^2", "²").replace("^3", "³")
+
+
+# ------------------------------------------------------------------------------------------------------- a cluster
+
+_SLURM = """\
+#!/usr/bin/env bash
+# {count} runs of {case}.  See what your cluster asks for (account, partition, modules), then
+#     sbatch {script}
+# A run that meets the wall limit leaves a checkpoint and is queued again; what is done is not computed twice.  When
+# all are done, the command that wrote this script, without --slurm, writes the table and the picture.
+#SBATCH --job-name={name}
+#SBATCH --array=1-{count}
+#SBATCH --ntasks={ranks}
+#SBATCH --cpus-per-task=1
+#SBATCH --time=04:00:00
+#SBATCH --signal=USR1@60
+#SBATCH --requeue --open-mode=append
+#SBATCH --output={logs}
+set -uo pipefail
+export OPENBLAS_NUM_THREADS=1
+cellmig=${{CELLMIG:-${{SLURM_SUBMIT_DIR:-.}}/.venv/bin/cellmig}}
+left=$((${{SLURM_JOB_END_TIME:-0}} - $(date +%s)))  # seconds; a tenth, or five minutes, is for the end
+limit=()
+((left < 10)) || limit=(--wall-time "$((left - (left < 3000 ? left / 10 : 300))) s")
+
+start() {{ srun "$cellmig" "$@" --resume auto "${{limit[@]}}"; }}
+
+case $SLURM_ARRAY_TASK_ID in
+{runs}
+esac
+code=$?
+[[ $code -ne 75 ]] || scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"
+exit "$code"
+"""
+
+
+def array_script(plan: Sweep) -> Path:
+    """Write a Slurm array that does the runs, instead of doing them: the path of the script."""
+    jobs = plan.jobs()
+    lines = [f"{number}) start {shlex.join(job.arguments())} ;;" for number, job in enumerate(jobs.values(), 1)]
+    script = plan.out / "sweep.sbatch"
+    logs = str(plan.out).replace("%", "%%") + "/task%a.log"  # Slurm puts the number of the task for %a
+    text = _SLURM.format(case=plan.case, count=len(jobs), name=shlex.quote(f"cellmig-{plan.case.stem}"),
+                         ranks=plan.ranks, script=shlex.quote(str(script)), logs=shlex.quote(logs),
+                         runs="\n".join(lines))
+    try:
+        plan.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write in '{plan.out}' ({error.strerror})") from error
+    replace(script, text)
+    return script

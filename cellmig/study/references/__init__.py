@@ -1,1 +1,0 @@
-"""References by physics: a module each; `cellmig/study/verify.py` tells how to add one."""

@@ -1,0 +1,1 @@
+"""Is it right: references with known solutions, sensitivity, random scenes."""

@@ -1,0 +1,188 @@
+"""The stress set: random scenes must end stable, stop with a message, or be refused; nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.exits import BROKEN, DIFFERENT, DONE, STOPPED, WRONG
+from cellmig.geometry import polygons
+from cellmig.laws import register
+from cellmig.output.directory import Claim, replace
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
+from cellmig.output.xdmf import frames
+from cellmig.runs.batch import Count, Ended, Job, run_all
+from cellmig.runs.outcome import outline
+from cellmig.runs.run import CLOSURE, stop_requests
+from cellmig.simulation import discretise, particle_count
+
+from .random_cases import launch, scene, toml
+
+VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
+SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
+AREA = 0.1  # share of that by which the area of a cell may have changed beyond what J of its particles says: 1 to 5 %
+STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
+# What a clean stop says: when, where, why, and what to do about it.
+CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a scene ended: "stable", "stopped" with a message, "refused" with a message, or what must not be: "bad".
+
+    why : the message, or what is wrong;  command : reproduces it;  numbers : what was measured.
+    """
+
+    name: str
+    ended: str
+    code: int
+    why: str
+    command: str
+    numbers: dict[str, float]
+
+
+def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: Sequence[str] = ()) -> int:
+    """Draw `count` scenes, run each a while and judge; returns the exit code, DIFFERENT if any ended badly.
+
+    `sets` : "KEY=VALUE", changes to all scenes.
+    """
+    register()
+    jobs = [prepare(out, seed, number, tuple(sets)) for number in range(count)]
+    verdicts, progress = [], Count(count)
+    with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as asked:
+        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), asked, LIMIT):
+            verdicts.append(judge(ended, *measure(ended)))
+            progress(Ended(ended.job, 0))
+    progress.close()
+    if asked:
+        return STOPPED
+    verdicts.sort(key=lambda v: v.name)
+    said = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
+    replace(out / "stress.json", json.dumps(said, indent=1, ensure_ascii=False))
+    print("\n".join([*table(verdicts), str(out / "stress.json")]))
+    return DIFFERENT if any(v.ended == "bad" for v in verdicts) else DONE
+
+
+def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = ()) -> Job:
+    """Write the case file of a scene."""
+    folder = out / f"seed{seed}-scene{number:03}"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "case.toml").write_text(toml(scene(seed, number)) + "\n", encoding="utf-8")
+    ranks, options = launch(seed, number)
+    return Job(folder.name, folder / "case.toml", sets, folder / "run", ("-ts_max_steps", str(STEPS), *options), ranks)
+
+
+# -------------------------------------------------------------------------------------------------------- judgement
+
+
+def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
+    """Numbers of a run to its end, and the outlines of its cells in the last frame; nothing of others."""
+    if ended.code:
+        return {}, []
+    directory = ended.job.directory
+    manifest, history = read_manifest(directory), read_table(directory / "history.csv")
+    case, fields = ended.job.load(), frames(directory)[-1].read()
+    outlines = [outline(fields, cell)[:-1] for cell in np.unique(fields["cell"])]
+    return {"closure": manifest["worst_closure"], "J_min": manifest["J"][0], "J_max": manifest["J"][1],
+            "area": area_missed(case, history, fields), "softness": softness(case), "steps": manifest["steps"],
+            "seconds": manifest["wall_seconds"]}, outlines
+
+
+def area_missed(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
+    """Largest change of a cell's area to the end beyond what J of its particles says, relative to the start [-]."""
+    area = np.array([history["area_um2"][history["cell"] == c][[0, -1]] for c in np.unique(fields["cell"])])
+    V, cell = discretise(case).field("V")[fields["id"]], fields["cell"] - 1
+    ratio = np.bincount(cell, V * fields["J"]) / np.bincount(cell, V)
+    change, compressed = area[:, 1] / area[:, 0] - 1.0, ratio - 1.0
+    return float(np.maximum(change - np.maximum(compressed, 0.0), np.minimum(compressed, 0.0) - change).max())
+
+
+def softness(case: Case) -> float:
+    """Largest load of a case over the least bulk modulus: how far J may be from 1 [-]."""
+    used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
+    spacing = min(np.sqrt(cell.shape.area / particle_count(case, cell.shape)) for cell in case.cells)
+    loads = [law.work / law.range for law in (case.substrate, case.contact) if law is not None]
+    floor, push, turned = case.substrate, case.protrusion, case.director
+    if floor is not None and any(c.centre[1] + c.shape.lowest() < floor.cap for c in case.cells):  # it starts pressed
+        loads.append(floor.bonds * (floor.cap_curvature * floor.cap - floor.cap_slope))
+    if floor is not None and push is not None:
+        loads.append(push.strength * floor.work / push.height)
+    if case.cortex is not None:
+        loads.append(case.cortex.line_tension / spacing)  # at a corner
+    if turned is not None and (turned.start != "uniform" or turned.anchoring != "none"):
+        loads += [law.eta / spacing**2 for law in used if hasattr(law, "eta")]  # in the core of a defect
+    if case.body_force is not None:
+        tall = max(float(np.ptp(cell.shape.outline(64), axis=0).max()) for cell in case.cells)
+        loads.append(max(law.density for law in used) * float(np.hypot(*case.body_force)) * tall)
+    loads += [abs(law.zeta) for law in used if hasattr(law, "zeta")]
+    return max([*loads, 0.0]) / min(law.density * law.sound_speed**2 for law in used)
+
+
+def judge(ended: Ended, numbers: dict[str, Any], outlines: Sequence[np.ndarray]) -> Verdict:
+    """What to say of a run, from how it ended and, if it went to its end, from what it left."""
+    def say(how: str, why: str) -> Verdict:
+        return Verdict(ended.job.name, how, ended.code, why, ended.job.command(), numbers)
+
+    if ended.code == BROKEN:
+        return say("stopped", ended.message) if CLEAN.search(ended.message) else say("bad", f"says '{ended.message}'")
+    if ended.code == WRONG:
+        return say("refused", ended.message) if ended.message else say("bad", "refused without a word")
+    if ended.code:
+        return say("bad", ended.message or f"exit code {ended.code}")
+    wrong = [*_numbers_wrong(numbers), *_outlines_wrong(outlines)]
+    return say("bad", "; ".join(wrong)) if wrong else say("stable", "")
+
+
+def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
+    wrong = []
+    if not all(map(np.isfinite, numbers.values())):
+        wrong.append("a number is not finite")
+    if not numbers["closure"] <= CLOSURE:
+        wrong.append(f"closure {numbers['closure']:.3g}")
+    soft = min(numbers["softness"], SOFT)
+    room = VOLUME + soft
+    if not (1.0 - room < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
+        wrong.append(f"J from {numbers['J_min']:.3g} to {numbers['J_max']:.3g}")
+    if not numbers["area"] < AREA * room:
+        wrong.append(f"an area changed by {100 * numbers['area']:.3g} % more than its particles")
+    return wrong
+
+
+def _outlines_wrong(outlines: Sequence[np.ndarray]) -> list[str]:
+    wrong = []
+    for n, x in enumerate(outlines, 1):
+        if (edges := polygons.crossing(x)) is not None:
+            wrong.append("cell {} crosses itself near ({:.4g}, {:.4g}) um".format(n, *x[edges[0]]))
+    for i, a in enumerate(outlines):
+        for j, b in enumerate(outlines):
+            if i != j and (deep := polygons.depth(a, b)) > 0.02 * np.sqrt(abs(polygons.area(a))):
+                wrong.append(f"cell {i + 1} is {deep:.3g} um within cell {j + 1}")
+    return wrong
+
+
+# ------------------------------------------------------------------------------------------------------ what is said
+
+
+def table(verdicts: Sequence[Verdict]) -> list[str]:
+    """How many of each, and those that ended badly, each with the command that reproduces it."""
+    lines = [f"{how:8} {sum(v.ended == how for v in verdicts):4}" for how in ("stable", "stopped", "refused", "bad")]
+    stable = [v.numbers for v in verdicts if v.ended == "stable"]
+    if stable:
+        lines.append(f"stable ones: closure at most {100 * max(n['closure'] for n in stable):.2g} %, J from "
+                     f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, areas kept "
+                     f"to {100 * max(n['area'] for n in stable):.2g} %")
+    for v in verdicts:
+        if v.ended == "bad":
+            lines += [f"{v.name}: exit code {v.code}, {v.why}", f"    {v.command}"]
+    return lines

@@ -1,0 +1,1 @@
+"""References by physics: a module each; `cellmig/verify/verify.py` tells how to add one."""

@@ -1,0 +1,137 @@
+"""Drops of the cytoplasm: viscous, inviscid, with line tension, as sound and as shear."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import jn_zeros, jv
+
+from cellmig.verify.exact import Drop
+from cellmig.verify.reference import Measured, converges, reference
+
+from .scenes import altered, built, displacement, drop, on_the_rim, put, velocity
+
+RADIUS = 5.0  # µm
+
+
+def straining(rate: float) -> dict:
+    """Of a cell that starts with v = rate (x, -y) [1/µs]."""
+    return {"velocity_gradient": [[f"{rate} /us", "0 /us"], ["0 /us", f"{-rate} /us"]]}
+
+
+def axes(sim) -> np.ndarray:
+    """Semi-axes of a drop that is the same about x and y [µm]."""
+    x = on_the_rim(sim, np.arange(4) * np.pi / 2)
+    return 0.5 * np.array([x[0, 0] - x[2, 0], x[1, 1] - x[3, 1]])
+
+
+@reference("viscous-drop", shows="semi-axes at 1, 2, 5 µs of a drop set flowing by 0.02 (x, -y) /µs, over R = 5 µm",
+           source="finite elements of two public codes, incompressible, ± 1e-5 µm",
+           at=(150, 400, 1000, 2500), seconds=30.0, coarse={"semi-axes": 3.6e-4},
+           expected={"semi-axes": converges(2, "h² of a linear basis and of the stabilisation, blind to linear flow",
+                                            {5000: 0.01, 20000: 0.003}, floor=2e-6)})
+def viscous_drop(count: int) -> Measured:
+    """μ = 1000 Pa µs, no surface tension."""
+    right = {1.0: (5.08760, 4.91357), 2.0: (5.15571, 4.84742), 5.0: (5.28614, 4.72173)}
+    with built(altered(drop(count), straining(0.02))) as sim:
+        missed = 0.0
+        for time, exact in right.items():
+            sim.go(time)
+            missed = max(missed, float(np.abs(axes(sim) - exact).max()) / RADIUS)
+        return Measured(sim.scene.templates[0].spacing, {"semi-axes": missed}, count)
+
+
+@reference("inviscid-drop", shows="stretching ellipse: semi-axes when a/b = 4, over R, from v = A (x, -y), A = 0.1 /µs",
+           source="Dirichlet's ellipse: dA/dt = A² (b² - a²)/(a² + b²), da/dt = A a, b = R²/a",
+           at=(150, 400, 1000, 2500), seconds=10.0, coarse={"semi-axes": 8.7e-4},
+           expected={name: converges(2, "h² of a linear basis; F is uniform, the pressure quadratic in X",
+                                     {5000: 0.01, 20000: 0.003}, floor=1e-4)
+                     for name in ("semi-axes", "semi-axes by moments")})
+def inviscid_drop(count: int) -> Measured:
+    """A viscosity of 1e-5 of the cytoplasm's stands for none; a = 2R, b = R/2 at A t = 0.8005088.
+
+    The stabilisation is the cytoplasm's: without, single particles of the rim come up by 1 % of R.
+    """
+    thin = ('materials.cytoplasm.viscosity="1e-8 Pa s"', "materials.cytoplasm.stabilisation=4e5")
+    with built(altered(drop(count, *thin), straining(0.1))) as sim:
+        sim.go(8.005088)
+        mass, X = sim.scene.field("mass"), sim.scene.X
+        moments = np.sqrt(mass @ (X + displacement(sim)) ** 2 / (mass @ X**2))
+        found = {"semi-axes": axes(sim) / RADIUS, "semi-axes by moments": moments}
+        return Measured(sim.scene.templates[0].spacing,
+                        {name: float(np.abs(a - (2.0, 0.5)).max()) for name, a in found.items()}, count)
+
+
+@reference("shear-decay", shows="rate at which a turning flow J1(kr) of a drop decays, J2(kR) = 0",
+           source="ν k² = 1.055 /µs: shear diffuses (Lamb, Hydrodynamics, ch. XI)", at=(300, 800, 2000, 5000),
+           quick=(300, 800, 2000), seconds=15.0, coarse={"rate": 5.2e-3},
+           expected={"rate": converges(2, "a Rayleigh quotient: the square of an error h in gradients")})
+def shear_decay(count: int) -> Measured:
+    """From the mode's share in the velocities after 0.5 and 1 µs."""
+    k = jn_zeros(2, 1)[0] / RADIUS
+    with built(drop(count)) as sim:
+        X, mass, law = sim.scene.X, sim.scene.field("mass"), sim.scene.materials[0]
+        r = np.maximum(np.hypot(*X.T), 1e-9)
+        mode = (jv(1, k * r) / r)[:, None] * np.column_stack([-X[:, 1], X[:, 0]])
+        put(sim, v=0.01 * mode)
+        share = []
+        for time in (0.5, 1.0):
+            sim.go(time)
+            share.append(float(mass @ (mode * velocity(sim)).sum(axis=1)))
+        rate = -np.log(share[1] / share[0]) / 0.5
+        return Measured(sim.scene.templates[0].spacing,
+                        {"rate": abs(rate / (law.viscosity / law.density * k**2) - 1.0)}, count)
+
+
+def ringing(count: int, case, mode, amplitude: float, time: float) -> tuple[float, float]:
+    """Spacing, and by how much the rim of a drop misses a mode over `time` [µs], in parts of its start."""
+    with built(case) as sim:
+        X, rim = sim.scene.X, sim.scene.surface(0)
+        shape, pressure = mode.displacements(X), mode.tension / RADIUS
+        J = np.sqrt(1.0 + (pressure / mode.K) ** 2) - pressure / mode.K  # where the pressure carries the tension
+        put(sim, amplitude * shape.real + (np.sqrt(J) - 1.0) * X, amplitude * (mode.s * shape).real)
+        at, missed = np.arctan2(*X[rim].T[::-1]), 0.0
+        lobes = np.cos(mode.n * at) / np.square(np.cos(mode.n * at)).sum()
+        still = lobes @ np.full(len(rim), (np.sqrt(J) - 1.0) * RADIUS)
+        for t in np.linspace(0.0, time, 13)[1:]:
+            sim.go(float(t))
+            radial = (displacement(sim)[rim] * X[rim]).sum(axis=1) / np.hypot(*X[rim].T)
+            missed = max(missed, abs((lobes @ radial - still) / amplitude - np.exp(mode.s * t).real))
+        return sim.scene.templates[0].spacing, float(missed)
+
+
+TENSION = 5000.0  # pN/µm
+
+
+@reference("drop-oscillation", shows="rim of a drop that oscillates by its line tension, two lobes, over a period",
+           source="Lamb: ω² = n(n²-1)T/ρR³, damped by 2n(n-1)ν/R²; with its boundary layer: verify/exact.py Drop",
+           at=(150, 400, 1000, 2500), seconds=40.0,
+           expected={"rim": converges(2, "h² of the polygon's curvature and of a linear basis", {5000: 0.01})})
+def drop_oscillation(count: int) -> Measured:
+    """The cytoplasm's viscosity, T = 5000 pN/µm: period 14 µs, of which 5 times the inverse rate of decay."""
+    cortex = {"cortex": {"law": "line-tension", "line_tension": f"{TENSION} pN/um"}}
+    case = drop(count, "numerics.bulk_viscosity=0", **cortex)
+    law = case.materials["cytoplasm"]
+    n, nu = 2, law.viscosity / law.density
+    guess = complex(-2 * n * (n - 1) * nu / RADIUS**2, np.sqrt(n * (n * n - 1) * TENSION / law.density / RADIUS**3))
+    mode = Drop(law, RADIUS, n, TENSION, guess)
+    h, missed = ringing(count, case, mode, 0.01, 2.0 * np.pi / mode.s.imag)
+    return Measured(h, {"rim": missed}, count)
+
+
+@reference("drop-sound", shows="rim of a drop in its first breathing mode, over 3 periods",
+           source="J0(ωR/c) = 0: ω = 2.4048 c/R, damped by νκ²; with viscosity at the rim: verify/exact.py Drop",
+           at=(150, 400, 1000, 2500), seconds=5.0, coarse={"rim": 2.0e-2},
+           expected={"rim": converges(2, "h² in frequency and damping without the numerical damping of sound",
+                                      {5000: 0.01}),
+                     "rim, damped by default": converges(1, "the numerical damping of sound is 0.05 ρ c h")})
+def drop_sound(count: int) -> Measured:
+    """Bulk modulus 5 MPa: c = 71 µm/µs, period 0.18 µs."""
+    found = {}
+    for name, sets in (("rim", ("numerics.bulk_viscosity=0",)), ("rim, damped by default", ())):
+        case = drop(count, *sets)
+        law = case.materials["cytoplasm"]
+        k = jn_zeros(0, 1)[0] / RADIUS
+        guess = complex(-law.viscosity / law.density * k**2, k * np.sqrt(law.reduced_bulk_modulus / law.density))
+        mode = Drop(law, RADIUS, 0, 0.0, guess)
+        h, found[name] = ringing(count, case, mode, 1e-4, 6.0 * np.pi / mode.s.imag)
+    return Measured(h, found, count)

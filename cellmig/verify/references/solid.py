@@ -1,0 +1,124 @@
+"""The paper's nucleus as an elastic disc in free space: its modes, its ringing, its stress."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import eigsh
+from scipy.special import jv
+
+from cellmig.meshfree.body import Template, abs_part
+from cellmig.verify.exact import Ringing
+from cellmig.verify.reference import Measured, converges, exact, reference
+
+from .scenes import DAMPED, built, by_id, displacement, nucleus, on_the_rim, put
+
+RADIUS = 1.415  # µm
+ELASTIC = {5000: 0.01, 20000: 0.003}
+SQUARED = "a Rayleigh quotient: the square of an error h in gradients (Strang & Fix, An Analysis of the FEM, ch. 6)"
+MODES = {"n = 2": (2, 3.5646220), "n = 3": (3, 5.5225285), "n = 2, second": (2, 7.2362576), "n = 4": (4, 7.2494496),
+         "breathing": (0, 44.413823)}  # [rad/µs]
+
+
+def stiffness(t: Template) -> sparse.csc_matrix:
+    """Of a body of one material at rest, with its stabilisation (2n, 2n) [Pa], x before y."""
+    law = t.laws[0]
+    G, lame = law.shear_modulus, law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus
+    g, V = [abs_part(t.G, part) for part in ("real", "imag")], sparse.diags(t.V)
+    same = G * sum(a.T @ V @ a for a in g) + t.E
+    K = [[lame * g[i].T @ V @ g[j] + G * g[j].T @ V @ g[i] + (same if i == j else 0.0 * same) for j in range(2)]
+         for i in range(2)]
+    return sparse.bmat(K).tocsc()
+
+
+def lobed(X: np.ndarray, rim: np.ndarray, u: np.ndarray, n: int) -> float:
+    """How much of the radial displacement of the rim has n lobes, or of all of it no lobes and the form J1 [-]."""
+    r, at = np.hypot(*X.T), np.arctan2(X[:, 1], X[:, 0])
+    radial = (u * X).sum(axis=1) / np.maximum(r, 1e-9)
+    if n == 0:
+        form = jv(1, 44.413823 / 26.189 * r)
+        return abs(form @ radial) / np.sqrt((form @ form) * (u**2).sum())
+    share = np.exp(1j * n * at[rim]) @ radial[rim]
+    return abs(share) / np.sqrt(len(rim) * (radial[rim] @ radial[rim] + 1e-300)) * np.sqrt(2.0)
+
+
+@reference("disc-modes", shows="frequencies of the free disc, from the linear operator",
+           source="roots of the free disc's Bessel determinant",
+           at=(500, 1250, 5000, 10000), quick=(300, 700, 1500), seconds=20.0, coarse={"breathing": 1.0e-3},
+           expected={**{name: converges(2, SQUARED, ELASTIC) for name in MODES},
+                     "operator": exact(1e-6, "that of the forces, to their rounding at a strain of 1e-8")})
+def disc_modes(count: int) -> Measured:
+    """Of the eigenvectors near each frequency, the one that has its lobes."""
+    with built(nucleus(count)) as sim:
+        t = sim.scene.templates[0]
+        K, M = stiffness(t), sparse.diags(np.tile(t.mass, 2))
+        u = 1e-9 * np.random.default_rng(0).standard_normal((count, 2))
+        put(sim, u)
+        f = t.mass[:, None] * by_id(sim, sim.mechanics.rate()[:, 2:])
+        right = (K @ u.T.ravel()).reshape(2, -1).T
+        found = {"operator": float(np.abs(f + right).max() / np.abs(right).max())}
+        for name, (n, omega) in MODES.items():
+            values, vectors = eigsh(K, 12, M, sigma=omega**2)
+            shares = [lobed(t.X, t.surface, v.reshape(2, -1).T, n) for v in vectors.T]
+            pick = int(np.argmax(shares))
+            if n:  # pairs, and more than one mode has n lobes: the nearest of them
+                good = np.flatnonzero(np.array(shares) > 0.7 * max(shares))
+                pick = good[np.argmin(np.abs(np.sqrt(np.abs(values[good])) - omega))]
+            found[name] = abs(float(np.sqrt(values[pick])) / omega - 1.0)
+        return Measured(t.spacing, found, count)
+
+
+@reference("disc-released", shows="elastic disc released from u = 0.05 (x, -y): a2(t) over two periods, over a2(0)",
+           source="finite elements of two public codes, ± 2e-4 µm", at=(300, 750, 2000, 5000), seconds=20.0,
+           expected={"a2": converges(2, "h² of a linear basis, in displacements and frequencies",
+                                     ELASTIC, floor=2e-4 / 0.07075),
+                     "energy at the start": converges(2, "area of the polygon for that of the circle", ELASTIC)})
+def disc_released(count: int) -> Measured:
+    """The reference is exact to 2e-4 µm: 0.3 % of a2(0)."""
+    with built(nucleus(count)) as sim:
+        X = sim.scene.X
+        put(sim, 0.05 * X * [1.0, -1.0])
+        energy = sim.sample()[1]["elastic"]
+        missed = 0.0
+        for time in np.linspace(0.0, 3.5, 36)[1:]:
+            sim.go(float(time))
+            x = on_the_rim(sim, (0.0, 0.5 * np.pi))
+            found = 0.5 * (x[0, 0] - x[1, 1])
+            w = np.array([3.5659, 7.2372, 12.32])
+            right = 3.8e-5 + np.array([0.06368, 0.00637, 3.4e-4]) @ np.cos(w * time)
+            missed = max(missed, abs(found - right) / 0.07075)
+        return Measured(sim.scene.templates[0].spacing,
+                        {"a2": float(missed), "energy at the start": abs(energy / 157.853 - 1.0)}, count)
+
+
+@reference("disc-ringing", shows="exact dynamic solution: slowest mode of the disc after one period, L2 over the disc",
+           source="verify/exact.py Ringing: potentials J2(kp r), J2(ks r)", at=(200, 400, 800, 1600), seconds=15.0,
+           expected={"displacement": converges(2, "h² of a linear basis"),
+                     "nodal stress": converges(1, "gradients of a linear basis"),
+                     "recovered stress": converges(1, "fits to gradients that are exact to h"),
+                     "recovered deviator": converges(1, "fits to gradients that are exact to h")})
+def disc_ringing(count: int) -> Measured:
+    """Sound, which the start excites, is damped as by default: the whole stress is noise without."""
+    with built(nucleus(count, *DAMPED)) as sim:
+        t, size = sim.scene.templates[0], 1e-6
+        mode = Ringing(sim.scene.materials[0], RADIUS)
+        u, stress = mode.fields(sim.scene.X)
+        put(sim, size * u, np.zeros_like(u))
+        sim.go(2.0 * np.pi / mode.frequency)
+        found = displacement(sim) / size
+        sim.mechanics.rate()
+        nodal = by_id(sim, sim.sampler.nodal_stress()[0][: sim.mechanics.n_owned]) / size
+        recovered = by_id(sim, sim.sampler.stresses()["stress"]) / size
+        return Measured(t.spacing, {"displacement": _missed(t.V, found, u), "nodal stress": _missed(t.V, nodal, stress),
+                                    "recovered stress": _missed(t.V, recovered, stress),
+                                    "recovered deviator": _missed(t.V, _deviator(recovered), _deviator(stress))}, count)
+
+
+def _deviator(s: np.ndarray) -> np.ndarray:
+    return s - np.trace(s, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+
+
+def _missed(V: np.ndarray, found: np.ndarray, right: np.ndarray) -> float:
+    """L2 error of a field over its L2 norm [-]."""
+    square = [np.square(a.reshape(len(V), -1)).sum(axis=1) for a in (found - right, right)]
+    return float(np.sqrt(V @ square[0] / (V @ square[1])))

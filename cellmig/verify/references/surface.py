@@ -1,0 +1,126 @@
+"""Adhesion through the kernel: the rigid cylinder's closed form, a flat contact."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from cellmig.parallel.reduce import exact_sum
+from cellmig.verify.reference import Measured, converges, exact, reference
+
+from .scenes import built, case, put
+
+RADIUS = 5.0  # µm
+WIDE = ('adhesion.substrate.range="0.1 um"', 'adhesion.substrate.cutoff="10 um"')  # ε is half a spacing, not 1/25
+
+
+def lowered(sim, gap: float) -> None:
+    """Put a cell, undeformed, at a gap from the substrate."""
+    put(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
+
+
+def pull(sim, gap: float) -> float:
+    """Attraction by the substrate at a gap [pN/µm]."""
+    lowered(sim, gap)
+    return -float(sim.mechanics.surface_force("substrate")[0][:, 1].sum())
+
+
+def on_the_circle(law, a: float) -> float:
+    """The same of a circle, integrated along it: the closed form's parabola differs by a share a/R."""
+    height, split = (lambda t: a + RADIUS * (1.0 - np.cos(t))), np.sqrt(2.0 * law.range / RADIUS)
+    parts = [0.0, 0.2 * split, split, 3.0 * split, 10.0 * split, np.pi / 2]
+    return 2.0 * sum(quad(lambda t: law.bonds * law.slope(height(t)) * RADIUS, x, y, epsrel=1e-12)[0]
+                     for x, y in pairwise(parts) if y > x)
+
+
+@reference("cylinder-on-plane", shows="pull F(a) on a rigid cylinder at gaps of 1.5 ε and 2.5 ε, and the gap of none",
+           source="eqs. (4)-(6) along a circle; along its parabola with Γ, zero at √(35/48) ε",
+           at=(400, 900, 2000, 4500), seconds=5.0,
+           expected={"F(1.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
+                     "F(2.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
+                     "gap of no pull, over ε": converges(2, "a polygon for the circle: its sagitta is of h²",
+                                                         floor=1e-9)})
+def cylinder_on_plane(count: int) -> Measured:
+    """Exact along the segments: what is left is the shape."""
+    with built(case("one_cell", count, *WIDE)) as sim:
+        law, h = sim.terms.substrate, float(sim.mechanics.surfaces.length.max())
+        found = {f"F({k} ε)": abs(pull(sim, k * law.range) / on_the_circle(law, k * law.range) - 1.0)
+                 for k in (1.5, 2.5)}
+        low, high = 0.7 * law.range, 1.1 * law.range
+        right = brentq(lambda a: on_the_circle(law, a), low, high, xtol=1e-13)
+        rest = brentq(lambda a: pull(sim, a), low, high, xtol=1e-13)
+        return Measured(h, found | {"gap of no pull, over ε": abs(rest - right) / law.range}, count)
+
+
+@reference("closed-form", shows="F(a) at 1.2 ε of cylinders with a/R as size: closed form against the circle",
+           source="eqs. (4)-(6) along a parabola: F(a) = (4Nσ/ε) √(2πR) […]", unit="", at=(0.024, 0.012, 0.006),
+           expected={"F": converges(1, "parabola for circle: a share a/R")})
+def closed_form(size: float) -> Measured:
+    """No particles: the formula by which F is judged has itself an error."""
+    from scipy.special import gamma
+
+    from cellmig.case.registry import laws
+
+    law = laws("adhesion")["seifert"](bonds=8000.0, energy=0.03, range=0.1, cutoff=1e3)
+    a = 1.2 * law.range
+    R = a / size
+    ratio = law.range**3 * a**-2.5 * gamma(2.5) / gamma(3) - law.range**5 * a**-4.5 * gamma(4.5) / gamma(5)
+    parabola = 4.0 * law.work / law.range * np.sqrt(2.0 * np.pi * R) * ratio
+    split = np.sqrt(2.0 * a / R)
+    parts = [0.0, 0.2 * split, split, 3.0 * split, 10.0 * split, np.pi / 2]
+    circle = 2.0 * sum(quad(lambda t: law.bonds * law.slope(a + R * (1.0 - np.cos(t))) * R, x, y, epsrel=1e-12)[0]
+                       for x, y in pairwise(parts) if y > x)
+    return Measured(size, {"F": abs(parabola / circle - 1.0)})
+
+
+@reference("flat-contact", shows="a cell with its lower side level at the gap ε, and pressed unevenly",
+           source="energy N φ(ε) a length; f = -∂E/∂u", at=(200, 400, 800), seconds=2.0,
+           expected={"energy": exact(1e-12, "integrated exactly along segments, the sum of their lengths"),
+                     "force over -∂E/∂u": exact(1e-7, "energy and force by one formula; differences of 1e-6 µm")})
+def flat_contact(count: int) -> Measured:
+    """Segments keep their bonds: the length is the reference's."""
+    with built(case("one_cell", count)) as sim:
+        X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
+        low = X[:, 1] < 2.0
+        u = np.zeros_like(X)
+        u[:, 1] = np.where(low, law.range, X[:, 1] + 3.0) - X[:, 1]
+        put(sim, u)
+        flat = low[s.ids] & low[s.ids[s.after]]
+        ends = s.length[low[s.ids] != low[s.ids[s.after]]]
+        right = law.bonds * law.potential(law.range) * s.length[flat].sum()
+        g = law.range, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
+        steep = law.bonds * ends.sum() * _along(law, *g)
+        energy = abs(_energy(sim) / (right + steep) - 1.0) if len(ends) else np.inf
+        return Measured(sim.scene.templates[0].spacing, {"energy": energy, "force over -∂E/∂u": _slope_missed(sim)},
+                        count)
+
+
+def _along(law, low: float, high: float) -> float:
+    """Mean of the potential along a segment between two heights."""
+    return float((law.primitive(high) - law.primitive(low)) / (high - low))
+
+
+def _energy(sim) -> float:
+    return float(exact_sum(sim.comm, sim.mechanics.surface_force("substrate")[1]))
+
+
+def _slope_missed(sim) -> float:
+    """Worst component of the force on the six that are pulled hardest against differences of the energy [-]."""
+    m, rng = sim.mechanics, np.random.default_rng(1)
+    u = 0.004 * rng.standard_normal((sim.scene.size, 2))
+    put(sim, u)
+    f = m.surface_force("substrate")[0]
+    worst = 0.0
+    for i in np.argsort(-np.abs(f[:, 1]))[:6]:
+        values = []
+        for step in (-2e-6, -1e-6, 1e-6, 2e-6):
+            m.state.owned[i, 1] += step
+            m.state.exchange()
+            values.append(_energy(sim))
+            m.state.owned[i, 1] -= step
+        slope = (8.0 * (values[2] - values[1]) - values[3] + values[0]) / 12e-6
+        worst = max(worst, abs(f[i, 1] + slope) / float(np.abs(f).max()))
+    return worst

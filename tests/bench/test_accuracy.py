@@ -1,0 +1,133 @@
+"""Run time against error: fronts and gains on made-up points, and what an accuracy picks or refuses."""
+
+import re
+
+import numpy as np
+import pytest
+from scenes import CASES
+
+from cellmig import usage
+from cellmig.bench import modulus
+from cellmig.bench.pareto import Point, gain, gains, levelled, pareto, time_at, verdict
+from cellmig.bench.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
+from cellmig.case import accuracy
+from cellmig.case.load import load
+from cellmig.case.messages import CaseError
+from cellmig.case.schema import Numerics
+
+pytestmark = pytest.mark.serial
+
+
+def point(cost, error, problem="disc", **setting):
+    """A made-up point that takes `cost` seconds."""
+    return Point(problem, Setting(**setting), 1, 1, 1e9 * cost, cost, error)
+
+
+def curve(speed, problem="disc", **setting):
+    """Error 1 / cost, `speed` times as fast."""
+    return [point(n / speed, 1.0 / n, problem, per_cell=n, **setting) for n in (100, 200, 400)]
+
+
+def test_the_front_holds_what_no_other_beats():
+    a, b, beaten, same = point(1, 0.5), point(3, 0.1), point(2, 0.5), point(3, 0.1)
+    assert pareto([beaten, b, a, same]) == [a, b] and pareto([]) == []
+
+
+def test_time_to_an_error_is_read_between_points_and_beyond_them():
+    assert [time_at(curve(1.0), 1.0 / n) for n in (150, 50, 800)] == pytest.approx([150, 50, 800])
+    assert np.isnan(time_at(curve(1.0)[:1], 0.1))
+
+
+def test_a_setting_counts_by_its_gain_on_the_worst_problem():
+    points = []
+    for name in PROBLEMS:
+        once, other = (3.0, 9.0) if name == "drop" else (2.0, 0.5)
+        points += curve(1.0, name) + curve(once, name, bulk_viscosity=0.0) + curve(other, name, bulk_viscosity=0.2)
+    assert gain([p for p in points if p.problem == "disc"], {"bulk_viscosity": 0.0}) == pytest.approx(2.0)
+    rows = gains(points)
+    assert [change for change, _ in rows] == [{"bulk_viscosity": 0.0}, {"bulk_viscosity": 0.2}]
+    assert "defaults should be: bulk viscosity 0.0" in verdict(rows) and "should stay: no change" in verdict(rows[1:])
+
+
+def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
+    unfit, fit = (({key: value}, dict.fromkeys(PROBLEMS, gained)) for key, value, gained in (
+        ("stabilisation", 0.25, 5.0), ("modulus", 1.25, 2.0)))
+    assert "best is stabilisation 0.25 (5 times" in verdict([unfit, fit])
+    assert "defaults should be: modulus 1.25 (2 times" in verdict([unfit, fit])
+    assert "should stay, as what gains is unfit (stabilisation: with less, scenes" in verdict([unfit])
+
+
+def test_runs_whose_steps_do_the_same_work_get_the_same_time():
+    times = [(3.0, {}), (5.0, {"modulus": 20.0}), (4.0, {"step_factor": 0.4}), (9.0, {"dilation": 3.0}),
+             (2.0, {"bulk_viscosity": 0.0})]
+    assert [p.ns for p in levelled([point(t, 0.1, **change) for t, change in times])] == [4e9, 4e9, 4e9, 9e9, 2e9]
+
+
+def test_exact_answers_have_no_error_and_wrong_ones_theirs():
+    t = np.array(PROBLEMS["disc"].times)
+    a2 = ringing(t)
+    assert judge_disc(t, {"a": a2, "b": -a2}, None)["error"] < 1e-12
+    assert judge_disc(t, {"a": 1.1 * a2, "b": -1.1 * a2}, None)["error"] == pytest.approx(0.1)
+    exact = {"a": np.array([5.08760, 5.15571, 5.28614]), "b": np.array([4.91357, 4.84742, 4.72173])}
+    assert judge_drop(t, exact, None)["error"] < 1e-12
+    assert judge_drop(t, exact | {"a": exact["a"] + 0.0028614}, None)["error"] == pytest.approx(0.01)
+
+
+def test_what_goes_with_one_over_the_modulus_is_extrapolated_and_what_does_not_is_told():
+    t = np.linspace(0.0, 1.0, 5)
+    seen = {k: {"a": t * (1.0 + 0.5 / k), "stress": t * (1.0 + 0.5 / k**2)} for k in (*modulus.MODULI, modulus.CHECK)}
+    a, stress = modulus.judge(PROBLEMS["drop"], 91, seen)
+    assert a.orders == pytest.approx((1.0, 1.0)) and a.limit == pytest.approx(1.0)
+    assert a.error == pytest.approx(0.1) and a.known < 1e-12
+    assert stress.orders == pytest.approx((2.0, 2.0)) and stress.known == pytest.approx(0.001645, rel=1e-3)
+    assert "cost the drop's a most: 10 %" in modulus.said([a, stress])[-1]
+
+
+def test_the_reduced_modulus_costs_a_drop_less_than_its_spacing_does():
+    seen = {k: modulus.watch(PROBLEMS["drop"], Setting(91, modulus=k)) for k in (*modulus.MODULI, modulus.CHECK)}
+    rows = {row.quantity: row for row in modulus.judge(PROBLEMS["drop"], 91, seen)}
+    assert list(rows) == ["a", "b", "stress", "pressure"]
+    assert 1e-5 < max(rows["a"].error, rows["b"].error) < 0.01  # measured 0.0073; of the spacing 0.042
+
+
+def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_measured():
+    points = [{"kind": "fluid", "error": e, "cost_s": c, "per_cell": n} for e, c, n in
+              ((0.04, 1.0, 91), (0.01, 9.0, 631), (0.02, 3.0, 331))]
+    assert accuracy.pick(points, "fluid", 0.03)["per_cell"] == 331
+    assert accuracy.pick(points, "fluid", 0.01)["per_cell"] == 631
+    with pytest.raises(ValueError, match=r"0.5 % was not measured.*the least is 1 %"):
+        accuracy.pick(points, "fluid", 0.005)
+    with pytest.raises(ValueError, match="no scene of this kind"):
+        accuracy.pick(points, None, 0.5)
+
+
+@pytest.mark.parametrize("text", ["0 %", "150 %", "fine", "1 um", True])
+def test_what_is_no_accuracy_is_refused(text):
+    with pytest.raises(ValueError, match="expects an accuracy"):
+        accuracy.fraction(text)
+    assert accuracy.fraction("1%") == accuracy.fraction(0.01) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("name", ["one_cell", "all_protrude", "outline", "nucleus"])
+def test_the_accuracy_that_the_help_gives_as_an_example_suits_all_kinds_of_scenes(name):
+    commands = usage.parser()._subparsers._group_actions[0].choices.values()
+    asked = {action.metavar for command in commands for action in command._actions
+             if "--accuracy" in action.option_strings}
+    assert len(asked) == 1
+    assert load(CASES[name], [f"numerics.accuracy={asked.pop()}"]).chosen.startswith("20 %")
+    example = re.search(r'such as "([^"]*%)"', Numerics.__dataclass_fields__["accuracy"].metadata["doc"])[1]
+    assert load(CASES[name], [f"numerics.accuracy={example}"]).chosen.startswith("20 %")
+
+
+def test_a_case_leaves_open_what_its_accuracy_fills_and_keeps_what_it_gives(tmp_path):
+    text = CASES["nucleus"].read_text().replace("per_cell = 1485\ndilation = 2.2\n", "")
+    (tmp_path / "open.toml").write_text(text)
+    case = load(tmp_path / "open.toml", ["numerics.accuracy=2%"])
+    chosen = accuracy.pick(accuracy._measured()["points"], "elastic", 0.02)
+    assert (case.particles.per_cell, case.particles.dilation) == (chosen["per_cell"], chosen["dilation"])
+    assert f"per_cell = {chosen['per_cell']}" in case.chosen and "elastic" in case.chosen
+
+    kept = load(CASES["one_cell"], ["numerics.accuracy=20%", "particles.per_cell=97"])
+    assert kept.particles.per_cell == 97 and "kept as given" in kept.chosen and "per_cell = 97" in kept.chosen
+    with pytest.raises(CaseError, match="was not measured"):
+        load(CASES["one_cell"], ["numerics.accuracy=0.001%"])

@@ -1,0 +1,307 @@
+"""Ranks: sums, random numbers, partition and particles that do not depend on them; one run, the same bits."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scenes import built, case
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.meshfree.contact import Surfaces, contact_lists
+from cellmig.parallel import shared
+from cellmig.parallel.ghosts import GhostedField
+from cellmig.parallel.partition import BALANCE, bisection, partition
+from cellmig.parallel.random import uniform
+from cellmig.parallel.reduce import exact_sum, extreme
+from cellmig.parallel.swarm import FIELDS, Swarm
+from cellmig.simulation import discretise
+from cellmig.solve.surface_exchange import SurfacePlaces
+
+# ----------------------------------------------------------------------------------------------------------- sums
+
+
+def numbers(n: int, seed: int) -> np.ndarray:
+    """Random numbers of both signs over eighty powers of two, which nearly cancel."""
+    rng = np.random.default_rng(seed)
+    a = rng.standard_normal(n) * 2.0 ** rng.integers(-70, 10, n)
+    return np.concatenate([a, -a[::-1] * (1 + 1e-12)])
+
+
+def share(comm: MPI.Comm, values: np.ndarray, seed: int) -> np.ndarray:
+    """This rank's part of values dealt out at random."""
+    rng = np.random.default_rng(seed)
+    return rng.permutation(values)[rng.integers(0, comm.size, len(values)) == comm.rank]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sum_depends_neither_on_order_nor_on_partition(comm: MPI.Comm, seed: int) -> None:
+    values = numbers(3000, seed)
+    sums = {float(exact_sum(comm, share(comm, values, s))) for s in range(8)}
+    sums.add(float(exact_sum(MPI.COMM_SELF, values)))
+    assert len(sums) == 1
+    # 90 bits below the largest value, for a sum that is 1e-12 of its parts; measured 3e-14
+    assert sums.pop() == pytest.approx(math.fsum(values), rel=2e-13)
+
+
+def test_sum_of_columns_and_groups_is_that_of_each(comm: MPI.Comm) -> None:
+    rng = np.random.default_rng(1)
+    values, group = rng.standard_normal((500, 3)) * [1.0, 1e9, 1e-9], rng.integers(0, 4, 500)
+    mine = rng.integers(0, comm.size, 500) == comm.rank
+    found = exact_sum(comm, values[mine], group[mine], 5)
+    expected = [[math.fsum(values[group == g, c]) for c in range(3)] for g in range(5)]
+    assert found.shape == (5, 3)
+    assert np.allclose(found, expected, rtol=1e-14, atol=0.0)
+    assert not found[4].any()
+    assert np.allclose(exact_sum(comm, values[mine]), [math.fsum(c) for c in values.T], rtol=1e-14, atol=0.0)
+
+
+def test_sum_says_when_a_value_is_not_finite(comm: MPI.Comm) -> None:
+    values = np.array([1.0, np.nan if comm.rank == comm.size - 1 else 2.0])
+    assert math.isnan(exact_sum(comm, values))
+    assert exact_sum(comm, np.zeros(0)) == 0.0
+    assert exact_sum(comm, np.array([0.0, -0.0])) == 0.0
+
+
+def test_extreme_is_the_largest_and_infinite_for_nan(comm: MPI.Comm) -> None:
+    values = np.array([float(comm.rank), -float(comm.rank), np.nan if comm.rank == 0 else 0.0])
+    assert extreme(comm, values).tolist() == [comm.size - 1.0, 0.0, np.inf]
+
+
+# --------------------------------------------------------------------------------------------- partition, randomness
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3, 4, 7, 13])
+@pytest.mark.parametrize("n", [0, 5, 1000, 1001])
+def test_parts_are_equal_to_one_particle_and_always_the_same(ranks: int, n: int) -> None:
+    X = np.random.default_rng(n).uniform(0, 1, (n, 2)) * [3.0, 1.0]
+    owner = bisection(X, ranks)
+    sizes = np.bincount(owner, minlength=ranks)
+    assert sizes.sum() == n and len(sizes) == ranks
+    assert np.ptp(sizes) <= 1
+    assert np.array_equal(owner, bisection(X.copy(), ranks))
+
+
+def test_parts_are_cut_across_the_longer_side() -> None:
+    X = np.random.default_rng(0).uniform(0, 1, (1000, 2)) * [3.0, 1.0]
+    owner = bisection(X, 3)
+    assert X[owner == 0, 0].max() <= X[owner > 0, 0].min()
+
+
+def cells(sizes: np.ndarray, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, cells and materials of particles, a seventh of them of each cell's second material, by height."""
+    rng = np.random.default_rng(seed)
+    cell = np.repeat(np.arange(len(sizes)), sizes)
+    material = np.concatenate([np.arange(n) >= 6 * n // 7 for n in sizes]).astype(int)
+    X = rng.uniform(0, 1, (len(cell), 2)) + np.column_stack([2.0 * (cell % 8), 2.0 * (cell // 8)])
+    return X[np.lexsort((X[:, 1], material, cell))], cell, material
+
+
+def test_cells_stay_whole_where_the_ranks_are_then_as_full() -> None:
+    X, cell, material = cells(np.random.default_rng(1).integers(90, 110, 40))
+    owner = partition(X, cell, material, 4)
+    assert all(np.ptp(owner[cell == c]) == 0 for c in range(40))
+    assert np.bincount(owner).max() <= (1.0 + BALANCE) * len(X) / 4
+
+
+@pytest.mark.parametrize(("ranks", "team"), [(2, 2), (4, 4), (6, 2), (8, 8)])
+def test_else_teams_of_ranks_share_whole_cells_cut_alike(ranks: int, team: int) -> None:
+    X, cell, material = cells(np.full(3, 7 * 2100))
+    owner = partition(X, cell, material, ranks)
+    assert np.ptp(np.bincount(owner)) <= 0.001 * len(X)
+    for c in range(3):
+        own = owner[cell == c]
+        assert len(np.unique(own)) == team
+        assert np.array_equal(own % team, owner[cell == 0] % team)  # the same slice of every cell
+        assert all((np.diff(own[material[cell == c] == m]) >= 0).all() for m in (0, 1))  # slices, by height
+
+
+def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
+    X, cell, material = cells(np.full(3, 400))
+    owner = partition(X, cell, material, 2)
+    assert np.ptp(np.bincount(owner)) <= 1
+    assert X[owner == 0, 0].max() <= X[owner == 1, 0].min()
+
+
+def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
+    a = uniform(1, "protrusion", "A", 100)
+    assert np.array_equal(a, uniform(1, "protrusion", "A", 100))
+    assert np.array_equal(a[:10], uniform(1, "protrusion", "A", 10))
+    for other in ((2, "protrusion", "A"), (1, "noise", "A"), (1, "protrusion", "B")):
+        assert np.abs(np.corrcoef(a, uniform(*other, 100))[0, 1]) < 0.35
+    assert 0.0 <= a.min() and a.max() < 1.0
+    assert uniform(1, "protrusion", "A", 100000).mean() == pytest.approx(0.5, abs=0.004)  # 4 standard deviations
+    assert all(np.array_equal(a, b) for b in comm.allgather(a))
+
+
+# ------------------------------------------------------------------------------------------------ swarm and ghosts
+
+
+def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
+    n = 101
+    rng = np.random.default_rng(3)
+    whole = {name: rng.standard_normal((n, width)) if width > 1 else rng.standard_normal(n)
+             for name, (width, _) in FIELDS.items()} | {"id": np.arange(n)}
+    mine = rng.integers(0, comm.size, n) == comm.rank
+    owner = rng.integers(0, comm.size, n)
+    swarm = Swarm(comm, {name: values[mine] for name, values in whole.items()})
+    for target in (owner, (owner + 1) % comm.size, np.zeros(n, int)):
+        swarm.migrate(target[swarm["id"]])
+        assert np.array_equal(swarm["id"], np.flatnonzero(target == comm.rank))
+        for name, values in whole.items():
+            assert np.array_equal(swarm[name], values[target == comm.rank]), name
+    swarm.destroy()
+
+
+WAYS = pytest.mark.parametrize("near", [True, False], ids=["shared memory", "messages"])
+
+
+@WAYS
+def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near: bool, monkeypatch) -> None:
+    monkeypatch.setattr(shared, "on_one_machine", lambda ranks: near and ranks.size > 1)
+    n = 40  # particles of each rank, with the neighbours' first and last as ghosts
+    around = sorted({(comm.rank - 1) % comm.size, (comm.rank + 1) % comm.size} - {comm.rank})
+    memory = np.full((n * comm.size + 3, 4), -1.0)
+    field = GhostedField(comm, memory, n, n)
+    begin, end = (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(f)
+                  for f in field.exchange_functions)
+    for turn in range(12):
+        if turn % 4 == 0:  # other copies are asked for, in the end some of this rank alone
+            which = ((0, n - 1), range(n), (3,) if comm.rank == 0 else ())[turn // 4]
+            ghosts = np.array([r * n + i for r in around for i in which], int)
+            memory[n:] = -1.0
+            field.bring(ghosts)
+        field.owned[:] = (comm.rank * n + np.arange(n))[:, None] + 0.1 * np.arange(4) + 1e3 * turn
+        if turn % 4 == 3:
+            field.exchange()
+        else:
+            assert begin(field.handle, 1, 0) == 0
+            field.owned[:] += 0.5  # what is on its way is what it was
+            assert end(field.handle, 1, 0) == 0
+        assert np.array_equal(field.array[n:], ghosts[:, None] + 0.1 * np.arange(4) + 1e3 * turn)
+        assert (memory[n + len(ghosts):] == -1.0).all()
+    field.destroy()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rank_knows_where_surfaces_near_its_own_are_and_lists_all_their_contacts(comm: MPI.Comm, seed: int) -> None:
+    grid = 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'
+    rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", grid))
+    surfaces = Surfaces.of(scene)
+    x = scene.X[surfaces.ids] + rng.uniform(-0.3, 0.3, (len(surfaces.ids), 2))
+    owner = partition(scene.X, scene.cell, scene.material, comm.size)[surfaces.ids]
+    owner[surfaces.cell == 5] = rng.integers(0, comm.size, np.count_nonzero(surfaces.cell == 5))
+    mine = np.flatnonzero(owner == comm.rank)
+    places = SurfacePlaces(comm, surfaces, owner, mine)
+    assert np.array_equal(places.everywhere(x[mine]), x)
+    known, near = places.near(x[mine], 0.8)
+    assert np.array_equal(known[near], x[near]) and set(places.on) <= set(near)
+    everything = contact_lists(surfaces, x, 0.8, 0.1, np.arange(len(x)))
+    found = []
+    for lists in (contact_lists(surfaces, known, 0.8, 0.1, near), everything):
+        found.append(lists.needed(surfaces, owner == comm.rank))
+    assert 20 < len(found[0].node) <= len(everything.node)
+    for name in ("node", "first", "candidate", "segment"):
+        assert np.array_equal(*(getattr(lists, name) for lists in found)), name
+
+
+# ------------------------------------------------------------------------------------------------------- same bits
+
+RUNS: dict[str, Callable[[], Case]] = {
+    "three cells": lambda: case("all_protrude"),
+    "two cells": lambda: case("paper", "cells.0.repeat=[2]", 'protrusion.cells=["Cell-2"]', per_cell=93),
+    "nucleus": lambda: case("nucleus", per_cell=151),
+    "not stiffened": lambda: case("nucleus", "materials.nucleus.stiffening=0.0"),
+    "relaxing director": lambda: case("director_radial"),
+    "frozen director": lambda: case("one_cell", 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',
+                                    'director.start="radial"'),
+    "three active cells under a body force": lambda: case("all_protrude", 'materials.cytoplasm.zeta="-300 Pa"',
+                                              'body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]'),
+    "a cell from a mesh": lambda: case("mesh"),
+    "rk": lambda: case("paper", "cells.0.repeat=[2]", 'time.integrator="rk"', 'time.step="1 ns"'),
+}
+AS_LONG = 0.2  # µs
+
+
+def result(name: str, comm: MPI.Comm, prune: bool) -> tuple:
+    """Bits, history and ledger of a run, and the cells that each rank has a part of."""
+    with built(RUNS[name](), comm, prune) as sim:
+        start = sim.state_hash()
+        sim.sample()
+        assert sim.go(AS_LONG) == AS_LONG
+        assert sim.integrator.steps > 20
+        hashed = sim.state_hash()
+        assert hashed != start
+        history, ledger = sim.sample()
+        return hashed, history, ledger, comm.allgather(set(sim.scene.cell[sim.mechanics.ids].tolist()))
+
+
+@cache
+def alone(name: str) -> list:
+    """The same on one rank, of what the scene needs."""
+    return list(result(name, MPI.COMM_SELF, True)[:3])
+
+
+@pytest.mark.parametrize("prune", [True, False])
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_has_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, name: str, prune: bool) -> None:
+    *together, parts = result(name, comm, prune)
+    cells = len(set.union(*parts))
+    assert cells % comm.size == 0 or sum(map(len, parts)) > cells  # cells are cut, unless each rank gets whole ones
+    assert together[0] == alone(name)[0]
+    if prune:  # without pruning, terms that are zero are summed, too
+        assert together[1:] == alone(name)[1:]
+    assert len(set(comm.allgather(together[0]))) == 1
+
+
+def same_as_alone(comm: MPI.Comm, name: str) -> bool:
+    """Whether a run has the bits that it has on one rank."""
+    hashes = []
+    for ranks in (MPI.COMM_SELF, comm):
+        with built(RUNS[name](), ranks) as sim:
+            sim.go(AS_LONG)
+            hashes.append(sim.state_hash())
+    return hashes[0] == hashes[1]
+
+
+@pytest.mark.parametrize("name", ["three cells", "relaxing director"])
+def test_it_has_them_when_copies_are_sent_in_messages(comm: MPI.Comm, name: str, monkeypatch) -> None:
+    monkeypatch.setattr(shared, "on_one_machine", lambda ranks: False)
+    assert same_as_alone(comm, name)
+
+
+@pytest.mark.parametrize("name", ["two cells", "frozen director"])
+def test_it_has_them_when_every_rank_has_a_slice_of_all_cells(comm: MPI.Comm, name: str, monkeypatch) -> None:
+    monkeypatch.setattr("cellmig.parallel.partition.THICK", 2.0)
+    assert same_as_alone(comm, name)
+
+
+@pytest.mark.parametrize("name", ["paper", "director_radial"])
+def test_looking_at_a_run_changes_its_last_bits_only(name: str) -> None:
+    def end(looks: int) -> np.ndarray:
+        with built(case(name, 'time.step="2 ns"')) as sim:
+            for i in range(looks):
+                sim.go(AS_LONG * (i + 1) / looks)
+                sim.sample()
+            return sim.mechanics.state.owned.copy()
+
+    once, often = end(1), end(4)
+    assert np.abs(once).max() > 0.0
+    assert np.abs(often - once).max() < 1e-9 * np.abs(once).max()  # measured 1e-12: F is made anew at every look
+
+
+def test_the_swarm_holds_the_particles_as_they_were_looked_at(comm: MPI.Comm) -> None:
+    with built(case("director_radial", per_cell=90), comm) as sim:
+        sim.go(0.1)
+        sim.sample()
+        m, at = sim.mechanics, np.argsort(sim.mechanics.ids)
+        assert np.array_equal(sim.swarm["id"], m.ids[at]) and np.array_equal(sim.swarm["X"], sim.scene.X[m.ids[at]])
+        assert np.array_equal(np.hstack([sim.swarm["u"], sim.swarm["v"]]), m.state.owned[at])
+        assert np.array_equal(sim.swarm["theta"], m.theta.owned[at, 0])
+        assert np.array_equal(sim.swarm["loss"][:, 0], m.kernel["viscous_loss"][at])

@@ -1,0 +1,181 @@
+"""Tangents: derivatives of all registered laws by one method, against differences; and of whole scenes."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from pieces import DISC
+from scenes import built, case, everywhere, example, forces, smooth
+from test_forces import NO_ETA, SCENES, SOFT, approach, deform
+from test_laws import deformations, rates, slope, vectors
+
+from cellmig.case.pointwise import pointwise
+from cellmig.case.registry import laws
+from cellmig.solve.stencils import cortex, segment_mean
+from cellmig.solve.stiffness import Stiffness
+from cellmig.solve.tangent import Dual, derivative, tangent
+from cellmig.verify.specimens import RAMP, piece
+
+METHODS = ("stress", "viscous_stress", "director_stress", "active_stress")
+MATERIALS = [(name, method, by) for name, law in laws("material").items() for method in METHODS
+             if hasattr(law, method) for by in ("F", "Fdot")[: 1 + (method == "viscous_stress")]]
+
+
+def assert_close(a: Any, b: Any, tolerance: float) -> None:
+    """Equal to `tolerance` of the largest value, which is not zero."""
+    scale = np.abs(b).max()
+    assert scale > 0.0
+    assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
+
+
+# ------------------------------------------------------------------------------------------------------ pointwise
+
+
+@pytest.mark.parametrize(("name", "method", "by"), MATERIALS)
+def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method: str, by: str) -> None:
+    law = example("material", name)
+    given = {"F": deformations(), "Fdot": rates(), "gradient": vectors(), "director": vectors()}
+    found = tangent(law, method, given, by)
+    expected = np.zeros_like(found)
+    for k, l in np.ndindex(2, 2):
+        direction = np.zeros((2, 2, 1))
+        direction[k, l] = 1.0
+        expected[:, :, k, l] = slope(
+            lambda s, d=direction: np.array(pointwise(law, method, {**given, by: given[by] + s * d})), 0.0, 1e-4)
+    assert_close(found, expected, 1e-10)  # measured 2e-12, of the differences
+
+
+@pytest.mark.parametrize("name", [name for name, method, by in MATERIALS if method == "stress"])
+def test_tangent_of_an_energy_is_symmetric(name: str) -> None:
+    A = tangent(example("material", name), "stress", {"F": deformations()})
+    assert_close(A, A.transpose(2, 3, 0, 1, 4), 1e-14)  # measured 4e-16
+
+
+@pytest.mark.parametrize("name", laws("adhesion"))
+def test_tangent_of_adhesion_is_the_derivative_of_its_forces(name: str) -> None:
+    law = example("adhesion", name)
+    rng = np.random.default_rng(3)
+    g1 = law.range * rng.uniform(0.5, 4.0, 400)
+    g2 = g1 * np.where(np.arange(400) % 2, rng.uniform(0.97, 1.03, 400), rng.uniform(0.3, 3.0, 400))
+    kinks = np.abs(np.abs(g2 - g1) - 0.05 * np.maximum(np.minimum(g1, g2), law.cap)) < 1e-3 * law.range
+    for kink in (law.cap, law.cutoff):
+        kinks |= (np.abs(g1 - kink) < 1e-3 * law.range) | (np.abs(g2 - kink) < 1e-3 * law.range)
+    g1, g2 = g1[~kinks], g2[~kinks]
+    found = derivative(lambda a, b: segment_mean(law, a, b)[1:], g1, g2)[1]
+    h = 1e-4 * law.range
+    expected = np.array([slope(lambda s: np.array(segment_mean(law, g1 + s, g2)[1:]), 0.0, h),
+                         slope(lambda s: np.array(segment_mean(law, g1, g2 + s)[1:]), 0.0, h)]).transpose(1, 0, 2)
+    assert_close(found, expected, 1e-7)  # measured 2e-11, of the differences
+
+
+@pytest.mark.parametrize("name", laws("cortex"))
+def test_tangent_of_a_cortex_is_the_derivative_of_its_pull(name: str) -> None:
+    law, along, length = example("cortex", name), vectors(), np.linspace(0.5, 2.0, 200)
+    origin = np.zeros_like(along)
+    found = derivative(lambda d: cortex(law, length, (origin, d))[0], along)[1]
+    expected = np.array([slope(lambda s, e=e: np.array(cortex(law, length, (origin, along + s * e[:, None]))[0]),
+                               0.0, 1e-4)
+                         for e in np.eye(2)]).transpose(1, 0, 2)
+    assert_close(found, expected, 1e-7)  # measured 2e-8, of the differences
+
+
+def test_an_operation_without_a_rule_is_refused() -> None:
+    with pytest.raises(TypeError, match="arcsinh"):
+        np.arcsinh(Dual(1.0, [1.0]))
+
+
+# --------------------------------------------------------------------------------------------------- whole scenes
+
+
+OBLIQUE = {"name": "slope", "point": ["0 um", "1.3 um"], "normal": [0.3, -1.0], "displacement": ["0 um", "0 um"]}
+PRESSED = {"loads": [{"name": "p", "pressure": "3 kPa", "history": RAMP}, {
+    "name": "t", "traction": ["200*x Pa", "50 Pa"], "history": RAMP}], "plates": [OBLIQUE], "supports": [
+        {"name": "low", "box": [["-0.5 um", "-2 um"], ["0.5 um", "-1.3 um"]], "displacement": ["0.1 um", "free"],
+         "history": RAMP}]}
+
+
+def test_tangent_of_a_scene_is_the_derivative_of_its_forces() -> None:
+    """Internal force, stabilisation, pressure, a support that moves, an oblique plate: all rows, on any ranks."""
+    with built(piece(DISC, 150, 2, **PRESSED)) as sim:
+        run, m = sim.integrator, sim.mechanics
+        X = sim.scene.X[m.ids]
+        u, d = smooth(X, 1, 0.04, shortest=1.0), smooth(X, 2, 1.0, shortest=0.3)
+        m.set_clock(0.7)
+
+        def residual(s: float) -> np.ndarray:
+            run._x.setArray((u + s * d).ravel())
+            run._residual(None, run._x, run._r)
+            return run._r.getArray().copy()
+
+        expected = slope(residual, 0.0, 1e-6)
+        gap = run.contact._nearest()[0]
+        assert sim.comm.allreduce(int((gap < 0.0).sum())) > 2
+        run._x.setArray(u.ravel())
+        run._tangent(None, run._x, run._matrix, run._matrix)
+        run._x.setArray(d.ravel())
+        run._matrix.mult(run._x, run._r)
+        assert_close(run._r.getArray(), expected, 1e-7)  # measured 4e-11
+
+
+def changed(sim: Any, u: np.ndarray, v: np.ndarray) -> None:
+    """Displacements and velocities of the owned particles, lists as they are."""
+    m = sim.mechanics
+    m.state.owned[:] = np.hstack([u, v])[m.ids]
+
+
+def applied(sim: Any, d: np.ndarray, by_u: float, by_v: float, *parts: str) -> np.ndarray:
+    """The tangent, or that of some terms on surfaces alone, times d (size, 2), of all ranks."""
+    m = sim.mechanics
+    m.rate()
+    at = np.empty_like(d)
+    at[m.place_in_petsc] = d
+    stiffness = Stiffness(m)
+    K = stiffness.surfaces(by_u, by_v, parts) if parts else stiffness(by_u, by_v)
+    return everywhere(sim, (K @ at.ravel()).reshape(-1, 2))
+
+
+@pytest.mark.parametrize(("by_u", "by_v"), [(1.0, 0.0), (0.0, 1.0), (3.0, 0.5)])
+@pytest.mark.parametrize("name", SCENES)
+def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: float, by_v: float) -> None:
+    """Stresses of all kinds, both stabilisations, damping; by displacements, by velocities, by both; on any ranks."""
+    with built(SCENES[name]()) as sim:
+        if by_u == 0.0 and not (sim.terms.stabilised or sim.terms.bulk_damped):
+            return
+        u, v = deform(sim)
+        d = smooth(sim.scene.X, 7, 1.0, shortest=1.0)
+
+        def moved(s: float) -> np.ndarray:
+            changed(sim, u + s * by_u * d, v + s * by_v * d)
+            return -forces(sim)
+
+        expected = slope(moved, 0.0, 1e-5)
+        changed(sim, u, v)
+        assert_close(applied(sim, d, by_u, by_v), expected, 1e-7)  # measured 1e-9
+
+
+KIND_OF = {"substrate": "adhesion", "contact": "adhesion"} | {k: k for k in ("cortex", "friction", "protrusion")}
+SURFACE_LAWS = [(part, name) for part, kind in KIND_OF.items() for name in laws(kind)]
+
+
+@pytest.mark.parametrize(("part", "name"), SURFACE_LAWS)
+def test_tangent_of_a_law_of_surfaces_is_the_derivative_of_the_kernels_force(part: str, name: str) -> None:
+    """Three cells pressed against each other and the substrate, whose membranes slide, on any ranks."""
+    scene, law = case("all_protrude", *SOFT, NO_ETA), example(KIND_OF[part], name)
+    law = dataclasses.replace(law, cells=scene.protrusion.cells) if part == "protrusion" else law
+    with built(dataclasses.replace(scene, **{part: law})) as sim:
+        m = sim.mechanics
+        u, v = approach(sim, 1) - sim.scene.X, smooth(sim.scene.X, 6, 1.0)
+        d = np.random.default_rng(5).standard_normal(sim.scene.X.shape)
+
+        def moved(s: float) -> np.ndarray:
+            changed(sim, u + 3.0 * s * d, v + s * d)
+            m.rate()  # the kernel does not give friction alone
+            return -forces(sim) if part == "friction" else -everywhere(sim, m.surface_force(part)[0])
+
+        expected = slope(moved, 0.0, 1e-7)
+        changed(sim, u, v)
+        found, own = applied(sim, d, 3.0, 1.0, *[part] * (part != "friction")), applied(sim, d, 3.0, 1.0, part)
+        assert np.abs(found - expected).max() < 1e-7 * np.abs(own).max()  # measured 3e-9, with friction 4e-8
