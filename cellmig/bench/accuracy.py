@@ -19,7 +19,7 @@ from mpi4py import MPI
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
-from cellmig.output.manifest import environment
+from cellmig.output.manifest import environment, page
 from cellmig.runs.run import stop_requests
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
@@ -187,7 +187,7 @@ def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str,
                                        "reduced_modulus": [dataclasses.asdict(row) for row in reduced],
                                        "points": rows}))
     replace(out / "accuracy.json", _json({"origin": origin, "points": menu(points, uncertain)}))
-    replace(out / "error.md", text + "\n")
+    replace(out / "error.md", page("Run time against error: every Pareto set", origin["command"], origin, [text]))
     draw(points, out / "error.png", uncertain)
     print(*(out / name for name in ("error.json", "error.md", "error.png", "accuracy.json")), sep="\n")
 

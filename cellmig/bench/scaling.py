@@ -147,8 +147,8 @@ def bench_scaling(out: Path) -> int:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks))
     c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1])
-    keep(out / "scaling", "cellmig bench --scaling", {"constants": dataclasses.asdict(c), "probes": probes},
-         said(c, probes))
+    keep(out / "scaling", "What steps cost on many ranks, by a model", "cellmig bench --scaling",
+         {"constants": dataclasses.asdict(c), "probes": probes}, said(c, probes))
     return DONE
 
 

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from cellmig.exits import DONE
 from cellmig.output.directory import replace
 from cellmig.output.log import table
-from cellmig.output.manifest import environment, processor
+from cellmig.output.manifest import environment, page, processor
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 from cellmig.runs.cases import FOLDER
 from cellmig.simulation import discretise
@@ -55,18 +55,18 @@ def bench_speed(out: Path, quick: bool = False) -> int:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks, output=scene == PAPER))
     found = {"limits": limits, "baseline_ns": plain, "start_s": starts(), "probes": probes}
-    keep(out / "speed", f"cellmig bench{' --quick' * quick}", found, said(found))
+    keep(out / "speed", "What a step costs", f"cellmig bench{' --quick' * quick}", found, said(found))
     return DONE
 
 
-def keep(place: Path, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
-    """Print what is said, and write it as Markdown, and what a command found as JSON, to `place` with suffixes."""
+def keep(place: Path, title: str, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
+    """Print what is said, and write it as a page of tables, and what a command found as JSON, to `place`.md, .json."""
     origin = {"command": command, "date": date.today().isoformat(), **environment(MPI.COMM_SELF)}
     data, text = place.with_suffix(".json"), place.with_suffix(".md")
     print("", *lines, sep="\n")
     place.parent.mkdir(parents=True, exist_ok=True)
     replace(data, json.dumps({"origin": origin} | found, indent=1, ensure_ascii=False) + "\n")
-    replace(text, "\n".join(lines) + "\n")
+    replace(text, page(title, command, origin, lines))
     print(data, text, sep="\n")
 
 

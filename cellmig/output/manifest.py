@@ -7,7 +7,8 @@ import math
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,13 @@ def environment(comm: Any) -> dict[str, Any]:
     found["hosts"] = len(set(comm.allgather(platform.node())))
     found["ranks"] = comm.size
     return found | comm.bcast(_commit() if comm.rank == 0 else None)
+
+
+def page(title: str, command: str, made_with: Mapping[str, Any], lines: Sequence[str]) -> str:
+    """A page of tables for docs/data: its title, which command and commit made it and when, and its lines."""
+    commit = f", commit {made_with['commit']} ({made_with['tree']})" if "commit" in made_with else ""
+    made = f"Made by `{command}` of version {made_with['cellmig']}{commit} on {date.today().isoformat()}."
+    return "\n".join([f"# {title}", "", made, "", *lines]) + "\n"
 
 
 def _commit() -> dict[str, str]:

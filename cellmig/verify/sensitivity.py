@@ -10,10 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mpi4py import MPI
+
 from cellmig.case.schema import Case
 from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import table
+from cellmig.output.manifest import environment, page
 from cellmig.output.sample import TOUCHING
 from cellmig.runs.batch import Job, counting, run_missing, write_rows
 from cellmig.runs.cases import FOLDER
@@ -113,7 +116,8 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     text = "\n".join(_said(rows, curves, case))
     print(f"\n{text}\n", flush=True)
     write_rows(out / "sensitivity.csv", [*rows, *curves])
-    replace(out / "sensitivity.md", text + "\n")
+    replace(out / "sensitivity.md", page("How the main scene depends on each choice", "cellmig verify --sensitivity"
+                                         + " --quick" * quick, environment(MPI.COMM_SELF), [text]))
     print(out / "sensitivity.csv", out / "sensitivity.md", sep="\n")
     code = next((ended.code for ended in (failed | bad).values()), DONE)
     return code or (DIFFERENT if any(row["same_bits"] == "no" for row in rows) else DONE)

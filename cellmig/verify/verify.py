@@ -35,7 +35,7 @@ from cellmig.case.registry import discover
 from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock
-from cellmig.output.manifest import environment
+from cellmig.output.manifest import environment, page
 from cellmig.parallel.launch import PYTHON, outside_mpi
 from cellmig.runs.batch import Count, Ended, write_rows
 from cellmig.runs.run import stop_requests
@@ -223,25 +223,26 @@ def listing(only: Sequence[str] = ()) -> list[str]:
     return lines
 
 
-def markdown(chosen: Sequence[Reference], verdicts: Sequence[Verdict]) -> str:
-    """The tables of `docs/verification.md`: one by group."""
-    lines = []
-    for group in dict.fromkeys(r.group for r in chosen):
-        lines += ["", f"### {group}", "", "| reference | error | sizes | errors | order, fitted | expected, why | |",
+def markdown(chosen: Sequence[Reference], verdicts: Sequence[Verdict]) -> list[str]:
+    """Lines of docs/data/verify.md: what each reference is, and a row for each of its errors."""
+    lines: list[str] = []
+    for r in chosen:
+        lines += ["", f"## {r.name} ({r.group})", "", f"{r.shows[0].upper()}{r.shows[1:]}.  Exact: {r.source}.", "",
+                  f"| error | sizes [{r.unit or '-'}] | errors | order, fitted | expected | why | verdict |",
                   "|---|---|---|---|---|---|---|"]
-        for r in (r for r in chosen if r.group == group):
-            for v in (v for v in verdicts if v.reference == r.name):
-                e = v.expected
-                expected = f"< {e.tolerance:.0e}" if e.order is None else f"{e.order:g}"
-                targets = "".join(f"; {100 * t:g} % at {n:,}" for n, t in e.within.items())
-                targets += f"; no order below {e.floor:.1g}" if e.floor else ""
-                sizes = ", ".join(f"{h:.3g}" for h in v.sizes) + f" {r.unit}"
-                found = "" if e.order is None else f"{_order(v.pairwise)}, {_order(v.fitted)}"
-                verdict = v.verdict if v.verdict == HOLDS else f"**{FAILS}**: {'; '.join(v.why)}"
-                lines.append(f"| {r.name}: {r.shows} ({r.source}) | {v.error} | {sizes} | "
-                             f"{', '.join(f'{x:.2g}' for x in v.errors)} | {found} | {expected}{targets}: {e.why} | "
-                             f"{verdict} |")
-    return "\n".join(lines).strip() + "\n"
+        lines += [_row(v) for v in verdicts if v.reference == r.name]
+    return lines[1:]
+
+
+def _row(v: Verdict) -> str:
+    e = v.expected
+    expected = f"< {e.tolerance:.0e}" if e.order is None else f"{e.order:g}"
+    expected += "".join(f"; {100 * t:g} % at {n:,}" for n, t in e.within.items())
+    expected += f"; no order below {e.floor:.1g}" if e.floor else ""
+    orders = "" if e.order is None else f"{_order(v.pairwise)}, {_order(v.fitted)}"
+    verdict = v.verdict if v.verdict == HOLDS else f"**{FAILS}**: {'; '.join(v.why)}"
+    sizes, errors = ", ".join(f"{h:.3g}" for h in v.sizes), ", ".join(f"{x:.2g}" for x in v.errors)
+    return f"| {v.error} | {sizes} | {errors} | {orders} | {expected} | {e.why} | {verdict} |"
 
 
 def write(out: Path, chosen: Sequence[Reference], verdicts: Sequence[Verdict], quick: bool) -> None:
@@ -252,7 +253,8 @@ def write(out: Path, chosen: Sequence[Reference], verdicts: Sequence[Verdict], q
                                            if isinstance(row[name], tuple)} for row in rows])
     text = json.dumps({"made_with": made, "quick": quick, "verdicts": rows}, indent=1, ensure_ascii=False)
     replace(out / "verify.json", text.replace("NaN", "null") + "\n")
-    replace(out / "verify.md", markdown(chosen, verdicts))
+    replace(out / "verify.md", page("Errors and orders of every reference", f"cellmig verify{' --quick' * quick}", made,
+                                    markdown(chosen, verdicts)))
 
 
 def _entries(r: Reference, v: Verdict) -> dict[str, Any]:

@@ -88,7 +88,9 @@ def test_a_quick_reference_from_end_to_end(tmp_path, capsys) -> None:
         assert [row["error"] for row in csv.DictReader(file)] == [v["error"] for v in verdicts]
     pull = next(v for v in verdicts if v["error"] == "strongest pull")
     assert pull["order"] == pytest.approx(2.0, abs=0.05) and pull["verdict"] == HOLDS  # measured 1.99
-    assert "| seifert:" in (tmp_path / "verify.md").read_text()
+    page = (tmp_path / "verify.md").read_text()
+    assert page.startswith("# ") and "`cellmig verify --quick`" in page and "## seifert (laws)" in page
+    assert "| strongest pull |" in page
 
 
 def test_what_does_not_hold_or_breaks_is_told_and_costs_the_exit_code(tmp_path, capsys, monkeypatch) -> None:
