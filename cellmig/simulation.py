@@ -206,7 +206,7 @@ class Simulation:
 
     def go(self, stop: float) -> float:
         """Go on to the time `stop` [µs]; returns the time reached (less if -ts_max_steps ended it); collective."""
-        self.time = self.integrator.to(stop)
+        self.time = self.integrator.advance_to(stop)
         return self.time
 
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
@@ -219,7 +219,7 @@ class Simulation:
             m.undo.put_by()
         acceleration = self.integrator.rate()
         if self.integrator.leapfrog:
-            self.integrator.look_at_volumes()
+            self.integrator.note_volumes()
         m.store(self.swarm)
         return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step)
 

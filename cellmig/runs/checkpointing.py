@@ -96,7 +96,7 @@ def method(simulation: Simulation, options: dict[str, str]) -> dict[str, Any]:
     """What is known once a simulation is built, and has to be the same: code and options."""
     run = simulation.integrator
     return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
-            "integrator": run.said, "step": run.fixed_step, "options": deciding(options)}
+            "integrator": run.description, "step": run.fixed_step, "options": deciding(options)}
 
 
 def _code(source: str) -> str:

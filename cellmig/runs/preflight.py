@@ -178,7 +178,7 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
     s = Simulation(part, MPI.COMM_SELF)
     try:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
-        return trial, size / s.scene.size / ratio, s.integrator.steps_said  # factors of n particles cost n^1.5
+        return trial, size / s.scene.size / ratio, s.integrator.step_description  # factors of n particles cost n^1.5
     finally:
         s.destroy()
 

@@ -237,16 +237,16 @@ class Run:
         with np.errstate(all="ignore"):  # what is not finite is told below
             rows, entries = s.sample()
         if not all(map(math.isfinite, entries.values())):
-            self._integrator.broken("an energy is not finite")
+            self._integrator.fail("an energy is not finite")
         self.worst_closure, self.entries = max(self.worst_closure, entries["closure"]), entries
-        if warning := self.strain.look(s.time):
+        if warning := self.strain.check(s.time):
             self.log(warning)
         if sample:
             self.tables.write(s.time, rows, entries, s.next_row(rows))
         if frame:
             self._write_frame()
         if entries["closure"] > CLOSURE and not self.case.static:  # shapes may look right for long after
-            self._integrator.broken(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
+            self._integrator.fail(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
         x, strays = m.surface_positions(), []
@@ -255,7 +255,7 @@ class Run:
             strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
         found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
         if found := found or min(filter(None, strays), default=None):
-            self._integrator.broken(found.cause, found.particle, found.remedy)
+            self._integrator.fail(found.cause, found.particle, found.remedy)
 
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
@@ -294,10 +294,10 @@ class Run:
             *(scene_said(self.case, self.end) if self.log.root else []),
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
-            ("integrator", run.said),
+            ("integrator", run.description),
             *([("chosen", s.reason)] if s.reason else []),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
-             run.steps_said or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+             run.step_description or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
               if "from" in self.manifest else []),
             ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),

@@ -88,7 +88,7 @@ class Implicit(Integrator):
             ts.setIJacobian(self._tangent, self.reduction.matrix)
             ts.setSolution(self._x)
 
-    def _obey(self, ts: PETSc.TS) -> None:
+    def _configure(self, ts: PETSc.TS) -> None:
         """What is to be solved, before the options say how; a solve that fails cuts its step, as often as need be."""
         m = self.mechanics
         ts.setType(PETSc.Options().getString("ts_type", ts.getType()))
@@ -118,7 +118,7 @@ class Implicit(Integrator):
                                  if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
-    def steps_said(self) -> str:
+    def step_description(self) -> str:
         """How long the steps are and how they are solved, for the log."""
         solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
         how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
@@ -174,18 +174,18 @@ class Implicit(Integrator):
 
     # ------------------------------------------------------------ steps
 
-    def to(self, stop: float) -> float:
+    def advance_to(self, stop: float) -> float:
         """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective."""
         ts, m = self.ts, self.mechanics
         ts.setMaxTime(stop)
-        self._seen()
+        self._checked_limits()
         m.renew_lists()
         self._give()
         while ts.getTime() < stop and not self.finished:
             self._choose(stop)
             self._step()
         m.state.exchange()
-        self._seen()
+        self._checked_limits()
         return ts.getTime()
 
     def _choose(self, stop: float) -> None:
@@ -214,7 +214,7 @@ class Implicit(Integrator):
         if ts.getConvergedReason() < 0 or not dt > 0.0:
             m.state.owned[:] = before
             m.rate()
-            self.broken("no step was short enough for Newton's method", remedy="try a smaller time.step")
+            self.fail("no step was short enough for Newton's method", remedy="try a smaller time.step")
         if failed:
             self.failures += failed
             self.report(f"no solution at {start:.6g} µs: the step is cut to {dt:.3g} µs")
@@ -228,7 +228,7 @@ class Implicit(Integrator):
         m.prescribe(ts.getTime())
         self._account_path(before, start, dt)
         m.relax_director(dt)
-        limits = self._seen()
+        limits = self._checked_limits()
         if limits["displaced"] > 0.2 * m.skin:
             m.renew_lists()
         self._give()

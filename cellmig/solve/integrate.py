@@ -1,4 +1,4 @@
-"""PETSc's TS drives the steps: our symplectic scheme as a TS type of its own, or any explicit type of PETSc's."""
+"""Explicit time integration by PETSc's TS: leapfrog, as a TS type written in Python, or an explicit type of PETSc."""
 
 from __future__ import annotations
 
@@ -16,23 +16,37 @@ from .accounts import accounts
 from .mechanics import Mechanics
 from .step import NumericsError, StepControl, binding
 
-BATCH = 200  # steps between two looks at the stable step
-PRESSED, SHORT = 0.25, 20  # share of the contacts' step, and steps to the next look, while bonds are pressed
-RECOVERY = 0.02  # of the bonds' range, by which the gaps that are expected widen from batch to batch
-LEAST_STEP = 1e-7  # µs: below, the scene has broken
+BATCH = 200  # largest number of steps before the stable step is computed again
+PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
+RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the range of the bonds [-]
+LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
 _COUNTED = ("dt", "mechanism", "stable", "count", "redone", "extremes")
-VOLUME = 0.5  # how far J may be from 1: beyond, no fluid of the model keeps its volume
+VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
 
 
 class Integrator:
-    """Takes a Mechanics from stop to stop.
+    """Explicit time integration of the equation of motion of a Mechanics.
 
-    steps : number of steps taken;  dt : last step [µs];  mechanism : what set it;  count : steps by mechanism;
-    gaps : (2,) -- least gaps that are expected, to the substrate and between cells [µm];  redone : steps taken again.
+    Steps are taken in batches.  The stable step of a batch follows from the state at its begin and from the smallest
+    gaps of contacts that are expected in it.  A batch of leapfrog in which a gap closed further is undone and repeated.
+
+    Attributes
+    ----------
+    dt, stable : float -- step, and largest stable step [µs].
+    mechanism : str -- what limits the stable step, a key of `StepControl.stable`.
+    count : dict -- steps by mechanism.
+    gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm].
+    redone : int -- steps that were undone and repeated.
+    extremes : dict -- smallest and largest J [-] and step [µs].
+
+    Source: leapfrog of Verlet (1967), as in Hairer, Lubich & Wanner (2003); batches that are repeated: derived here.
     """
 
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
-        """`kind` : "leapfrog" or a TS type;  `fixed_step` [µs] or None for `factor` times the stable one."""
+        """Create the TS; collective.
+
+        kind : "leapfrog" or a TS type;  fixed_step : [µs], or None for `factor` [-] times the stable step.
+        """
         self.mechanics, self.control, self.factor = mechanics, control, factor
         self.touches, self.redone = control.touches, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
@@ -41,16 +55,16 @@ class Integrator:
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
         self.fixed_step = step_asked(fixed_step)
-        self.whole_step = self.fixed_step  # that no stop cuts
+        self.whole_step = self.fixed_step  # output times are rounded to whole numbers of it
         self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         self._connect()
-        # PETSc's types take no batch again: for them any contact may close as far as it can
+        # PETSc's types cannot repeat a batch: they assume that any gap may close entirely
         self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
         self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:
-        """Tell TS the equations."""
+        """Give TS the equations of motion."""
         if self.leapfrog:
             self.ts.setPythonContext(Leapfrog(self))
             self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
@@ -59,35 +73,35 @@ class Integrator:
             self.ts.setPostStep(self._after_step)
 
     def _ts(self, kind: str) -> PETSc.TS:
-        """A TS of this type, or of that of the options; steps are ours to choose unless -ts_adapt_type is given."""
+        """A TS of this type, unless -ts_type names another one."""
         ts = PETSc.TS().create(comm=self.mechanics.comm)
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
         ts.setTime(0.0)
         ts.setMaxSteps(2**31 - 1)
-        ts.setErrorIfStepFails(False)  # it is told with what to do about it
+        ts.setErrorIfStepFails(False)  # `advance_to` reports it, with a remedy
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
         ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else kind)
-        self._obey(ts)
+        self._configure(ts)
         return ts
 
-    def _obey(self, ts: PETSc.TS) -> None:
-        """The options; steps are ours to choose unless they say otherwise."""
+    def _configure(self, ts: PETSc.TS) -> None:
+        """Set the TS from the options; without -ts_adapt_type, StepControl chooses the steps."""
         with defaulted({"ts_adapt_type": "none"}):
             ts.setFromOptions()
 
     @property
     def steps(self) -> int:
-        """Steps taken so far."""
+        """Number of steps taken."""
         return self.ts.getStepNumber()
 
     @property
     def between_samples(self) -> bool:
-        """Whether its state can be saved after any batch; what PETSc's types keep to themselves is gone at a sample."""
+        """Whether a checkpoint can be written after any batch: PETSc's types can be saved only at samples."""
         return self.leapfrog
 
     @property
-    def said(self) -> str:
-        """What it is, for the log."""
+    def description(self) -> str:
+        """Name of the integrator, for the log."""
         return "leapfrog" if self.leapfrog else f"{self.ts.getType()} of PETSc"
 
     @property
@@ -95,24 +109,24 @@ class Integrator:
         """Time reached [µs]."""
         return self.ts.getTime()
 
-    steps_said = ""  # of implicit types, for the log
+    step_description = ""  # implicit types describe their steps in the log
 
     def record(self) -> dict[str, Any]:
-        """Counts for the manifest."""
+        """Further counts for the manifest."""
         return {}
 
     def halt(self) -> None:
-        """Take no further step."""
+        """End `advance_to` after the current batch."""
         self.halted = True
         self.ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
 
     def saved(self) -> dict[str, Any]:
-        """What decides its next steps and what it counts, for a checkpoint."""
+        """State of the integrator for a checkpoint: what determines the next steps, and all counts."""
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
         return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
 
     def restore(self, about: dict[str, Any]) -> None:
-        """Go on from what was saved; the mechanics have been restored."""
+        """Set the state from `about`, which `saved` returned; call it after the state of the mechanics was restored."""
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
         self.gaps = np.array(about["gaps"])
@@ -120,18 +134,26 @@ class Integrator:
         self.ts.setStepNumber(about["steps"])
 
     def rate(self) -> np.ndarray:
-        """(v, a) of the owned particles (n_owned, 4); F and reactions are brought up to date; collective."""
+        """(v, a) of the owned particles (n_owned, 4) [µm/µs], [µm/µs²]; updates F and the reactions; collective."""
         return self.mechanics.rate()
 
     @property
     def finished(self) -> bool:
-        """Whether it was told to stop, or TS has no steps left (-ts_max_steps)."""
+        """Whether `halt` was called or the number of steps of -ts_max_steps is reached."""
         return self.halted or self.steps >= self.ts.getMaxSteps()
 
-    def to(self, stop: float) -> float:
-        """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective.
+    def advance_to(self, stop: float) -> float:
+        """Integrate to the time `stop` [µs]; collective.
 
-        Steps of a fixed length are not cut: they end as near to `stop` as they can.
+        Steps of a fixed length are not cut: the last one ends as near to `stop` as possible.
+
+        Returns
+        -------
+        float -- the time reached [µs], earlier than `stop` where `finished`.
+
+        Raises
+        ------
+        NumericsError -- where the state or the step is not sound (see `fail`).
         """
         ts, m = self.ts, self.mechanics
         if self.whole_step:
@@ -140,101 +162,116 @@ class Integrator:
                 return ts.getTime()
         ts.setMaxTime(stop)
         if not self.leapfrog:
-            self.look()
+            self.begin_batch()
             ts.setTimeStep(min(self.dt, stop - ts.getTime()))
-            ts.restartStep()  # a rate kept from the last step is not that of a state which was saved
+            ts.restartStep()  # a checkpoint does not hold the rate that TS would reuse
             self._account_start()
-        elif not self.steps:  # for -ts_monitor, whose first line comes before the first batch
-            self.look()
-            ts.setTimeStep(self.evenly(stop)[1])
+        elif not self.steps:  # -ts_monitor prints the step before the first batch
+            self.begin_batch()
+            ts.setTimeStep(self.equal_steps(stop)[1])
         with own_errors():
             ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
-            self.broken("PETSc rejected a step as often as it may",
+            self.fail("PETSc rejected a step as often as it may",
                         remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")
         if not self.leapfrog:
-            self._take(m.solution)
+            self._store(m.solution)
             m.state.exchange()
-        self._seen()
+        self._checked_limits()
         return ts.getTime()
 
-    def evenly(self, stop: float) -> tuple[int, float]:
-        """How many steps are left to a stop, and their length [µs]."""
+    def equal_steps(self, stop: float) -> tuple[int, float]:
+        """Number of equal steps from now to the time `stop` [µs], and their length [µs]."""
         left = stop - self.time
         if self.fixed_step:
             return round(left / self.dt), self.dt
         count = max(1, math.ceil(left / self.dt * (1.0 - 1e-12)))
         return count, left / count
 
-    def look(self) -> int:
-        """Renew the search lists if need be and choose the step; returns how many steps they allow; collective."""
+    def begin_batch(self) -> int:
+        """Choose the step, after new search lists where surfaces moved far; collective.
+
+        Returns
+        -------
+        int -- number of steps for which step and search lists may serve.
+
+        Raises
+        ------
+        NumericsError -- where the state is not sound or the stable step is below LEAST_STEP.
+        """
         m = self.mechanics
         m.undo.take_up()
-        self.limits = limits = self._seen()
+        self.limits = limits = self._checked_limits()
         if self.touches and limits["displaced"] > 0.2 * m.skin:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.choose()
         if self.dt < LEAST_STEP:
-            self.broken(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
+            self.fail(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         if not self.touches:
             return BATCH
-        m.least_gaps()  # those of the steps to come count
+        m.least_gaps()  # start the minimum of the next batch
         room = 0.5 * m.skin - limits["displaced"]
-        most = SHORT if self._pressed(self.gaps) > 0.5 else BATCH
+        most = SHORT if self._compression(self.gaps) > 0.5 else BATCH
         return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
     def choose(self) -> None:
-        """The step for the state as it was looked at and the gaps that are expected."""
+        """Set the step for the limits of the state at the begin of the batch and for the expected gaps."""
         self.mechanism, self.stable = binding(self.control.stable(self.limits, self.gaps))
-        self.dt = self.fixed_step or self.factor * self._accurate(self.gaps)
+        self.dt = self.fixed_step or self.factor * self._accurate_step(self.gaps)
 
-    def _pressed(self, gaps: np.ndarray) -> float:
-        """How far bonds are compressed, 0 at half of their range, 1 at a quarter, as where cells start too low [-]."""
+    def _compression(self, gaps: np.ndarray) -> float:
+        """Compression of bonds at gaps (2,) [µm]: 0 above half of their range, 1 below a quarter [-]."""
         there = self.control.ranges > 0.0
         share = np.clip(2.0 - 4.0 * gaps[there] / self.control.ranges[there], 0.0, 1.0)
         return float(share.max(initial=0.0)) if self.leapfrog else 0.0
 
-    def _accurate(self, gaps: np.ndarray) -> float:
-        """The stable step for these gaps, less where pressed bonds fling surfaces apart: energy wants finer steps."""
+    def _accurate_step(self, gaps: np.ndarray) -> float:
+        """The step [µs] for these gaps (2,) [µm]: the stable one, or less where bonds are compressed.
+
+        Compressed bonds release their energy within few steps: there accuracy, not stability, limits the step.
+        """
         steps = self.control.stable(self.limits, gaps)
-        if pressed := self._pressed(gaps):
+        if pressed := self._compression(gaps):
             steps["contact"] *= 1.0 - (1.0 - PRESSED) * pressed
-        return self.mechanics.comm.bcast(binding(steps)[1])  # ranks may be on unlike processors
+        return self.mechanics.comm.bcast(binding(steps)[1])  # processors may differ in the last bit
 
     def was_stable(self, dt: float) -> bool:
-        """Whether no gap of the last batch closed so far that `dt` was too large; what is expected next; collective."""
+        """Whether `dt` [µs] was stable at the smallest gaps of the last batch; sets the expected gaps; collective."""
         seen = self.mechanics.least_gaps()
-        if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * self._accurate(seen):
+        if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * self._accurate_step(seen):
             self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.ranges)
             return True
         self.gaps = seen - RECOVERY * self.control.ranges
         return False
 
-    def _seen(self) -> dict[str, float]:
-        """Limits of the state as it is, which is sound; collective."""
+    def _checked_limits(self) -> dict[str, float]:
+        """Limits of the state (see `Mechanics.limits`), which is checked to be finite, with J near 1; collective.
+
+        Raises NumericsError where a check fails.
+        """
         limits = self.mechanics.limits()
         if not all(math.isfinite(limits[n]) for n in ("viscous", "elastic", "speed", "displaced")):
-            self.broken("a value is not finite any more")
+            self.fail("a value is not finite any more")
         if limits["J_min"] <= 0.0:
-            self.broken("a particle is inverted")
+            self.fail("a particle is inverted")
         if max(1.0 - limits["J_min"], limits["J_max"] - 1.0) > VOLUME:
-            self.broken(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
-                        remedy=f"try {self._lighter('a larger modulus (reduced_bulk_modulus, lame)')}")
-        if not self.leapfrog:  # which takes no step to see it undone, and looks at all of them
-            self._note_volumes(limits["J_min"], limits["J_max"])
+            self.fail(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
+                        remedy=f"try {self._remedy('a larger modulus (reduced_bulk_modulus, lame)')}")
+        if not self.leapfrog:  # the kernel follows J through the steps of leapfrog
+            self._note_J(limits["J_min"], limits["J_max"])
         return limits
 
-    def look_at_volumes(self) -> None:
-        """Note the extremes of J in the steps of leapfrog since this was last called; collective."""
-        self._note_volumes(*self.mechanics.volumes())
+    def note_volumes(self) -> None:
+        """Update `extremes` by J in all steps of leapfrog since the last call; collective."""
+        self._note_J(*self.mechanics.volumes())
 
-    def _note_volumes(self, least: float, most: float) -> None:
+    def _note_J(self, least: float, most: float) -> None:
         self.extremes["J_min"] = min(self.extremes["J_min"], least)
         self.extremes["J_max"] = max(self.extremes["J_max"], most)
 
-    def _lighter(self, *others: str) -> str:
-        """What might help: less of the loads that the scene has, and others."""
+    def _remedy(self, *others: str) -> str:
+        """A remedy for a message: smaller loads of those that the scene has, or `others`."""
         t = self.mechanics.terms
         loads = {"a weaker protrusion": t.protrusion is not None, "a smaller eta": t.director != "none",
                  "a smaller zeta": t.active, "a smaller line_tension": t.cortex is not None,
@@ -242,12 +279,17 @@ class Integrator:
         *most, last = [name for name, there in loads.items() if there] + list(others)
         return f"{', '.join(most)} or {last}" if most else last
 
-    def broken(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
-        """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
+    def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
+        """End the run with a message that names a particle, by default that with the largest |ln J|; collective.
+
+        Raises
+        ------
+        NumericsError -- always.
+        """
         particle, J = self.mechanics.worst_particle(particle)
         scene = self.mechanics.scene
         other = [] if self.leapfrog else ['time.integrator = "leapfrog"']
-        remedy = remedy or f"try {self._lighter('a smaller time.step_factor', 'finer particles', *other)}"
+        remedy = remedy or f"try {self._remedy('a smaller time.step_factor', 'finer particles', *other)}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")
@@ -256,7 +298,7 @@ class Integrator:
 
     # ------------------------------------------------------------ PETSc's own types
 
-    def _take(self, vec: PETSc.Vec) -> None:
+    def _store(self, vec: PETSc.Vec) -> None:
         values = vec.getArray(readonly=True).reshape(-1, 4)
         if not np.shares_memory(values, self.mechanics.state.owned):
             self.mechanics.state.owned[:] = values
@@ -264,14 +306,14 @@ class Integrator:
     def _rate(self, ts: Any, t: float, u: PETSc.Vec, out: PETSc.Vec) -> None:
         m = self.mechanics
         kept = m.state.owned.copy()
-        self._take(u)
+        self._store(u)
         m.prescribe(t)
         out.setArray(m.rate().ravel())
         m.state.owned[:] = kept
 
     def _after_step(self, ts: Any) -> None:
         m = self.mechanics
-        self._take(ts.getSolution())
+        self._store(ts.getSolution())
         m.prescribe(ts.getTime())
         m.state.exchange()
         dt = ts.getTime() - self._last_time
@@ -281,8 +323,8 @@ class Integrator:
         self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
         self._note_step(dt)
         if not np.isfinite(ts.getSolution().norm()):
-            self.broken("a value is not finite any more")
-        if self._seen()["displaced"] > 0.5 * m.skin:
+            self.fail("a value is not finite any more")
+        if self._checked_limits()["displaced"] > 0.5 * m.skin:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())
@@ -295,38 +337,40 @@ class Integrator:
         self._loss, self._last_time = self.mechanics.powers(), self.ts.getTime()
 
     def _account(self, dt: float) -> None:
-        """Losses and work over a step by the trapezoidal rule."""
+        """Add dissipation, work and impulses of a step, by the trapezoidal rule."""
         now = self.mechanics.powers()
         for name, values in accounts(self.mechanics).items():
             before = np.zeros_like(now[name])
-            before[: len(self._loss[name])] = self._loss[name]  # contacts that are new had no force
+            before[: len(self._loss[name])] = self._loss[name]  # contacts that are new had no force before
             values += 0.5 * dt * (before + now[name])
         self._loss = now
 
     def destroy(self) -> None:
-        """Free the PETSc object."""
+        """Free the PETSc objects."""
         self.ts.destroy()
 
 
 class Leapfrog:
-    """TS type: v += dt a(u, v), u += dt v, in batches of equal steps that end exactly at the time asked for, but for
-    steps of a fixed length, which stay as they are.
+    """TS type of leapfrog: v += dt a(u, v), then u += dt v, with velocities half a step behind positions.
 
-    TS counts single steps; -ts_dt, -ts_max_steps and -ts_monitor (once a batch) mean what they say.
+    PETSc calls `step` once a batch.  Without a fixed step, the steps of a batch are such that equal ones end exactly at
+    the time of `TS.setMaxTime`.  TS counts single steps, so that -ts_max_steps has its usual meaning.
+
+    Source: Verlet (1967); Hairer, Lubich & Wanner (2003).
     """
 
     def __init__(self, integrator: Integrator):
         self._integrator = integrator
 
     def step(self, ts: PETSc.TS) -> None:
-        """One batch."""
+        """Take one batch of steps, and repeat it with a smaller step where it was not stable; collective."""
         run = self._integrator
-        allowed = run.look()
+        allowed = run.begin_batch()
         t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
         if run.touches:
             run.mechanics.undo.keep()
         while True:
-            left, dt = run.evenly(stop)
+            left, dt = run.equal_steps(stop)
             run.mechanics.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
             run.mechanics.advance(n, dt)
@@ -339,10 +383,10 @@ class Leapfrog:
             run.choose()
             run.redone += n
             allowed = max(1, n // 4) if late else allowed
-        run.look_at_volumes()
+        run.note_volumes()
         run.mechanics.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         run._note_step(dt)
         ts.setTimeStep(dt)
         ts.setTime(stop if n == left else (taken + n) * dt if run.fixed_step else t + n * dt)
-        ts.setStepNumber(taken + n - 1)  # TS adds the last one itself
+        ts.setStepNumber(taken + n - 1)  # PETSc adds the last step itself

@@ -76,7 +76,7 @@ class Static:
             snes.setFromOptions()
 
     @property
-    def said(self) -> str:
+    def description(self) -> str:
         """What it is, for the log."""
         ksp = self.snes.getKSP()
         return f"static: {self.snes.getType()} of PETSc with {ksp.getType()} and {ksp.getPC().getType()}"
@@ -163,7 +163,7 @@ class Static:
 
     # ------------------------------------------------------------ load steps
 
-    def to(self, stop: float) -> float:
+    def advance_to(self, stop: float) -> float:
         """Go on to the equilibrium at the time `stop` [µs]; returns the time reached; collective."""
         step = shortest = stop - self.time
         shortest /= 2**CUTS
@@ -236,10 +236,10 @@ class Static:
         return f"SNES says {names.get(reason, reason)}"
 
     def _give_up(self, time: float) -> None:
-        self.broken(f"no equilibrium was found at {time:.6g} µs, though the load step was cut {CUTS} times: "
+        self.fail(f"no equilibrium was found at {time:.6g} µs, though the load step was cut {CUTS} times: "
                     f"{self._reason()}")
 
-    def broken(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
+    def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
         """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
         particle, J = self.mechanics.worst_particle(particle)
         remedy = remedy or ("try smaller loads or displacements, supports that hold all rigid motions, more "

@@ -37,7 +37,7 @@ class StrainWatch:
         self.largest = 1.0 if viscous.any() else None
         self.crossed_at: float | None = None
 
-    def look(self, time: float) -> str:
+    def check(self, time: float) -> str:
         """At a sample, with F up to date: a warning when the limit, or 2, 4 … times it, is crossed; collective."""
         m = self.mechanics
         if self.largest is None:

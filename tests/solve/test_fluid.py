@@ -362,7 +362,7 @@ def test_each_doubling_of_the_limit_is_told_once_with_its_cell() -> None:
         for step, most in enumerate((1.5, 1.7, 3.0, 3.3, 2.0, 3.5, 7.0), 1):
             put(sim, u=sim.scene.X * [most - 1.0, 1.0 / most - 1.0])
             sim.sample()
-            told.append(watch.look(float(step)))
+            told.append(watch.check(float(step)))
     assert [bool(line) for line in told] == [False, True, False, True, False, False, True]
     assert "WARNING at 4 µs: particle " in told[3] and "stretched 3.3-fold, 2.1 times the limit of 1.6" in told[3]
     assert watch.largest == pytest.approx(7.0, abs=1e-9) and "up to 7-fold" in watch.summary()  # measured 1e-14
