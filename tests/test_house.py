@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
+import io
 import re
 import subprocess
+import tokenize
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,9 +30,23 @@ FLOORS = ["exits", "version", "case", "model", "geometry", "laws", "meshfree", "
           "plot", "simulation", "runs", "paper", "bench", "verify", "doctor", "cellmig", "usage", "__main__"]
 SIBLINGS = {"paper", "bench", "verify"}  # beside each other: none imports another
 PETSC_ROOMS = {"parallel", "solve", "__main__"}
-LONGEST_MODULE, LONGEST_FUNCTION = 400, 60
+LONGEST, LONGEST_FUNCTION = {".py": 400, ".c": 300, ".h": 300}, 60
 LONGER = {"cellmig/kernel/c/step.c": 1010}  # to be split
+LARGEST_ROOM = 0.2  # of the lines of the package
+CONDITIONS, UNUSED, UNSAID = 45, 13, 9  # in C: lines `#if…`, casts `(void)x`, functions without a comment
 SILENT = {"model": 3, "geometry": 43, "meshfree": 48, "kernel": 18, "solve": 69}  # docstrings, to be completed
+# Words that a reader would not look up: what to write instead, and how often they may yet stand in comments.
+JARGON = {"foot": ("the closest point", 5), "lent": ("shared, or ghosts of other ranks", 3),
+          "homes?": ("stencil", 16), "whoever": ("who it is", 4), "that which": ("what it is", 5),
+          "worst off": ("of the largest …", 1), "fling": ("what happens", 1),
+          "kicked": ("accounted", 2), "lags? behind": ("the time since", 2), "tangled?": ("overlap", 0)}
+# Patterns that know of two dimensions, and how often they may yet stand.
+PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 26),
+          "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 15),
+          "gradients as complex numbers": (r"\b1j\b|\.real\b|\.imag\b|\w*complex\w+", 14),
+          "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 72),
+          "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 70)}
+FLAT = ("cellmig/verify/", "cellmig/bench/", "cellmig/plot/")
 WRITTEN = {"scaling.md", "verify.md"}  # by the program, where it runs
 
 # "cellmig.case.units" -> its syntax tree; a package goes by its own name.
@@ -70,29 +88,70 @@ def test_petsc_is_imported_in_parallel_and_solve_only() -> None:
 
 def test_a_module_is_read_in_one_sitting() -> None:
     """C as well as Python; what is longer so far may only fall."""
-    paths = [path for path in tracked_files() if path.suffix in (".py", ".c") and path.is_relative_to(ROOT / "cellmig")]
-    assert {path.name for path in paths} >= {"step.c", "simulation.py"}
-    lines = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in paths}
-    long = [f"{name}: {n} lines, of {LONGER.get(name, LONGEST_MODULE)}" for name, n in lines.items()
-            if n > LONGER.get(name, LONGEST_MODULE)]
+    lines = {name: text.count("\n") for name, text in package().items()}
+    long = [f"{name}: {n} lines, of {most}" for name, n in lines.items()
+            if n > (most := LONGER.get(name, LONGEST[Path(name).suffix]))]
     assert not long, report(long)
-    short = [f"{name} is down to {lines[name]}: so is its limit" for name, n in LONGER.items() if lines[name] < n - 20]
-    assert not short, report(short)
+
+
+def test_no_room_holds_more_than_a_fifth_of_the_package() -> None:
+    lines = Counter()
+    for name, text in package().items():
+        lines[Path(name).parts[1]] += text.count("\n")
+    large = [f"cellmig/{room}: {n} of {lines.total()} lines" for room, n in lines.items()
+             if n > LARGEST_ROOM * lines.total()]
+    assert not large, report(large)
+
+
+def test_every_folder_of_tests_is_that_of_a_room() -> None:
+    astray = [f"{path.relative_to(ROOT)}:1: there is no cellmig/{path.parent.name}"
+              for path in (ROOT / "tests").glob("*/test_*.py") if not (ROOT / "cellmig" / path.parent.name).is_dir()]
+    assert not astray, report(astray)
 
 
 def test_c_says_what_it_is_and_its_lines_fit_as_those_of_python_do() -> None:
     wrong = []
-    for path in tracked_files():
-        if path.suffix != ".c":
-            continue
-        text = path.read_text(encoding="utf-8")
-        wrong += [f"{path.relative_to(ROOT)}:1: no comment says what the file is"] * (not text.startswith("/*"))
+    for name, text in package(".c", ".h").items():
+        wrong += [f"{name}:1: no comment says what the file is"] * (not text.startswith("/*"))
         for number, line in enumerate(text.splitlines(), 1):
-            wide = len(line) > 120 and str(path.relative_to(ROOT)) not in LONGER
-            wrong += [f"{path.relative_to(ROOT)}:{number}: {len(line)} characters"] * wide
-            wrong += [f"{path.relative_to(ROOT)}:{number}: a tab, or blanks at the end"] * (
-                "\t" in line or line != line.rstrip())
+            wide = len(line) > 120 and name not in LONGER
+            wrong += [f"{name}:{number}: {len(line)} characters"] * wide
+            wrong += [f"{name}:{number}: a tab, or blanks at the end"] * ("\t" in line or line != line.rstrip())
     assert not wrong, report(wrong)
+
+
+def test_a_comment_says_what_a_c_function_computes() -> None:
+    """In front of each that is longer than five lines; preprocessor lines may stand between."""
+    function = re.compile(r"^(?!#)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)\s*\{.*?(?:^\}|\}$)", re.MULTILINE | re.DOTALL)
+    silent = []
+    for name, text in package(".c", ".h").items():
+        for match in function.finditer(text):
+            above = [line for line in text[:match.start()].splitlines() if line.strip() and not line.startswith("#")]
+            if match[0].count("\n") >= 5 and not (above and above[-1].endswith("*/")):
+                silent.append(f"{name}:{line_of(text, match.start())}: {match[1]}")
+    assert len(silent) <= UNSAID, report(silent)
+
+
+@pytest.mark.parametrize(("pattern", "most"), [(r"^ *# *if", CONDITIONS), (r"\(void\) *\w", UNUSED)])
+def test_c_is_compiled_under_few_conditions_and_uses_all_it_is_given(pattern: str, most: int) -> None:
+    found = matches(pattern, package(".c", ".h"))
+    assert len(found) <= most, f"{len(found)}, of {most}:" + report(found)
+
+
+@pytest.mark.parametrize("word", JARGON)
+def test_comments_and_docstrings_use_the_words_of_the_field(word: str) -> None:
+    found = matches(rf"\b{word}\b", prose(), re.IGNORECASE)
+    instead, most = JARGON[word]
+    assert len(found) <= most, f"better {instead}; {len(found)}, of {most}:" + report(found)
+
+
+@pytest.mark.parametrize("what", PLANAR)
+def test_the_number_of_dimensions_is_in_no_more_places(what: str) -> None:
+    """Where solvers, kernel and geometry are written for the plane; exact solutions and pictures may be."""
+    pattern, most = PLANAR[what]
+    rooms = {name: text for name, text in package().items() if not name.startswith(FLAT)}
+    found = matches(pattern, rooms)
+    assert len(found) <= most, f"{len(found)} {what}, of {most}:" + report(found)
 
 
 def test_no_text_cites_a_page_that_is_not_in_the_project() -> None:
@@ -229,6 +288,42 @@ def place(module: str, line: int) -> str:
 def report(offenders: list[str]) -> str:
     """One offender a line."""
     return "\n  ".join(["", *offenders])
+
+
+def package(*suffixes: str) -> dict[str, str]:
+    """Texts of the package by their name from the root: Python and C, or those of these suffixes."""
+    return {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
+            for path in sorted((ROOT / "cellmig").rglob("*")) if path.suffix in (suffixes or LONGEST)}
+
+
+def matches(pattern: str, texts: dict[str, str], flags: int = 0) -> list[str]:
+    """Where in these texts a pattern is found, with the line."""
+    return [f"{name}:{number}: {line.strip()}" for name, text in texts.items()
+            for number, line in enumerate(text.splitlines(), 1) for _ in re.finditer(pattern, line, flags)]
+
+
+@functools.cache
+def prose() -> dict[str, str]:
+    """Comments and docstrings of the package, each in its line, by the name of the file."""
+    return {name: "\n".join(remarks(text)) if name.endswith(".py") else
+            re.sub(r"(?s)(?:^|(?<=\*/)).*?(?:(?=/\*)|$)", lambda code: "\n" * code[0].count("\n"), text)
+            for name, text in package().items()}
+
+
+def remarks(text: str) -> list[str]:
+    """Lines of Python without what is not comment or docstring."""
+    lines = [""] * (text.count("\n") + 1)
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        docstring = token.type == tokenize.STRING and token.line.lstrip(" r").startswith('"""')
+        if docstring or token.type == tokenize.COMMENT:
+            for number, line in enumerate(token.string.splitlines(), token.start[0] - 1):
+                lines[number] += line
+    return lines
+
+
+def line_of(text: str, place: int) -> int:
+    """The number of the line of a place in a text."""
+    return text.count("\n", 0, place) + 1
 
 
 def tracked_files() -> list[Path]:
