@@ -226,7 +226,7 @@ class Simulation:
     @property
     def _half_step(self) -> float:
         """What velocities and impulses of the leapfrog lag behind positions [µs]."""
-        return 0.5 * self.mechanics.last if self.integrator.leapfrog else 0.0
+        return 0.5 * self.mechanics.dt_prev if self.integrator.leapfrog else 0.0
 
     def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
         """After a sample to be kept: adds means since the last one to its rows; rows of other tables; collective."""

@@ -161,7 +161,7 @@ def traffic(kernel: Any) -> float:
     """Bytes that a step of the internal force reads and writes at least, once each, on this rank."""
     read = {"gradient": 1, "adjoint": 1, "column": 2, "column_outer": 1, "outer": 1, "column_stiff": 1, "stiff": 1,
             "first": 2, "block": 2, "volume": 1, "per_mass": 1, "bulk_damping": 1}
-    changed = {"state": 1, "F": 2, "Q": 2, "kept": 2}
+    changed = {"state": 1, "F": 2, "Q": 2, "step_memory": 2}
     sizes = {name: kernel[name].nbytes for name in {**read, **changed} if name in kernel._arrays}
     return float(sum(sizes[name] * times for name, times in {**read, **changed}.items() if name in sizes))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,61 +11,12 @@ import numpy as np
 
 from ..meshfree.terms import Terms
 from .codegen import Translator
+from .fields import Field
 from .toolchain import library, loaded
 
 VECTORS, STEP, ASSEMBLE = (Path(__file__).parent / "c" / name for name in ("simd.c", "step.c", "assemble.c"))
-_POINTERS = {f"{kind} *": ctypes.c_void_p for kind in ("double", "coefficient", "uint32_t", "int32_t", "long", "void")}
-_TYPES = {"double": ctypes.c_double, "long": ctypes.c_long, **_POINTERS}
+_NUMBERS = {"double": ctypes.c_double, "long": ctypes.c_long}  # all else is a pointer
 _DTYPES = {"double *": np.float64, "uint32_t *": np.uint32, "int32_t *": np.int32, "long *": np.int64}
-
-FIELDS: dict[str, str] = {
-    # sizes
-    "n_owned": "long", "n_rows": "long", "n_local": "long", "n_lent_blocks": "long", "n_owned_blocks": "long",
-    "n_blocks": "long",
-    # state (ux uy vx vy) of owned and ghosts, and what the rows keep
-    "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
-    "volume": "double *", "inverse_mass": "double *", "per_mass": "double *", "bulk_damping": "double *",
-    "kept": "double *", "viscous_loss": "double *", "numerical_loss": "double *",
-    # blocks of rows, and by their homes the neighbours
-    "block": "int32_t *",
-    "first": "long *", "column": "uint32_t *", "gradient": "coefficient *", "adjoint": "coefficient *",
-    "first_outer": "long *", "column_outer": "uint32_t *", "outer": "coefficient *",
-    "first_stiff": "long *", "column_stiff": "uint32_t *", "stiff": "coefficient *",
-    # step control
-    "least_gap": "double *", "J_range": "double *", "bound": "double *",
-    "viscous_weight": "double *", "elastic_weight": "double *",
-    # surfaces: all segments, those near the substrate, and the push at their ends
-    "n_segments": "long", "segment": "int32_t *", "length": "double *", "n_near": "long", "near": "int32_t *",
-    "substrate_bonds": "double", "substrate_floor": "double", "substrate_depth": "double", "push": "double *",
-    "pushed": "double *", "bond_impulse": "double *",
-    "friction_loss": "double *", "protrusion_impulse": "double *", "external_work": "double *",
-    # cells that protrude: all of their surface with weights, their segments near the substrate, and what is found there
-    "mover_of": "int32_t *", "n_movers": "long", "first_mover": "long *", "mover": "int32_t *",
-    "mover_weight": "double *", "first_grip": "long *", "grip": "int32_t *", "firm": "double", "middle": "double *",
-    "hold": "double *",
-    # contact between cells
-    "n_contact_nodes": "long", "contact_node": "int32_t *", "first_candidate": "long *", "candidate": "int32_t *",
-    "n_contact_segments": "long", "contact_segment": "int32_t *", "contact_length": "double *",
-    "contact_pull": "double *", "foot": "void *", "contact_slot": "int32_t *", "contact_impulse": "double *",
-    "contact_bonds": "double", "contact_floor": "double", "contact_cutoff": "double",
-    # director (θ, torque) and its gradient, axis, flux
-    "director": "double *", "director_gradient": "double *", "director_axis": "double *", "director_flux": "double *",
-    "director_mobility": "double *", "director_weight": "double *", "n_anchors": "long", "n_anchors_anywhere": "long",
-    "anchor": "int32_t *", "anchor_offset": "double *", "anchor_owned": "int32_t *",
-    # supports, loads and plates at the time of the clock
-    "clock": "double *", "n_held": "long", "held": "int32_t *", "held_value": "double *", "held_history": "int32_t *",
-    "held_before": "double *", "reaction": "double *",
-    "n_loaded": "long", "loaded": "int32_t *", "load": "double *", "load_before": "double *",
-    "n_dead": "long", "dead": "int32_t *", "dead_force": "double *", "dead_history": "int32_t *",
-    "n_pressed": "long", "pressed": "int32_t *", "pressure": "double *", "pressed_history": "int32_t *",
-    "n_plates": "long", "plate": "double *", "plate_history": "int32_t *", "n_platable": "long",
-    "platable": "int32_t *", "plate_before": "double *", "plate_force": "double *",
-    # parameters of the laws
-    "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
-    "friction": "double *", "histories": "double *",
-    # ghosts
-    "state_vec": "void *", "director_vec": "void *",
-}
 
 
 SURFACE_LAWS = {"substrate": ("primitive", "potential", "slope"), "contact": ("primitive", "potential", "slope"),
@@ -90,16 +42,14 @@ class Kernel:
     cache line, and passes its address; ``kernel["name"]`` is the array that it works on.
     """
 
-    def __init__(self, materials: list, terms: Terms):
-        """Compile the step of a scene with these material laws and terms."""
-        text, vectors = c_source(materials, terms)
-        members = [(f"material_{i}", "double *") for i in range(len(materials))]
-        fields = [(name, _TYPES[kind]) for name, kind in [*FIELDS.items(), *members]]
-        fields += [("acceleration", ctypes.c_double * 2)]
-        fields += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
-        self._kinds = {**FIELDS, **dict(members)}
+    def __init__(self, materials: list, terms: Terms, fields: Sequence[Field]):
+        """Compile the step of a scene with these material laws and terms; `fields` : all that its files of C name."""
+        text, vectors = c_source(materials, terms, fields)
+        self._types = {f.name: f.ctype for f in [*fields, *_of_materials(materials)]}
+        members = [(name, _NUMBERS.get(kind, ctypes.c_void_p)) for name, kind in self._types.items()]
+        members += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
         self._dtypes = {**_DTYPES, "coefficient *": np.float32 if terms.single else np.float64}
-        self._structure = type("Scene", (ctypes.Structure,), {"_fields_": fields})()
+        self._structure = type("KernelData", (ctypes.Structure,), {"_fields_": members})()
         self._address = ctypes.byref(self._structure)
         self._arrays: dict[str, np.ndarray] = {}
         self.source = text
@@ -108,7 +58,7 @@ class Kernel:
             self[name] = np.array(values or [0.0])
 
     def __setitem__(self, name: str, value: Any) -> None:
-        kind = self._kinds.get(name)
+        kind = self._types.get(name)
         if kind in self._dtypes and value is not None:
             value = np.ascontiguousarray(value, self._dtypes[kind])
             if value.ctypes.data % LINE:
@@ -116,8 +66,6 @@ class Kernel:
                 value[...] = unaligned
             self._arrays[name] = value
             value = value.ctypes.data
-        elif name == "acceleration":
-            value = (ctypes.c_double * 2)(*value)
         setattr(self._structure, name, value)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -147,14 +95,21 @@ def _argument(a: Any) -> Any:
     return ctypes.c_long(a) if isinstance(a, int) else a
 
 
-def c_source(materials: list, terms: Terms) -> tuple[str, dict[str, list[float]]]:
-    """C source of the scene and the parameter vectors of its laws."""
-    members = [f"    {kind}{'' if kind.endswith('*') else ' '}{name};" for name, kind in FIELDS.items()]
-    members += [f"    double *material_{i};" for i in range(len(materials))]
-    members += ["    double acceleration[2];"]
+def _of_materials(materials: list) -> list[Field]:
+    """The parameters of each material's law."""
+    return [Field(f"material_{i}", "double *") for i in range(len(materials))]
+
+
+def c_source(materials: list, terms: Terms, fields: Sequence[Field] = ()) -> tuple[str, dict[str, list[float]]]:
+    """C source of the scene and the parameter vectors of its laws.
+
+    Raises LawError where a law has no counterpart in C.
+    """
+    members = [f"    {f.ctype}{'' if f.ctype.endswith('*') else ' '}{f.name};"
+               for f in [*fields, *_of_materials(materials)]]
     members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
     parts = ["#define SINGLE 1" if terms.single else "", VECTORS.read_text(encoding="utf-8"),
-             "typedef struct {\n" + "\n".join(members) + "\n} Scene;\n"]
+             "typedef struct {\n" + "\n".join(members) + "\n} KernelData;\n"]
     vectors: dict[str, list[float]] = {}
 
     parts.append(_materials(materials, terms.director, terms.active, vectors))
@@ -184,7 +139,7 @@ def _histories(laws: tuple, vectors: dict) -> list[str]:
             at = len(vectors["histories"])
             choice.append(f"    if (i == {i}) return history_{i}_{method}(s->histories + {at}, t);\n")
             vectors["histories"] += t.vector()
-        parts.append(f"static inline double history_{method}(const Scene *s, long i, double t)\n{{\n"
+        parts.append(f"static inline double history_{method}(const KernelData *s, long i, double t)\n{{\n"
                      f"    (void)s, (void)i, (void)t;\n{''.join(choice)}    return 0;\n}}\n")
     return parts
 
@@ -235,14 +190,15 @@ _DISPATCH = """#define EACH_MATERIAL(DO) {each}
 static inline int is_viscous(int material) {{ (void)material; return {viscous}; }}
 static inline int is_active(int material) {{ (void)material; return {active}; }}
 
-INLINED void material_stress(const Scene *s, long b, const int material,
+INLINED void material_stress(const KernelData *s, long b, const int material,
     const v4 F[2][2], const v4 R[2][2], v4 P[2][2], v4 W[2][2], v4 A[2][2])
 {{
 {fields}    (void)b, (void)R;
 {stress}
 }}
 
-static inline void material_director_flux(const Scene *s, int material, const v4 F[2][2], const v4 g[2], v4 flux[2])
+static inline void material_director_flux(const KernelData *s, int material, const v4 F[2][2], const v4 g[2],
+    v4 flux[2])
 {{
     flux[0] = flux[1] = (v4){{0}};
     (void)s, (void)material, (void)F, (void)g;

@@ -18,13 +18,13 @@ class Numbering:
     """Local numbers of a rank: owned particles by id, then ghosts of layer 1, then all further ghosts.
 
     ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed;
-    lent : (n_owned,) bool -- whether others may have copies.
+    shared : (n_owned,) bool -- whether others may have copies.
     """
 
     ids: np.ndarray
     n_owned: int
     n_rows: int
-    lent: np.ndarray
+    shared: np.ndarray
 
     def local(self, ids: np.ndarray) -> np.ndarray:
         """Local numbers of global ids; -1 where this rank does not hold them."""
@@ -52,7 +52,7 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     """Numbering for the owned ids and what their internal forces need: two layers of neighbours, and `needed` ids."""
     own = np.zeros(scene.size, bool)
     own[owned] = True
-    first, second, lent = own.copy(), own.copy(), np.zeros(scene.size, bool)
+    first, second, shared = own.copy(), own.copy(), np.zeros(scene.size, bool)
     patterns = lru_cache(lambda k: _near_and_far(scene.templates[k]))
     for c in np.unique(scene.cell[owned]):
         part = slice(scene.offset[c], scene.offset[c + 1])
@@ -61,12 +61,12 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
         near, far = patterns(scene.kind[c])
         first[part] = reach(near, own[part])
         second[part] = reach(near, first[part]) | reach(far, own[part])
-        lent[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
+        shared[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
     second[needed] = True
     if len(owned) < scene.size:
-        lent[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
+        shared[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
     layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
-    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), lent[layers[0]])
+    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), shared[layers[0]])
 
 
 def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -88,13 +88,13 @@ def reach(ones: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
 class Blocks:
     """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
 
-    table : (b, 5) int -- first row, number of rows, home, shift, material: of one home are the blocks whose neighbours'
-    local numbers are those of its lead but for the shift;  n_lent, n_owned : number of blocks that others may have
-    copies of, which are first, and of all blocks of owned particles;  lead : (h,) -- the first block of each home.
+    table : (b, 5) int -- first row, number of rows, stencil, shift, material: blocks of one stencil have the local
+    numbers of its lead's neighbours plus the shift;  n_shared, n_owned : number of blocks that others may have
+    copies of, which are first, and of all blocks of owned particles;  lead : (h,) -- the first block of each stencil.
     """
 
     table: np.ndarray
-    n_lent: int
+    n_shared: int
     n_owned: int
     lead: np.ndarray
 
@@ -111,7 +111,7 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
     ids = numbering.ids[: numbering.n_rows]
     cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
-    lent = np.append(numbering.lent, np.zeros(ghost.sum(), bool))
+    shared = np.append(numbering.shared, np.zeros(ghost.sum(), bool))
     start = np.flatnonzero(_changes(cell, material, ghost))
     length = np.diff(np.append(start, len(ids)))
     count = -(-length // 4)
@@ -121,17 +121,17 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     lane = np.arange(len(ids)) - np.repeat(row, lanes)
     shape = _mixed(_patterns(scene, numbering, terms) + lane)
     shape = np.add.reduceat(shape, row) if len(row) else shape
-    lent = np.logical_or.reduceat(lent, row) if len(row) else np.zeros(0, bool)
+    shared = np.logical_or.reduceat(shared, row) if len(row) else np.zeros(0, bool)
     _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
-    order = np.lexsort((number, shape, lanes, at, kind, number // GROUP, ~lent, ghost[row]))
+    order = np.lexsort((number, shape, lanes, at, kind, number // GROUP, ~shared, ghost[row]))
     row, lanes, at, kind, shape = row[order], lanes[order], at[order], kind[order], shape[order]
     at = np.where(ghost[row], -1 - np.arange(len(row)), at)  # those of copies share nothing
     key = np.column_stack([kind, at, lanes, shape])
-    _, lead, home = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    first = np.argsort(lead)  # homes by their first use
-    lead, home = lead[first], np.argsort(first)[home]
-    table = np.column_stack([row, lanes, home, row - row[lead[home]], material[row]])
-    return Blocks(table, int(lent.sum()), int((~ghost[row]).sum()), lead)
+    _, lead, stencil = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    first = np.argsort(lead)  # stencils by their first use
+    lead, stencil = lead[first], np.argsort(first)[stencil]
+    table = np.column_stack([row, lanes, stencil, row - row[lead[stencil]], material[row]])
+    return Blocks(table, int(shared.sum()), int((~ghost[row]).sum()), lead)
 
 
 GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them
@@ -173,24 +173,24 @@ def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
     return sum(further, pattern(t.G)).tocsr()
 
 
-def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
-    """Coefficients of the kernel by home, by their names there.
+def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
+    """Coefficients of the kernel by stencil, by their names there.
 
     `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
     is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
     """
-    homes, stabilised = Homes(scene, numbering, blocks), terms.stabilised
+    stencils, stabilised = Stencils(scene, numbering, blocks), terms.stabilised
     G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
     extended = list
     if terms.single:
         G, S, E = ([rounded(m) for m in matrices] for matrices in (G, S, E))
         extended = partial(map, with_rest)
-    out = {"volume": homes.by_lane(scene.field("V")), "bulk_damping": homes.by_lane(scene.field("damping")),
-           "per_mass": homes.by_lane(1.0 / scene.field("mass"))}
+    out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
+           "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
     H, inside = [_adjoint(m) for m in G], [_inside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
     outside = [_outside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
     G, H, inside, E = (list(extended(matrices)) for matrices in (G, H, inside, E))
-    first, group, lane, owned, kind, at, out["column"] = homes.entries(G)
+    first, group, lane, owned, kind, at, out["column"] = stencils.entries(G)
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
     g = _values(G, kind, at)
@@ -199,39 +199,39 @@ def home_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms
     adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
     if stabilised:
         gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, _values(inside, kind, at), 0)
-        out |= homes.scalars("outer", outside)
+        out |= stencils.scalars("outer", outside)
     if terms.stiffened:
-        out |= homes.scalars("stiff", E)
+        out |= stencils.scalars("stiff", E)
     return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
 
 
-class Homes:
-    """The particles that stand for the lanes of the homes, and the entries of their rows."""
+class Stencils:
+    """The particles that stand for the lanes of the stencils, and the entries of their rows."""
 
     def __init__(self, scene: Scene, numbering: Numbering, blocks: Blocks):
         """A particle for each lane that is there."""
         row, lanes = blocks.table[blocks.lead, :2].T
-        self._home, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
-        self._lane -= (np.cumsum(lanes) - lanes)[self._home]
-        self._ids = numbering.ids[row[self._home] + self._lane]
+        self._stencil, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
+        self._lane -= (np.cumsum(lanes) - lanes)[self._stencil]
+        self._ids = numbering.ids[row[self._stencil] + self._lane]
         cell = scene.cell[self._ids]
         self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
-        self._owned = row[self._home] < numbering.n_owned
+        self._owned = row[self._stencil] < numbering.n_owned
         self._place = numbering.places(scene.size)
         self._lead = np.flatnonzero(self._lane == 0)
         self._itself = self._place[self._ids[self._lead]]
 
     def by_lane(self, values: np.ndarray) -> np.ndarray:
-        """Values of the particles (size,) as (homes, 4), with zeros where there is no lane."""
+        """Values of the particles (size,) as (stencils, 4), with zeros where there is no lane."""
         out = np.zeros((self._count, 4))
-        out[self._home, self._lane] = values[self._ids]
+        out[self._stencil, self._lane] = values[self._ids]
         return out
 
     def entries(self, matrices: list, owned: bool = False) -> tuple[np.ndarray, ...]:
-        """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a home.
+        """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
-        Returns the first group of each home; group, lane, whether owned, template and place in its CSR of each entry;
-        four times the neighbours (groups, 4).  Entries of a lane ascend by the global id of their column.
+        Returns the first group of each stencil; group, lane, whether owned, template and place in its CSR of each
+        entry; four times the neighbours (groups, 4).  Entries of a lane ascend by the global id of their column.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset, self._owned | (not owned))
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
@@ -239,8 +239,8 @@ class Homes:
             columns[kind == k] = m.indices[at[kind == k]]
         count = np.bincount(lanes, minlength=len(self._ids))
         longest = np.maximum.reduceat(count, self._lead) if len(count) else count
-        first, home = np.append(0, np.cumsum(longest)), self._home[lanes]
-        group = first[home] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
+        first, stencil = np.append(0, np.cumsum(longest)), self._stencil[lanes]
+        group = first[stencil] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
         lane = self._lane[lanes]
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
         neighbours[group, lane] = self._place[self._offset[lanes] + columns]

@@ -190,11 +190,11 @@ class Sampler:
         if terms.substrate is not None:
             substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.range)
         if terms.contact is not None and len(m.lists.segment):
-            foot, segment = m.foot["gap"], m.lists.segment
+            gap, segment = m.closest_point["gap"], m.lists.segment
             local = m.kernel["contact_node"][segment]
             x2 = m._X[local] + m._memory[local, :2]
             touched = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1) * _share_below(
-                foot[segment[:, 0]], foot[segment[:, 1]], TOUCHING * terms.contact.range)
+                gap[segment[:, 0]], gap[segment[:, 1]], TOUCHING * terms.contact.range)
             mine = local[:, 0] < m.n_owned
             np.add.at(contact, local[mine, 0], touched[mine])
         values = np.zeros((m.n_owned, 4))

@@ -19,10 +19,10 @@ class GhostedField:
     They are current after `exchange`.  The memory is the caller's and stays where it is, whatever copies are asked for.
     """
 
-    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, lent: int):
-        """`memory` : (>= n_local, width);  `lent` : how many own particles others may ask for; collective."""
+    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, n_shared: int):
+        """`memory` : (>= n_local, width);  `n_shared` : how many own particles others may ask for; collective."""
         self._comm, self._memory, self._n_owned = comm, memory, n_owned
-        self._copies = shared.SharedCopies(comm, memory, n_owned, lent) if shared.on_one_machine(comm) else None
+        self._copies = shared.SharedCopies(comm, memory, n_owned, n_shared) if shared.on_one_machine(comm) else None
         self.owned, self.vec = memory[:n_owned], None
 
     def bring(self, ghosts: np.ndarray) -> None:

@@ -28,11 +28,11 @@ class _Copies(ctypes.Structure):
 class SharedCopies:
     """Brings the copies of a field up to date like VecGhostUpdateBegin and VecGhostUpdateEnd, to the bit."""
 
-    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, lent: int):
-        """`memory` : (>= n_local, width);  `lent` : how many own rows others may ask for; collective."""
+    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, n_shared: int):
+        """`memory` : (>= n_local, width);  `n_shared` : how many own rows others may ask for; collective."""
         self.comm, width = comm, memory.shape[1]
         self.starts = np.cumsum([0, *comm.allgather(n_owned)])
-        half = -(-comm.allreduce(int(lent), MPI.MAX) * width // LINE) * LINE
+        half = -(-comm.allreduce(int(n_shared), MPI.MAX) * width // LINE) * LINE
         self.segment = LINE + 2 * half
         self.window = MPI.Win.Allocate_shared(8 * self.segment, 8, comm=comm)
         own, _ = self.window.Shared_query(comm.rank)

@@ -9,8 +9,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..kernel.fields import FIELDS
 from ..kernel.kernel import Kernel, aligned_zeros
-from ..kernel.layout import home_arrays, make_blocks, number
+from ..kernel.layout import make_blocks, number, stencil_arrays
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.contact import ContactLists, Surfaces, contact_lists
@@ -33,8 +34,8 @@ class Mechanics:
     state : GhostedField (n_local, 4) -- (ux, uy, vx, vy) [µm, µm/µs];  solution : Vec -- its owned part, for TS;
     theta : Director or None -- their angles;  kernel : the compiled step;  ids : (n_owned,) -- global ids in local
     order;  impulses : of bonds and contacts since the last row of the tables;
-    last : the last step [µs], whose middle the velocities are of;  moved : what F lags behind u [µs];
-    kicked : time of half-done accounts [µs].
+    dt_prev : the previous step [µs], at whose middle the velocities are;  F_lag : time since F was updated [µs];
+    accounted_dt : time for whose work the forces at its end are still missing [µs].
     """
 
     def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, swarm: Swarm, owner: np.ndarray, comm: MPI.Comm,
@@ -46,7 +47,7 @@ class Mechanics:
         self.place_in_petsc = np.empty(scene.size, np.int64)
         self.place_in_petsc[np.lexsort((np.arange(scene.size), owner))] = np.arange(scene.size)
         self._number(swarm["id"], protruding if terms.protrusion is not None else np.zeros_like(protruding))
-        self.kernel = Kernel(scene.materials, terms)
+        self.kernel = Kernel(scene.materials, terms, FIELDS)
         self._fill_rows()
         self._fill_surfaces(alpha)
         if terms.histories is not None:
@@ -56,7 +57,7 @@ class Mechanics:
         self._load(swarm)
         self._point_to_memory()
         self.prescribe(0.0)
-        self.moved = self.kicked = self.last = 0.0
+        self.F_lag = self.accounted_dt = self.dt_prev = 0.0
         self.rebuilds, self.skin = 0, SKIN * min(t.spacing for t in scene.templates)
         self.undo = Undo(self)
         self.renew_lists()
@@ -80,7 +81,7 @@ class Mechanics:
         self._X = aligned_zeros((self._capacity, 2))
         self.solution = PETSc.Vec().createWithArray(self._memory[: self.n_owned].ravel(),
                                                     size=(4 * self.n_owned, None), bsize=4, comm=self.comm)
-        self.state = GhostedField(self.comm, self._memory, self.n_owned, self.base.lent.sum())
+        self.state = GhostedField(self.comm, self._memory, self.n_owned, self.base.shared.sum())
         self._set_ghosts(self.base)
 
     def _set_ghosts(self, numbering: Any) -> None:
@@ -99,13 +100,13 @@ class Mechanics:
         self.blocks = make_blocks(scene, self.base, self.terms)
         n_blocks = len(self.blocks.table)
         k["n_owned"], k["n_rows"] = self.n_owned, n_rows
-        k["n_lent_blocks"], k["n_owned_blocks"], k["n_blocks"] = self.blocks.n_lent, self.blocks.n_owned, n_blocks
-        for name, values in home_arrays(scene, self.base, self.blocks, self.terms).items():
+        k["n_shared_blocks"], k["n_owned_blocks"], k["n_blocks"] = self.blocks.n_shared, self.blocks.n_owned, n_blocks
+        for name, values in stencil_arrays(scene, self.base, self.blocks, self.terms).items():
             k[name] = values
         k["inverse_mass"] = 1.0 / scene.field("mass")[self.base.ids[:n_rows]]
         for name in ACCOUNTS:
             k[name] = np.zeros(self._capacity)
-        k["kept"] = np.zeros((n_blocks, k.library.kept_size() // 8))
+        k["step_memory"] = np.zeros((n_blocks, k.library.step_memory_size() // 8))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((self._capacity, 4))
         k["force"] = np.zeros((self._capacity, 2))
         k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_VOLUMES.copy()
@@ -236,9 +237,8 @@ class Mechanics:
         k["contact_length"] = s.length[lists.node[lists.segment[:, 0]]]
         k["contact_pull"] = np.zeros(len(lists.node))
         self.impulses.follow(lists)
-        self._kept = []
-        self.foot = np.zeros(len(lists.node), FOOT)
-        k["foot"] = self.foot.ctypes.data
+        self.closest_point = np.zeros(len(lists.node), CLOSEST_POINT)
+        k["closest_point"] = self.closest_point.ctypes.data
         self.lists = lists
 
     def _point_to_memory(self) -> None:
@@ -272,14 +272,14 @@ class Mechanics:
     def advance(self, n: int, dt: float) -> None:
         """`n` steps of `dt` [µs] of the symplectic scheme, in place; collective."""
         self.undo.take_up()
-        if self.kernel("advance", n, float(dt), float(self.moved), float(self.kicked), float(self.last)):
+        if self.kernel("advance", n, float(dt), float(self.F_lag), float(self.accounted_dt), float(self.dt_prev)):
             raise PETSc.Error(75)
-        self.kicked = 0.5 * (self.last + dt) if n == 1 else dt
-        self.moved = self.last = dt
+        self.accounted_dt = 0.5 * (self.dt_prev + dt) if n == 1 else dt
+        self.F_lag = self.dt_prev = dt
 
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change, by name: state, F, what was kept of the last kick, accounts, clock."""
-        there = {"F": True, "kept": True, "pushed": self.terms.protrusion is not None,
+        """What steps change, by name: state, F, step memory, accounts, clock."""
+        there = {"F": True, "step_memory": True, "pushed": self.terms.protrusion is not None,
                  **dict.fromkeys(("clock", "load_before"), self.terms.histories is not None)}
         found = {"state": self._memory, **{name: self.kernel[name] for name, is_there in there.items() if is_there},
                  **{name: self.kernel[name] for name in (*ACCOUNTS, "bond_impulse", "contact_impulse")}}
@@ -302,9 +302,9 @@ class Mechanics:
         """(v, a) of the owned particles (n_owned, 4) for the state as it is; brings F up to date; collective."""
         out = np.zeros((self.n_owned + 4, 4))
         self.state.exchange()
-        if self.kernel("rate", out, float(self.kicked)):
+        if self.kernel("rate", out, float(self.accounted_dt)):
             raise PETSc.Error(75)
-        self.moved = self.kicked = 0.0
+        self.F_lag = self.accounted_dt = 0.0
         return out[: self.n_owned]
 
     def relax_director(self, dt: float) -> None:
@@ -388,4 +388,4 @@ ENERGY = object()  # stands for the array of energies
 SURFACE_FORCES = {"substrate": ("substrate_adhesion", ENERGY, 0.0), "contact": ("cell_adhesion", ENERGY, 0.0),
                   "cortex": ("cortex_pull", ENERGY), "friction": ("bond_friction", 0.0),
                   "protrusion": ("protrude", None, None, 0.0, 0.0)}
-FOOT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])
+CLOSEST_POINT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])

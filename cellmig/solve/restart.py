@@ -10,7 +10,7 @@ from ..parallel.collect import collected, shared
 from .accounts import ACCOUNTS
 from .mechanics import Mechanics
 
-_TIMES = ("moved", "kicked", "last", "rebuilds")
+_TIMES = ("F_lag", "accounted_dt", "dt_prev", "rebuilds")
 
 
 def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -85,24 +85,24 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
 
 def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
     """What the kernel keeps by blocks (n_blocks, k, 4), to write to: F, and forces and stresses of the last kick."""
-    found = {"F": m.kernel["F"], **_kept(m)}
+    found = {"F": m.kernel["F"], **_step_memory(m)}
     if m.theta is not None:
         found |= {name: m.kernel[name] for name in ("director_gradient", "director_axis")}
     return found
 
 
-def _kept(m: Mechanics) -> dict[str, np.ndarray]:
-    """Forces and stresses of the last kick and accounts, where `Kept` of kernel.c has them."""
+def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
+    """Forces and stresses of the last kick and accounts, where `StepMemory` of the kernel has them."""
     terms = m.terms
     layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("numerical_loss", "f8", 4),
               ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
     layout += [("elastic", "f8", (4, 2))] * terms.stiffened
     layout += [("external_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
-    kept = m.kernel["kept"].reshape(-1).view(np.dtype(layout))
+    memory = m.kernel["step_memory"].reshape(-1).view(np.dtype(layout))
     there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
-    found = {name: kept[name] for name, is_there in there.items() if is_there}
-    found |= {f"{name} of blocks": kept[name][:, None] for name in _ACCOUNTED if name in kept.dtype.names}
-    return found | ({"stabilising": kept["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
+    found = {name: memory[name] for name, is_there in there.items() if is_there}
+    found |= {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if name in memory.dtype.names}
+    return found | ({"stabilising": memory["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:

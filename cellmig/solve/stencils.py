@@ -174,7 +174,7 @@ def contact(law: Any, length: np.ndarray, side: np.ndarray, x: tuple) -> tuple:
 
 def _contact(m: Mechanics) -> Stencil:
     """The segments of contact whose bonds act, with the feet that the last evaluation found."""
-    k, law, feet = m.kernel, m.terms.contact, m.foot
+    k, law, feet = m.kernel, m.terms.contact, m.closest_point
     segment = k["contact_segment"].reshape(-1, 2)
     gaps = feet["gap"][segment]
     acts = np.flatnonzero((gaps < law.cutoff).any(axis=1) & np.isfinite(gaps).all(axis=1))

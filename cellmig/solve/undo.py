@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-_TIMES = ("moved", "kicked", "last")
+_TIMES = ("F_lag", "accounted_dt", "dt_prev")
 _NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # no look changes the first, rows of tables the others
 
 
@@ -35,7 +35,7 @@ class Undo:
 
     def put_by(self) -> None:
         """What the next step goes on from is put by, so that a look may bring F and the accounts up to date."""
-        if not self._put_by and self._mechanics.last:  # at the start nothing is left half done
+        if not self._put_by and self._mechanics.dt_prev:  # at the start nothing is left half done
             self.keep()
             self._put_by = True
 

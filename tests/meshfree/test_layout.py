@@ -220,7 +220,7 @@ def test_neighbours_whose_gradients_are_zero_are_read_all_the_same() -> None:
         t.G.data[off & (np.arange(t.G.nnz) % 3 > 0)] = 0.0
     found = rows.number(scene, owned, owned[:0])
     assert np.array_equal(found.ids, expected.ids) and found.n_rows == expected.n_rows
-    assert np.array_equal(found.lent, expected.lent)
+    assert np.array_equal(found.shared, expected.shared)
 
 
 def test_a_particle_that_left_its_cell_is_noticed() -> None:

@@ -124,7 +124,7 @@ def test_body_force_adds_to_momentum_what_it_should() -> None:
     with built(case("all_protrude", 'body_force.acceleration=["1e4 m/s^2", "0 m/s^2"]')) as sim:
         sim.sample()
         sim.go(0.5)
-        fell = 0.5 - 0.5 * sim.mechanics.last  # the velocities are those of half a step before
+        fell = 0.5 - 0.5 * sim.mechanics.dt_prev  # the velocities are those of half a step before
         pushed = sim.mechanics.impulse() + 0.01 * fell * sim.scene.field("mass").sum()
         assert sim.sampler.momentum()[0] == pytest.approx(pushed, rel=1e-9)  # measured 1e-14
         assert sim.sample()[1]["closure"] < 0.01

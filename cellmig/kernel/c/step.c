@@ -2,14 +2,14 @@
  *
  * Particles are worked on in blocks of up to four lanes, of one cell and one material; the neighbours of a block are
  * padded to one length and ascend by global id, which fixes the order of every sum on any number of ranks.  Blocks whose
- * neighbours lie alike, as those of copies of a cell do, share a home, where their coefficients are, and are worked on
+ * neighbours lie alike, as those of copies of a cell do, share a stencil, where their coefficients are, and are worked on
  * two at a time.  Both passes gather.  Laws, types of the scene and their dispatch are generated in front of this file
  * (see compile.py); a term that the scene lacks is not there.
  */
 
-/* Rows row … row + lanes - 1; the local numbers of their neighbours are those of the home plus `shift`; whether anything
+/* Rows row … row + lanes - 1; the local numbers of their neighbours are those of the stencil plus `shift`; whether anything
  * acts on them but stresses. */
-typedef struct { int32_t row, lanes, home, shift, material, loaded; } Block;
+typedef struct { int32_t row, lanes, stencil, shift, material, loaded; } Block;
 
 #ifdef STABILISED
 enum { GRADIENT_WIDTH = 12 }; /* four gradients and four entries of S a group */
@@ -29,9 +29,9 @@ typedef struct {
     double external_work[4];
     float active[16];
 #endif
-} Kept;
+} StepMemory;
 
-long kept_size(void) { return sizeof(Kept); }
+long step_memory_size(void) { return sizeof(StepMemory); }
 
 /* ---------------------------------------------------------------- internal force, pass 1: F, stress, stabilisation */
 
@@ -52,15 +52,15 @@ enum { MOST = 3 }; /* their sums fill the registers */
 enum { MOST = 2 };
 #endif
 
-/* Number of blocks from b on, before `end`, that are worked on together: they have one home. */
+/* Number of blocks from b on, before `end`, that are worked on together: they have one stencil. */
 static inline int together(const Block *block, long b, long end)
 {
     int n = 1;
-    while (n < MOST && b + n < end && block[b + n].home == block[b].home) n++;
+    while (n < MOST && b + n < end && block[b + n].stencil == block[b].stencil) n++;
     return n;
 }
 
-/* DO(n) for all blocks from `from` to `end`, n of one home at a time, b being the first of them. */
+/* DO(n) for all blocks from `from` to `end`, n of one stencil at a time, b being the first of them. */
 #define EACH_BLOCK(from, end, DO)                                                                                     \
     for (long b = (from), last_ = (end), n_; b < last_; b += n_) {                                                    \
         n_ = together(block, b, last_);                                                                               \
@@ -73,11 +73,11 @@ static inline int together(const Block *block, long b, long end)
 #define AHEAD 48
 #define FETCH(a) __builtin_prefetch(a)
 
-/* Adds to st the sum of field x coefficient over the neighbours of n blocks of one home, rows (0 1), (2 3). */
+/* Adds to st the sum of field x coefficient over the neighbours of n blocks of one stencil, rows (0 1), (2 3). */
 INLINED void gather_scalar(const long *first, const uint32_t *column, const coefficient *values, const Block *block,
                            const int n, const double *field, v4 st[][2])
 {
-    for (long k = first[block->home]; k < first[block->home + 1]; k++) {
+    for (long k = first[block->stencil]; k < first[block->stencil + 1]; k++) {
         const coefficient *a = values + 4 * k;
         size_t c[4];
         neighbours(column + 4 * k, c);
@@ -89,12 +89,12 @@ INLINED void gather_scalar(const long *first, const uint32_t *column, const coef
     }
 }
 
-/* Sum of field x gradient over the neighbours of n blocks of one home, lanes 00 10 01 11; also S x field, rows (0 1),
+/* Sum of field x gradient over the neighbours of n blocks of one stencil, lanes 00 10 01 11; also S x field, rows (0 1),
  * (2 3). */
-INLINED void gather(const Scene *s, const Block *block, const int n, const double *field, v4 grad[][4], v4 stab[][2])
+INLINED void gather(const KernelData *s, const Block *block, const int n, const double *field, v4 grad[][4], v4 stab[][2])
 {
     v4 acc[MOST][4] = {{{0}}}, st[MOST][2] = {{{0}}};
-    for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
+    for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
         const coefficient *a = s->gradient + GRADIENT_WIDTH * k;
         FETCH(a + AHEAD * GRADIENT_WIDTH);
         FETCH(a + AHEAD * GRADIENT_WIDTH + 64 / sizeof *a);
@@ -130,7 +130,7 @@ static inline v4 power(const v4 P[2][2], const v4 R[2][2])
 }
 
 /* Power of forces on the four particles from `row` on, rows (0 1), (2 3), on their velocities. */
-static inline v4 power_of_forces(const Scene *s, long row, const v4 f[2])
+static inline v4 power_of_forces(const KernelData *s, long row, const v4 f[2])
 {
     const double *v = s->state + 4 * row + 2;
     const v4 low = f[0] * halves(twice(v), twice(v + 4)), high = f[1] * halves(twice(v + 8), twice(v + 12));
@@ -138,25 +138,25 @@ static inline v4 power_of_forces(const Scene *s, long row, const v4 f[2])
     return x + y;
 }
 
-/* Work of what was kept of the last kick, which took `elapsed`, and of what is there for the coming one, `dt`, on one
+/* Work of what was kept of the last kick, which took `accounted_dt`, and of what is there for the coming one, `dt`, on one
  * rate: a force that resisted over a step did work with the mean of the rates at both its ends. */
-static inline v4 work_of_stress(float *kept, const v4 P[2][2], const v4 R[2][2], double elapsed, double dt)
+static inline v4 work_of_stress(float *memory, const v4 P[2][2], const v4 R[2][2], double accounted_dt, double dt)
 {
     v4 mean[2][2];
     for (int i = 0; i < 4; i++) {
-        mean[i / 2][i % 2] = fma4(splat(0.5 * elapsed), load_single(kept + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
-        store_single(kept + 4 * i, P[i / 2][i % 2]);
+        mean[i / 2][i % 2] = fma4(splat(0.5 * accounted_dt), load_single(memory + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
+        store_single(memory + 4 * i, P[i / 2][i % 2]);
     }
     return power(mean, R);
 }
 
 #ifdef STABILISED
-static inline v4 work_of_forces(const Scene *s, long row, double *kept, const v4 f[2], double elapsed, double dt)
+static inline v4 work_of_forces(const KernelData *s, long row, double *memory, const v4 f[2], double accounted_dt, double dt)
 {
     v4 mean[2];
     for (int i = 0; i < 2; i++) {
-        mean[i] = fma4(splat(0.5 * elapsed), load(kept + 4 * i), 0.5 * dt * f[i]);
-        store(kept + 4 * i, f[i]);
+        mean[i] = fma4(splat(0.5 * accounted_dt), load(memory + 4 * i), 0.5 * dt * f[i]);
+        store(memory + 4 * i, f[i]);
     }
     return power_of_forces(s, row, mean);
 }
@@ -166,14 +166,14 @@ static inline void add(double *account, v4 amount) { store(account, load(account
 
 /* Stress of block b, of this material, from F and its rate: V P to Q; what resists, losses and what activity drives to what
  * it keeps.  Lanes that it lacks have no volume and no forces. */
-INLINED void stress_of_block(const Scene *s, long b, const int material, const v4 f[4], const v4 r[4], const v4 stab[2],
-                             double elapsed, double dt)
+INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[4], const v4 r[4], const v4 stab[2],
+                             double accounted_dt, double dt)
 {
     const Block block = ((const Block *)s->block)[b];
     const long row = block.row;
     const v4 F[2][2] = {{f[0], f[2]}, {f[1], f[3]}}, R[2][2] = {{r[0], r[2]}, {r[1], r[3]}};
-    const v4 V = load(s->volume + 4L * block.home);
-    Kept *kept = (Kept *)s->kept + b;
+    const v4 V = load(s->volume + 4L * block.stencil);
+    StepMemory *memory = (StepMemory *)s->step_memory + b;
     v4 P[2][2], W[2][2] = {{{0}}}, A[2][2] = {{{0}}};
     material_stress(s, b, material, F, R, P, W, A);
     for (int i = 0; i < 4; i++) {
@@ -186,29 +186,29 @@ INLINED void stress_of_block(const Scene *s, long b, const int material, const v
 #endif
     }
 #ifdef VISCOUS
-    if (is_viscous(material)) add(kept->viscous_loss, work_of_stress(kept->viscous, W, R, elapsed, dt));
+    if (is_viscous(material)) add(memory->viscous_loss, work_of_stress(memory->viscous, W, R, accounted_dt, dt));
 #endif
 #ifdef ACTIVE
-    if (is_active(material)) add(kept->external_work, -work_of_stress(kept->active, A, R, elapsed, dt));
+    if (is_active(material)) add(memory->external_work, -work_of_stress(memory->active, A, R, accounted_dt, dt));
 #endif
 #if defined BULK_DAMPED || defined STABILISED
     v4 lost = {0};
 #endif
 #ifdef BULK_DAMPED
     const v4 rate = R[0][0] * F[1][1] - R[0][1] * F[1][0] - R[1][0] * F[0][1] + R[1][1] * F[0][0]; /* J tr d */
-    const v4 q = V * load(s->bulk_damping + 4L * block.home) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
+    const v4 q = V * load(s->bulk_damping + 4L * block.stencil) * rate * (1.0 / (F[0][0] * F[1][1] - F[0][1] * F[1][0]));
     P[0][0] += q * F[1][1];
     P[0][1] -= q * F[1][0];
     P[1][0] -= q * F[0][1];
     P[1][1] += q * F[0][0];
-    lost = (0.5 * elapsed * load_single(kept->bulk) + 0.5 * dt * q) * rate;
-    store_single(kept->bulk, q);
+    lost = (0.5 * accounted_dt * load_single(memory->bulk) + 0.5 * dt * q) * rate;
+    store_single(memory->bulk, q);
 #endif
 #ifdef STABILISED
-    lost += work_of_forces(s, row, kept->stabilising, stab, elapsed, dt);
+    lost += work_of_forces(s, row, memory->stabilising, stab, accounted_dt, dt);
 #endif
 #if defined BULK_DAMPED || defined STABILISED
-    add(kept->numerical_loss, lost);
+    add(memory->numerical_loss, lost);
 #endif
     const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
     v4 rows[4];
@@ -217,7 +217,7 @@ INLINED void stress_of_block(const Scene *s, long b, const int material, const v
         for (int i = 0; i < 4; i++) store(s->Q + 4 * row + 4 * i, rows[i]);
     else
         memcpy(s->Q + 4 * row, rows, sizeof(v4) * (size_t)block.lanes);
-    (void)kept, (void)elapsed, (void)dt, (void)stab;
+    (void)memory, (void)accounted_dt, (void)dt, (void)stab;
 }
 
 /* The least and the largest J of the lanes that a block has, with those before in `range`. */
@@ -229,7 +229,7 @@ static inline void note_volumes(const v4 f[4], int lanes, v4 range[2])
     range[1] = larger(range[1], J);
 }
 
-INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved, double elapsed, double dt, v4 range[2])
+INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F_lag, double accounted_dt, double dt, v4 range[2])
 {
     const Block *block = (const Block *)s->block + b;
     v4 r[MOST][4], stab[MOST][2];
@@ -238,29 +238,29 @@ INLINED void stress_of_blocks(const Scene *s, long b, const int n, double moved,
     v4 elastic[MOST][2] = {{{0}}};
     gather_scalar(s->first_stiff, s->column_stiff, s->stiff, block, n, s->state, elastic);
     for (int m = 0; m < n; m++)
-        for (int i = 0; i < 2; i++) store(((Kept *)s->kept)[b + m].elastic + 4 * i, elastic[m][i]);
+        for (int i = 0; i < 2; i++) store(((StepMemory *)s->step_memory)[b + m].elastic + 4 * i, elastic[m][i]);
 #endif
     for (int m = 0; m < n; m++) {
         v4 f[4];
         for (int c = 0; c < 4; c++) {
             double *F = s->F + 16 * (b + m) + 4 * c;
-            f[c] = load(F) + moved * r[m][c];
+            f[c] = load(F) + F_lag * r[m][c];
             store(F, f[c]);
         }
         note_volumes(f, block[m].lanes, range);
         switch (block->material) {
-#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], stab[m], elapsed, dt); break;
+#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], stab[m], accounted_dt, dt); break;
             EACH_MATERIAL(CASE)
         }
     }
 }
 
-/* F by its rate: F += moved Ḟ, moved being the time by which the positions went on since F was brought up to date. */
-void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
+/* F by its rate: F += F_lag Ḟ, F_lag being the time by which the positions went on since F was brought up to date. */
+void stress_of_rate(const KernelData *s, double F_lag, double accounted_dt, double dt)
 {
     const Block *block = (const Block *)s->block;
     v4 range[2] = {load(s->J_range), load(s->J_range + 4)};
-#define STRESS(n) stress_of_blocks(s, b, n, moved, elapsed, dt, range)
+#define STRESS(n) stress_of_blocks(s, b, n, F_lag, accounted_dt, dt, range)
     EACH_BLOCK(0, s->n_owned_blocks, STRESS)
     EACH_BLOCK(s->n_owned_blocks, s->n_blocks, STRESS)
     store(s->J_range, range[0]);
@@ -268,7 +268,7 @@ void stress_of_rate(const Scene *s, double moved, double elapsed, double dt)
 }
 
 /* F = I + grad u from the displacements as they are. */
-void deformation(const Scene *s)
+void deformation(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         v4 h[1][4], stab[1][2];
@@ -281,13 +281,13 @@ void deformation(const Scene *s)
 
 /* ---------------------------------------------------------------- internal force, pass 2: divergence */
 
-/* Forces on the particles of blocks b … b + n - 1, of one home, rows (0 1), (2 3): the adjoint of the gradient, what
+/* Forces on the particles of blocks b … b + n - 1, of one stencil, rows (0 1), (2 3): the adjoint of the gradient, what
  * resists, and what acts on surfaces, which is taken from there. */
-INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
+INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
 {
     const Block *block = (const Block *)s->block + b;
     v4 acc[MOST][4] = {{{0}}};
-    for (long k = s->first[block->home]; k < s->first[block->home + 1]; k++) {
+    for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
         const coefficient *h = s->adjoint + 8 * k;
         FETCH(h + AHEAD * 8);
         size_t c[4];
@@ -301,13 +301,13 @@ INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
         }
     }
     for (int m = 0; m < n; m++) {
-        const Kept *kept = (const Kept *)s->kept + b + m;
+        const StepMemory *memory = (const StepMemory *)s->step_memory + b + m;
         for (int i = 0; i < 2; i++) {
             const v4 low = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 0, 1, 4, 5);
             const v4 high = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 2, 3, 6, 7);
-            f[m][i] = (low + high) - load(kept->stabilising + 4 * i);
+            f[m][i] = (low + high) - load(memory->stabilising + 4 * i);
 #ifdef STIFFENED
-            f[m][i] -= load(kept->elastic + 4 * i);
+            f[m][i] -= load(memory->elastic + 4 * i);
 #endif
         }
         if (!block[m].loaded) continue;
@@ -319,11 +319,11 @@ INLINED void divergence(const Scene *s, long b, const int n, v4 f[][2])
     }
 }
 
-INLINED void kick_and_drift_blocks(const Scene *s, long b, const int n, double kick, double dt)
+INLINED void kick_and_drift_blocks(const KernelData *s, long b, const int n, double kick, double dt)
 {
     const Block *block = (const Block *)s->block + b;
     const v4 none = {0}, pull = {0, 0, kick * s->acceleration[0], kick * s->acceleration[1]};
-    const double *per_mass = s->per_mass + 4L * block->home;
+    const double *per_mass = s->per_mass + 4L * block->stencil;
     v4 f[MOST][2];
     divergence(s, b, n, f);
     for (int m = 0; m < n; m++) {
@@ -340,7 +340,7 @@ INLINED void kick_and_drift_blocks(const Scene *s, long b, const int n, double k
 }
 
 /* v += kick (f/m + g), then u += dt v, for the particles of some blocks. */
-static void kick_and_drift_some(const Scene *s, long from, long end, double kick, double dt)
+static void kick_and_drift_some(const KernelData *s, long from, long end, double kick, double dt)
 {
     const Block *block = (const Block *)s->block;
 #define KICK(n) kick_and_drift_blocks(s, b, n, kick, dt)
@@ -348,7 +348,7 @@ static void kick_and_drift_some(const Scene *s, long from, long end, double kick
 }
 
 /* The same for all owned particles. */
-void kick_and_drift(const Scene *s, double kick, double dt) { kick_and_drift_some(s, 0, s->n_owned_blocks, kick, dt); }
+void kick_and_drift(const KernelData *s, double kick, double dt) { kick_and_drift_some(s, 0, s->n_owned_blocks, kick, dt); }
 
 /* ---------------------------------------------------------------- surfaces */
 
@@ -382,7 +382,7 @@ SEGMENT_MEAN(substrate_mean, substrate_primitive, substrate_potential, substrate
 
 /* Adhesion to the plane y = 0, integrated along the segments; energy by the first particle of each, if asked; the
  * impulses of dt to the ends. */
-void substrate_adhesion(const Scene *s, double *force, double *energy, double dt)
+void substrate_adhesion(const KernelData *s, double *force, double *energy, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k], i = s->segment[2 * e], j = s->segment[2 * e + 1];
@@ -402,7 +402,7 @@ void substrate_adhesion(const Scene *s, double *force, double *energy, double dt
 
 #ifdef FRICTION
 /* Drag of the closed bonds on particles that move along the substrate; impulse and loss of a time dt to the accounts. */
-void bond_friction(const Scene *s, double *force, double dt)
+void bond_friction(const KernelData *s, double *force, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const long e = s->near[k];
@@ -424,7 +424,7 @@ void bond_friction(const Scene *s, double *force, double dt)
 
 #ifdef CORTEX
 /* Tension of the surfaces, along their segments; energy by the first particle of each, if asked. */
-void cortex_pull(const Scene *s, double *force, double *energy)
+void cortex_pull(const KernelData *s, double *force, double *energy)
 {
     for (long e = 0; e < s->n_segments; e++) {
         const long i = s->segment[2 * e], j = s->segment[2 * e + 1];
@@ -444,7 +444,7 @@ void cortex_pull(const Scene *s, double *force, double *energy)
 #ifdef PROTRUSION
 /* Of each cell that protrudes, the middle of its surface along x, and how firmly its front half holds on to the
  * substrate.  Every rank that has a part of the cell sums over all of it, in the same order. */
-static void find_hold(const Scene *s)
+static void find_hold(const KernelData *s)
 {
     for (long c = 0; c < s->n_movers; c++) {
         double middle = 0, bonded = 0, d1, d2;
@@ -463,9 +463,9 @@ static void find_hold(const Scene *s)
 }
 
 /* Push of the leading edge along +x; push[2e], push[2e+1] hold β α N σ/2 of the ends.  Its work is accounted with the
- * velocities at both ends of a step, as losses are: `pushed` has the forces of the last kick, which took `elapsed`; `dt`
+ * velocities at both ends of a step, as losses are: `pushed` has the forces of the last kick, which took `accounted_dt`; `dt`
  * is the time of the one to come. */
-void protrude(const Scene *s, double *force, double *impulse, double *work, double elapsed, double dt)
+void protrude(const KernelData *s, double *force, double *impulse, double *work, double accounted_dt, double dt)
 {
     find_hold(s);
     for (long k = 0; k < s->n_near; k++) {
@@ -485,7 +485,7 @@ void protrude(const Scene *s, double *force, double *impulse, double *work, doub
             if (!impulse) continue;
             impulse[node[i]] += dt * f;
             s->bond_impulse[6 * e + 3 * i + PUSH] += dt * f;
-            work[node[i]] += 0.5 * (elapsed * pushed[i] + dt * f) * s->state[4 * node[i] + 2];
+            work[node[i]] += 0.5 * (accounted_dt * pushed[i] + dt * f) * s->state[4 * node[i] + 2];
             pushed[i] = f;
         }
     }
@@ -495,13 +495,13 @@ void protrude(const Scene *s, double *force, double *impulse, double *work, doub
 #ifdef CONTACT
 SEGMENT_MEAN(contact_mean, contact_primitive, contact_potential, contact_slope)
 
-static inline void point(const Scene *s, long i, double x[2])
+static inline void point(const KernelData *s, long i, double x[2])
 {
     x[0] = s->X[2 * i] + s->state[4 * i];
     x[1] = s->X[2 * i + 1] + s->state[4 * i + 1];
 }
 
-static inline void add_normal(const Scene *s, long i, long j, double n[2])
+static inline void add_normal(const KernelData *s, long i, long j, double n[2])
 {
     double a[2], b[2];
     point(s, i, a);
@@ -511,10 +511,10 @@ static inline void add_normal(const Scene *s, long i, long j, double n[2])
     n[1] += y * r;
 }
 
-typedef struct { double gap, n[2], t; long a, b; } Foot;
+typedef struct { double gap, n[2], t; long a, b; } ClosestPoint;
 
-/* Foot of the perpendicular from node m to the other cell's polyline: signed gap, normal, segment a-b, share t of b. */
-static void find_foot(const Scene *s, long m, Foot *foot)
+/* Closest point to node m on the other cell's polyline: signed gap, normal, segment a-b, share t of b. */
+static void find_closest_point(const KernelData *s, long m, ClosestPoint *closest)
 {
     double x[2], best = INFINITY, d[2] = {0, 0};
     long at = -1;
@@ -533,39 +533,39 @@ static void find_foot(const Scene *s, long m, Foot *foot)
             at = k;
             d[0] = dx;
             d[1] = dy;
-            foot->t = t;
+            closest->t = t;
         }
     }
     if (at < 0) {
-        foot->gap = INFINITY;
+        closest->gap = INFINITY;
         return;
     }
     const int32_t *c = s->candidate + 4 * at;
     double n[2] = {0, 0};
     add_normal(s, c[1], c[2], n);
-    if (foot->t == 0) add_normal(s, c[0], c[1], n);
-    if (foot->t == 1) add_normal(s, c[2], c[3], n);
+    if (closest->t == 0) add_normal(s, c[0], c[1], n);
+    if (closest->t == 1) add_normal(s, c[2], c[3], n);
     /* Beyond the cutoff, of a thin body only the back may be listed: a point behind that is not inside. */
     const double r = sqrt(best), side = d[0] * n[0] + d[1] * n[1] < 0 && r < s->contact_cutoff ? -1 : 1;
-    foot->a = c[1];
-    foot->b = c[2];
-    foot->gap = side * r;
-    for (int i = 0; i < 2; i++) foot->n[i] = r > 0 ? side * d[i] / r : n[i];
+    closest->a = c[1];
+    closest->b = c[2];
+    closest->gap = side * r;
+    for (int i = 0; i < 2; i++) closest->n[i] = r > 0 ? side * d[i] / r : n[i];
 }
 
 /* Adhesion between cells: each surface against the other's polyline, half of the energy from either side; the impulses
  * of dt that a particle has from the other cell, which has the opposite. */
-void cell_adhesion(const Scene *s, double *force, double *energy, double dt)
+void cell_adhesion(const KernelData *s, double *force, double *energy, double dt)
 {
-    Foot *foot = s->foot;
+    ClosestPoint *closest = s->closest_point;
     for (long m = 0; m < s->n_contact_nodes; m++) {
-        find_foot(s, m, foot + m);
-        if (foot[m].gap < s->least_gap[1]) s->least_gap[1] = foot[m].gap;
+        find_closest_point(s, m, closest + m);
+        if (closest[m].gap < s->least_gap[1]) s->least_gap[1] = closest[m].gap;
         s->contact_pull[m] = 0;
     }
     for (long e = 0; e < s->n_contact_segments; e++) {
         const long i = s->contact_segment[2 * e], j = s->contact_segment[2 * e + 1];
-        const double g1 = foot[i].gap, g2 = foot[j].gap;
+        const double g1 = closest[i].gap, g2 = closest[j].gap;
         if (!(g1 < s->contact_cutoff || g2 < s->contact_cutoff) || isinf(g1) || isinf(g2)) continue;
         double d1, d2;
         const double NL = 0.5 * s->contact_bonds * s->contact_length[e];
@@ -578,11 +578,11 @@ void cell_adhesion(const Scene *s, double *force, double *energy, double dt)
         if (s->contact_pull[m] == 0) continue;
         const long i = s->contact_node[m];
         for (int c = 0; c < 2; c++) {
-            const double f = s->contact_pull[m] * foot[m].n[c];
+            const double f = s->contact_pull[m] * closest[m].n[c];
             force[2 * i + c] += f;
             s->contact_impulse[2 * s->contact_slot[m] + c] += dt * f;
-            force[2 * foot[m].a + c] -= (1 - foot[m].t) * f;
-            force[2 * foot[m].b + c] -= foot[m].t * f;
+            force[2 * closest[m].a + c] -= (1 - closest[m].t) * f;
+            force[2 * closest[m].b + c] -= closest[m].t * f;
         }
     }
 }
@@ -594,7 +594,7 @@ void cell_adhesion(const Scene *s, double *force, double *energy, double dt)
 static inline double wrapped(double a) { return a - 2 * M_PI * rint(a / (2 * M_PI)); }
 
 /* Reference gradient of θ at the particles, and h = (cos θ, sin θ), by blocks. */
-static void director_gradient(const Scene *s)
+static void director_gradient(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         const Block block = ((const Block *)s->block)[b];
@@ -602,7 +602,7 @@ static void director_gradient(const Scene *s)
         for (int i = 0; i < block.lanes; i++) {
             const double own = s->director[2L * (block.row + i)];
             double g[2] = {0, 0};
-            for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
+            for (long k = s->first[block.stencil]; k < s->first[block.stencil + 1]; k++) {
                 const coefficient *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
                 const double d = wrapped(theta[s->column[4 * k + i] / 2] - own);
                 g[0] += a[0] * d;
@@ -616,12 +616,12 @@ static void director_gradient(const Scene *s)
     }
 }
 
-void director_field(const Scene *s) { director_gradient(s); }
+void director_field(const KernelData *s) { director_gradient(s); }
 #endif
 
 #ifdef DIRECTOR_RELAXES
 /* Angle of the membrane at the anchored particles. */
-static void anchor_director(const Scene *s)
+static void anchor_director(const KernelData *s)
 {
     for (long k = 0; k < s->n_anchors; k++) {
         const int32_t *a = s->anchor + 3 * k; /* particles before, at, after */
@@ -632,7 +632,7 @@ static void anchor_director(const Scene *s)
 }
 
 /* Torque -∂E/∂θ of the owned particles, from the fluxes of their neighbours. */
-static void director_torque(const Scene *s)
+static void director_torque(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         const Block block = ((const Block *)s->block)[b];
@@ -641,14 +641,14 @@ static void director_torque(const Scene *s)
         v4 flux[2];
         material_director_flux(s, block.material, F, g, flux);
         for (int i = 0; i < block.lanes; i++)
-            for (int c = 0; c < 2; c++) s->director_flux[2L * (block.row + i) + c] = s->volume[4L * block.home + i] * flux[c][i];
+            for (int c = 0; c < 2; c++) s->director_flux[2L * (block.row + i) + c] = s->volume[4L * block.stencil + i] * flux[c][i];
     }
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = ((const Block *)s->block)[b];
         const double *flux = s->director_flux + 2L * block.shift;
         for (int i = 0; i < block.lanes; i++) {
             double torque = 0;
-            for (long k = s->first[block.home]; k < s->first[block.home + 1]; k++) {
+            for (long k = s->first[block.stencil]; k < s->first[block.stencil + 1]; k++) {
                 const coefficient *h = s->adjoint + 8 * k + 4 * (i / 2) + i % 2;
                 const uint32_t j = s->column[4 * k + i] / 2;
                 torque += h[0] * flux[j] + h[2] * flux[j + 1];
@@ -659,7 +659,7 @@ static void director_torque(const Scene *s)
 }
 
 /* θ goes on by its torque; what an anchor takes up becomes a couple on the membrane. */
-static void director_relaxes(const Scene *s, double dt)
+static void director_relaxes(const KernelData *s, double dt)
 {
     for (long i = 0; i < s->n_owned; i++) {
         const double rate = s->director_mobility[i] * s->director[2 * i + 1]; /* 0 at anchors */
@@ -668,7 +668,7 @@ static void director_relaxes(const Scene *s, double dt)
     }
 }
 
-void anchor_couple(const Scene *s, double *force)
+void anchor_couple(const KernelData *s, double *force)
 {
     for (long k = 0; k < s->n_anchors; k++) {
         const int32_t *a = s->anchor + 3 * k;
@@ -687,7 +687,7 @@ void anchor_couple(const Scene *s, double *force)
 
 #ifdef BOUNDARY
 /* Dead tractions and pressures at the time of the clock; their work is external, as that of the protrusion. */
-static void boundary_loads(const Scene *s, double *force, double elapsed, double dt)
+static void boundary_loads(const KernelData *s, double *force, double accounted_dt, double dt)
 {
     double *load = s->load;
     for (long k = 0; k < s->n_loaded; k++) load[2 * s->loaded[k]] = load[2 * s->loaded[k] + 1] = 0;
@@ -711,14 +711,14 @@ static void boundary_loads(const Scene *s, double *force, double elapsed, double
         for (int c = 0; c < 2; c++) {
             double *before = s->load_before + 2 * i + c;
             force[2 * i + c] += load[2 * i + c];
-            s->external_work[i] += 0.5 * (elapsed * *before + dt * load[2 * i + c]) * s->state[4 * i + 2 + c];
+            s->external_work[i] += 0.5 * (accounted_dt * *before + dt * load[2 * i + c]) * s->state[4 * i + 2 + c];
             *before = load[2 * i + c];
         }
     }
 }
 
 /* What supports and plates change in the coming kick, as it is before. */
-static void remember_boundary(const Scene *s)
+static void remember_boundary(const KernelData *s)
 {
     for (long k = 0; k < s->n_held; k++) {
         s->held_before[2 * k] = s->state[s->held[k]];
@@ -729,7 +729,7 @@ static void remember_boundary(const Scene *s)
 }
 
 /* Particles that went into a plate are put on its face.  It does work by its own speed; a blow loses the rest. */
-static void stop_at_plates(const Scene *s, double kick, double dt)
+static void stop_at_plates(const KernelData *s, double kick, double dt)
 {
     const double t = s->clock[0];
     for (long k = 0; k < s->n_platable; k++)
@@ -754,7 +754,7 @@ static void stop_at_plates(const Scene *s, double kick, double dt)
 }
 
 /* Supports: u as prescribed at the end of the step, v that which leads there; the reaction and its work. */
-static void hold(const Scene *s, double kick, double dt)
+static void hold(const KernelData *s, double kick, double dt)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k], i = d / 4;
@@ -769,7 +769,7 @@ static void hold(const Scene *s, double kick, double dt)
 }
 
 /* Supports: u and v as prescribed at the time of the clock. */
-void prescribe(const Scene *s)
+void prescribe(const KernelData *s)
 {
     for (long k = 0; k < s->n_held; k++) {
         s->state[s->held[k]] = s->held_value[k] * history_value(s, s->held_history[k], s->clock[0]);
@@ -778,7 +778,7 @@ void prescribe(const Scene *s)
 }
 
 /* Rates of what is held, and the reactions. */
-static void hold_rate(const Scene *s, double *out)
+static void hold_rate(const KernelData *s, double *out)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k];
@@ -793,16 +793,16 @@ static void hold_rate(const Scene *s, double *out)
 /* ---------------------------------------------------------------- the step */
 
 /* Ghosts from their owners: VecGhostUpdate{Begin,End}(vec, INSERT_VALUES, SCATTER_FORWARD), absent on one rank. */
-static inline int exchange(const Scene *s, void *vec)
+static inline int exchange(const KernelData *s, void *vec)
 {
     if (!s->ghost_begin) return 0;
     return s->ghost_begin(vec, 1, 0) || s->ghost_end(vec, 1, 0);
 }
 
 /* That of the state alone, to be timed. */
-int exchange_state(const Scene *s) { return exchange(s, s->state_vec); }
+int exchange_state(const KernelData *s) { return exchange(s, s->state_vec); }
 
-static int surface_forces(const Scene *s, double elapsed, double dt)
+static int surface_forces(const KernelData *s, double accounted_dt, double dt)
 {
     memset(s->force + 2 * s->n_owned, 0, sizeof(double) * 2 * (size_t)(s->n_local - s->n_owned)); /* for their owners */
 #ifdef SUBSTRATE
@@ -818,17 +818,17 @@ static int surface_forces(const Scene *s, double elapsed, double dt)
     bond_friction(s, s->force, dt);
 #endif
 #ifdef PROTRUSION
-    protrude(s, s->force, s->protrusion_impulse, s->external_work, elapsed, dt);
+    protrude(s, s->force, s->protrusion_impulse, s->external_work, accounted_dt, dt);
 #endif
 #ifdef BOUNDARY
-    boundary_loads(s, s->force, elapsed, dt);
+    boundary_loads(s, s->force, accounted_dt, dt);
 #endif
-    (void)elapsed;
+    (void)accounted_dt;
     (void)dt;
     return 0;
 }
 
-static int director_step(const Scene *s, double dt)
+static int director_step(const KernelData *s, double dt)
 {
 #ifdef DIRECTOR_RELAXES
     director_torque(s);
@@ -842,7 +842,7 @@ static int director_step(const Scene *s, double dt)
     return 0;
 }
 
-static int director_ready(const Scene *s)
+static int director_ready(const KernelData *s)
 {
 #ifdef DIRECTOR_RELAXES
     anchor_director(s);
@@ -855,36 +855,36 @@ static int director_ready(const Scene *s)
 }
 
 /* Surface forces of which no step is made. */
-static void forget_forces(const Scene *s) { memset(s->force, 0, sizeof(double) * 2 * (size_t)s->n_local); }
+static void forget_forces(const KernelData *s) { memset(s->force, 0, sizeof(double) * 2 * (size_t)s->n_local); }
 
 /* What blocks have for their particles goes to these. */
-static void settle_accounts(const Scene *s)
+static void settle_accounts(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         const Block block = ((const Block *)s->block)[b];
-        Kept *kept = (Kept *)s->kept + b;
+        StepMemory *memory = (StepMemory *)s->step_memory + b;
         for (int i = 0; i < block.lanes; i++) {
-            s->viscous_loss[block.row + i] += kept->viscous_loss[i];
-            s->numerical_loss[block.row + i] += kept->numerical_loss[i];
-            kept->viscous_loss[i] = kept->numerical_loss[i] = 0;
+            s->viscous_loss[block.row + i] += memory->viscous_loss[i];
+            s->numerical_loss[block.row + i] += memory->numerical_loss[i];
+            memory->viscous_loss[i] = memory->numerical_loss[i] = 0;
 #ifdef ACTIVE
-            s->external_work[block.row + i] += kept->external_work[i];
-            kept->external_work[i] = 0;
+            s->external_work[block.row + i] += memory->external_work[i];
+            memory->external_work[i] = 0;
 #endif
         }
     }
 }
 
 /* n steps of M u'' = F_body + F_cs + F_cc + F_d - F_int (2), symplectic: v by the force at u, from the middle of the last
- * step to that of the coming one, then u by the new v.  `moved` is the time by which u went on since F was last brought up
- * to date, `kicked` that for which accounts are half done, `last` the step before the first. */
-int advance(const Scene *s, long n, double dt, double moved, double kicked, double last)
+ * step to that of the coming one, then u by the new v.  `F_lag` is the time by which u went on since F was last brought up
+ * to date, `accounted_dt` that for which accounts are half done, `dt_prev` the step before the first. */
+int advance(const KernelData *s, long n, double dt, double F_lag, double accounted_dt, double dt_prev)
 {
-    for (long i = 0; i < n; i++, moved = last = dt) {
-        const double kick = 0.5 * (last + dt);
+    for (long i = 0; i < n; i++, F_lag = dt_prev = dt) {
+        const double kick = 0.5 * (dt_prev + dt);
         if (director_ready(s)) return 1;
-        stress_of_rate(s, moved, kicked, kick);
-        if (surface_forces(s, kicked, kick) || director_step(s, dt)) return 1;
+        stress_of_rate(s, F_lag, accounted_dt, kick);
+        if (surface_forces(s, accounted_dt, kick) || director_step(s, dt)) return 1;
 #ifdef BOUNDARY
         remember_boundary(s);
         kick_and_drift(s, kick, dt);
@@ -893,23 +893,23 @@ int advance(const Scene *s, long n, double dt, double moved, double kicked, doub
         s->clock[0] = s->clock[1] + (s->clock[2] += 1) * dt; /* the same number however steps are grouped */
         if (exchange(s, s->state_vec)) return 1;
 #else
-        kick_and_drift_some(s, 0, s->n_lent_blocks, kick, dt);
+        kick_and_drift_some(s, 0, s->n_shared_blocks, kick, dt);
         if (s->ghost_begin && s->ghost_begin(s->state_vec, 1, 0)) return 1;
-        kick_and_drift_some(s, s->n_lent_blocks, s->n_owned_blocks, kick, dt); /* while copies are on their way */
+        kick_and_drift_some(s, s->n_shared_blocks, s->n_owned_blocks, kick, dt); /* while copies are on their way */
         if (s->ghost_end && s->ghost_end(s->state_vec, 1, 0)) return 1;
 #endif
-        kicked = kick;
+        accounted_dt = kick;
     }
     return 0;
 }
 
-/* Rate of the owned state, (v, a), from the state as it is; the accounts are closed for the last kick, `elapsed`. */
-int rate(const Scene *s, double *out, double elapsed)
+/* Rate of the owned state, (v, a), from the state as it is; the accounts are closed for the last kick, `accounted_dt`. */
+int rate(const KernelData *s, double *out, double accounted_dt)
 {
     if (director_ready(s)) return 1;
     deformation(s);
-    stress_of_rate(s, 0.0, elapsed, 0.0);
-    if (surface_forces(s, elapsed, 0.0) || director_step(s, 0.0)) return 1;
+    stress_of_rate(s, 0.0, accounted_dt, 0.0);
+    if (surface_forces(s, accounted_dt, 0.0) || director_step(s, 0.0)) return 1;
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = ((const Block *)s->block)[b];
         v4 f[1][2];
@@ -929,7 +929,7 @@ int rate(const Scene *s, double *out, double elapsed)
 }
 
 /* Accounts of losses and work over a time dt, at the state as it is; reactions are those of `rate`. */
-int account(const Scene *s, double dt)
+int account(const KernelData *s, double dt)
 {
     deformation(s);
     stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
@@ -944,7 +944,7 @@ int account(const Scene *s, double dt)
 }
 
 /* The director alone goes on by dt, for integrators that hold it still within a step. */
-int relax_director(const Scene *s, double dt)
+int relax_director(const KernelData *s, double dt)
 {
     const int failed = director_ready(s) || director_step(s, dt);
     forget_forces(s);
@@ -953,7 +953,7 @@ int relax_director(const Scene *s, double dt)
 
 #ifdef STIFFENED
 /* Energies u·E u/2 of the elastic stabilisation, by rows. */
-void stiffness_energy(const Scene *s, double *out)
+void stiffness_energy(const KernelData *s, double *out)
 {
     for (const Block *block = (const Block *)s->block, *end = block + s->n_owned_blocks; block < end; block++) {
         v4 st[1][2] = {{{0}}};
@@ -967,7 +967,7 @@ void stiffness_energy(const Scene *s, double *out)
 #endif
 
 /* Velocity gradients Ḟ by blocks, lanes 00 10 01 11. */
-void velocity_gradient(const Scene *s, double *out)
+void velocity_gradient(const KernelData *s, double *out)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         v4 r[1][4], stab[1][2];
@@ -979,7 +979,7 @@ void velocity_gradient(const Scene *s, double *out)
 /* ---------------------------------------------------------------- what the step control asks */
 
 /* Largest local bounds V J λmax(F⁻ᵀ K F⁻¹) with viscous and elastic weights, extremes of J and their particles, speed². */
-void limits(const Scene *s, double out[6])
+void limits(const KernelData *s, double out[6])
 {
     double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0, least = -1;
     for (long b = 0; b < s->n_owned_blocks; b++) {
@@ -988,7 +988,7 @@ void limits(const Scene *s, double out[6])
             const long i = block.row + lane;
             const double *F = s->F + 16 * b + lane, *K = s->bound + 3 * i, *z = s->state + 4 * i;
             const double a = F[0], c = F[4], b_ = F[8], d = F[12], J = a * d - b_ * c;
-            const double r = s->volume[4L * block.home + lane] / J;
+            const double r = s->volume[4L * block.stencil + lane] / J;
             const double A = (d * d * K[0] - 2 * c * d * K[2] + c * c * K[1]) * r; /* F⁻ᵀ K F⁻¹ J² by entries */
             const double B = (b_ * b_ * K[0] - 2 * a * b_ * K[2] + a * a * K[1]) * r;
             const double C = (-b_ * d * K[0] + (a * d + b_ * c) * K[2] - a * c * K[1]) * r;
