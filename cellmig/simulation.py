@@ -36,7 +36,7 @@ from .parallel.swarm import Swarm
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
-from .solve.protrusion_noise import roughness
+from .solve.protrusion_noise import random_factor
 from .solve.restart import restore, saved
 from .solve.start import at_start
 from .solve.static import Static
@@ -186,7 +186,7 @@ class Simulation:
         c_source(scene.materials, self.terms)  # a law that has no counterpart in C is refused before its first use
         control = None if case.static else step_control(case, scene, self.terms)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
-        alpha = roughness(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
+        alpha = random_factor(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
         return scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
 
     def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:

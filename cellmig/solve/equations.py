@@ -1,4 +1,4 @@
-"""The equation of motion as PETSc's implicit integrators want it: residuals, and their tangent as a Mat."""
+"""Residual and tangent of the equation of motion, for PETSc's implicit integrators."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from ..parallel.reduce import extreme
 from .mechanics import Mechanics
 from .stiffness import Stiffness
 
-NEAR = 4e-7  # spacings by which particles move, at most, for a difference of forces
-KEPT_FROM = 1_000  # particles of the scene: beyond, a tangent is kept as a preconditioner, as its factors cost most
-SERVES, CHANGE = 12, 2.0  # iterations of Krylov methods, and change of the step, up to which a tangent is kept
+DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
+MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
+REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
 class Equations:
-    """M a - f(u, v, t) = 0 on a rank's particles; where a support holds, a is that of the support.
+    """The equation of motion (2), M a - f(u, v, t) = 0, of a rank's particles.
 
-    evaluated : number of evaluations of forces;  assembled : of tangents;  matrix : Mat -- the last tangent;
-    matrix_free : whether tangents are applied by differences of forces and `matrix` preconditions (-matrix_free, by
-    default in large scenes).
+    A component that a support holds has the acceleration of the support in place of f/M.
+
+    Attributes
+    ----------
+    evaluated, assembled : int -- number of evaluations of f, and of assembled tangents.
+    matrix : Mat -- the last tangent that was assembled.
+    matrix_free : bool -- whether tangents are applied by differences of forces while `matrix` preconditions, by the
+        option -matrix_free, else in scenes of more than MATRIX_FREE_FROM particles.
     """
 
     def __init__(self, mechanics: Mechanics):
-        """Collective."""
+        """Allocate the matrix; collective."""
         self.mechanics = m = mechanics
         self.spacing = min(t.spacing for t in m.scene.templates)
         self.stiffness = Stiffness(m)
@@ -34,12 +39,22 @@ class Equations:
         self.free = np.ones((m.n_owned, 2))
         if m.terms.histories is not None:
             self.free[m.kernel["held"] // 4, m.kernel["held"] % 4] = 0.0
-        self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > KEPT_FROM)
-        self._serves = 0.0  # by_v of the matrix, none before there is one
+        self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
+        self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contact is not None
 
-    def accelerate(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Accelerations (n_owned, 2) [µm/µs²] of a state; not a number where no body can be; collective."""
+    def acceleration(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Acceleration f/M for displacements u and velocities v at the time t; sets the state; collective.
+
+        Parameters
+        ----------
+        t : float -- time [µs].
+        u, v : (n_owned, 2) float -- displacements [µm], velocities [µm/µs].
+
+        Returns
+        -------
+        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted or surfaces are beyond the search lists.
+        """
         m = self.mechanics
         m.set_clock(t)
         m.state.owned[:, :2], m.state.owned[:, 2:] = u, v
@@ -47,24 +62,33 @@ class Equations:
         self.evaluated += 1
         F = m.by_row(m.kernel["F"])
         if (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2] <= 0.0).any() or (self._touches and m.displaced() > 0.5 * m.skin):
-            a[:] = np.nan  # inverted, or beyond the search lists: a line search goes back, else the step is cut
+            a[:] = np.nan  # a line search shortens its step, else TS cuts the time step
         return a
 
     def residual(self, t: float, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """What is out of balance (n_owned, 2) [pN/µm]; collective."""
-        return self.mass * (a - self.accelerate(t, u, v))
+        """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, 2); collective."""
+        return self.mass * (a - self.acceleration(t, u, v))
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC) -> None:
-        """The derivative by u, while v and a change by_v and by_a times as much; collective.
+        """Set the tangent by_a M - by_v ∂f/∂v - ∂f/∂u of the residual; collective.
 
-        `matrix` becomes it; if tangents are applied matrix-free, only where it no longer serves `ksp`, that of the last
-        solve, as a preconditioner.  `pc` : what factors it.
+        The matrix is assembled; in the matrix-free form, only if the last solve took many iterations or by_v changed.
+
+        Parameters
+        ----------
+        t : float -- time [µs].
+        u, v : (n_owned, 2) float -- displacements [µm], velocities [µm/µs].
+        by_v, by_a : float -- ∂v/∂u [1/µs] and ∂a/∂u [1/µs²] of the time integrator.
+        ksp : KSP -- that of the last solve.
+        pc : PC -- the preconditioner, which may have factors of the matrix.
+
+        Source: the shifts of TSSetI2Jacobian, PETSc's manual.
         """
-        self.at = t, u.copy(), v.copy(), by_v, by_a, self.accelerate(t, u, v)
-        if self.matrix_free and self._serves and ksp.getIterationNumber() <= SERVES:
-            self._serves = 1.0 / CHANGE < by_v / self._serves < CHANGE and self._serves
-            if self._serves:
+        self.at = t, u.copy(), v.copy(), by_v, by_a, self.acceleration(t, u, v)
+        if self.matrix_free and self._by_v and ksp.getIterationNumber() <= REUSE_ITERATIONS:
+            self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
+            if self._by_v:
                 return
         n = self.mechanics.n_owned
         bodies = self.stiffness.internal(1.0, by_v)
@@ -73,25 +97,25 @@ class Equations:
             K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
         bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(2)
         self.stiffness.store(bodies, surfaces, self.matrix, pc)
-        self.assembled, self._serves = self.assembled + 1, by_v
+        self.assembled, self._by_v = self.assembled + 1, by_v
 
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Change of the residual with changes of u, v and a (n_owned, 2), by a difference of forces; collective."""
+        """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, 2); collective."""
         t, u0, v0, _, _, a0 = self.at
         longest = extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
-        step = NEAR * self.spacing / max(longest, 1e-300)
-        return self.mass * (a - (self.accelerate(t, u0 + step * u, v0 + step * v) - a0) / step)
+        step = DIFFERENCE * self.spacing / max(longest, 1e-300)
+        return self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """As a Mat of type python: the derivative times a change of u."""
+        """Set y to the tangent times x, by a finite difference of forces, for a Mat of type python; collective."""
         u, by_v, by_a = x.getArray(readonly=True).reshape(-1, 2), *self.at[3:5]
         y.setArray(self.apply(u, by_v * u, by_a * u).ravel())
 
     def damp(self, r: np.ndarray) -> np.ndarray:
-        """(by_v M - ∂f/∂v) r (n_owned, 2), exact for forces that are linear in v; collective."""
+        """(by_v M - ∂f/∂v) r (n_owned, 2) [pN/µm] for r (n_owned, 2) [µm/µs], exact if f is linear in v; collective."""
         t, u, v, by_v, _, a = self.at
-        return self.mass * (by_v * r + self.free * (a - self.accelerate(t, u, v + r)))
+        return self.mass * (by_v * r + self.free * (a - self.acceleration(t, u, v + r)))
 
     def close(self) -> None:
-        """Free the PETSc object."""
+        """Free the PETSc objects."""
         self.matrix.destroy()

@@ -1,4 +1,4 @@
-"""PETSc's implicit TS types drive the steps: each a nonlinear system, solved by SNES with the tangent of all forces."""
+"""Implicit time integration by PETSc's TS: a nonlinear system for each step, solved by SNES with the exact tangent."""
 
 from __future__ import annotations
 
@@ -20,22 +20,21 @@ from .mechanics import SKIN as EXPLICIT_SKIN
 from .reduction import Reduction
 from .static import DEFAULTS
 
-SKIN = 4.0  # spacings: search lists last longer, whose cost is nothing against that of a step
-FINE, MOST_PARTS = 0.04, 20  # pieces of a step's path in which its work is integrated, and most of them: ranges of
-# bonds, where there are any, else so many spacings
-BALANCE = 1e-8  # what forces may be out of balance, over the largest modulus x spacing, in the mean over particles
-LOOSE = 1e-6  # the same if PETSc chooses the steps: their error is far larger
-FORCING = "1e-2"  # by which Krylov methods reduce what is out of balance in a step of Newton's method
-# Where the foot of a contact is as near on two segments, forces jump from one to the other and no state is in balance:
-# that is taken from which Newton's steps lead no further, if they move particles by less than this in the mean
-# [spacings, spacings/µs], and what is out of balance is less than ROUGH in the measure of BALANCE.
+SKIN = 4.0  # margin of the search lists [spacings]: larger lists cost nothing beside an implicit step
+FINE, MOST_PARTS = 0.04, 20  # work of a step: length of pieces, if no bonds set it [spacings], and largest number
+BALANCE = 1e-8  # root mean square residual of a particle, over largest modulus × spacing [-]
+LOOSE = 1e-6  # the same if PETSc chooses the steps, whose error is far larger
+FORCING = "1e-2"  # relative tolerance of Krylov methods in a Newton step
+# Where two segments are equally near to a particle in contact, forces jump and a solution may not exist.  A
+# solve then ends where the residual no longer falls, if the last Newton step is below SETTLED in the mean [spacings,
+# spacings/µs] and the residual below ROUGH in the measure of BALANCE.
 SETTLED, ROUGH = 4e-5, 1e-4
-CUTS = 20  # times that a step may be cut
-START = 10.0  # of the stable step of explicit schemes: the first step, if PETSc chooses them
-STEPS = {"snes_max_it": "10"}  # of Newton's method: what has not converged then wants a shorter step in time
-DIVERGED = 1e8  # times what was out of balance at first
+CUTS = 20  # number of times that a step may be cut
+START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]
+STEPS = {"snes_max_it": "10"}  # Newton steps: a solve that needs more gets a shorter time step
+DIVERGED = 1e8  # a solve fails where its residual has grown by this factor
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
-STIFF = 1e-6  # of the modulus of sound: what rounding leaves of forces is less by far
+STIFF = 1e-6  # smallest shear modulus in the scale of residuals, over the modulus of sound: far above rounding errors
 
 
 _NUMBERS = count()
@@ -44,20 +43,26 @@ _ALIVE: WeakValueDictionary[int, Any] = WeakValueDictionary()
 
 @atexit.register
 def _destroy_all() -> None:
-    """PETSc's end comes after that of Python, in which the parts written in Python live: they go before."""
+    """Destroy what PETSc refers to before Python ends: PETSc finalises later, and would call Python."""
     for number in sorted(_ALIVE):
         _ALIVE[number].destroy()
 
 
 class Implicit(Integrator):
-    """Takes a Mechanics from stop to stop in steps as long as is asked for.
+    """Implicit time integration of the equation of motion of a Mechanics.
 
-    newton : Newton steps so far;  krylov : iterations of linear solvers;  failures : solves that failed, each of which
-    cut its step;  scheme_loss : what the scheme itself took from the motion, of all ranks' particles [pN].
+    ALPHA2 solves the equation of second order for u; types of first order solve for (u, v), reduced to u (`Reduction`).
+
+    Attributes
+    ----------
+    newton, failures : int -- Newton steps, and solves that failed, each of which cut its step.
+    scheme_loss : (n_owned,) float -- energy that the scheme dissipated: work of all forces less kinetic energy [pN].
+
+    Source: ALPHA2 by Chung & Hulbert (1993), BDF, THETA, CN and BEULER as in PETSc's manual.
     """
 
     def _connect(self) -> None:
-        """Tell TS the equations, and SNES how to solve them."""
+        """Give TS the equations, and SNES its solvers."""
         m, ts = self.mechanics, self.ts
         self.whole_step = None
         m.skin *= SKIN / EXPLICIT_SKIN
@@ -67,7 +72,7 @@ class Implicit(Integrator):
         self.scheme_loss = np.zeros(m.n_owned)
         _ALIVE[next(_NUMBERS)] = self
         ranges = self.control.ranges[self.control.ranges > 0.0]
-        self._fine = float(ranges.min()) if len(ranges) else FINE * self.equations.spacing
+        self._piece = float(ranges.min()) if len(ranges) else FINE * self.equations.spacing
         self._clipped, self.second_order = False, ts.getType() == PETSc.TS.Type.ALPHA2
         if self.second_order:
             self._x, self._v = (PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm) for _ in range(2))
@@ -89,7 +94,7 @@ class Implicit(Integrator):
             ts.setSolution(self._x)
 
     def _configure(self, ts: PETSc.TS) -> None:
-        """What is to be solved, before the options say how; a solve that fails cuts its step, as often as need be."""
+        """Set tolerances before options are read; a solve that fails cuts its step, up to CUTS times."""
         m = self.mechanics
         ts.setType(PETSc.Options().getString("ts_type", ts.getType()))
         modulus = max(max(l.shear_modulus, STIFF * l.density * l.sound_speed**2) for l in m.scene.materials)
@@ -103,23 +108,23 @@ class Implicit(Integrator):
 
     @property
     def adaptive(self) -> bool:
-        """Whether PETSc chooses the steps."""
+        """Whether PETSc's error control chooses the steps."""
         return self.fixed_step is None
 
     def _defaults(self) -> dict[str, str]:
-        """Options but those that are given."""
+        """Default options."""
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         steps = STEPS | (ACCURACY if self.adaptive else {"ts_adapt_type": "none"})
         krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
         if not self.second_order:
             krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
-        steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # a direction that is not exact is one all the same
+        steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # Newton's method goes on with inexact steps
         return steps | krylov | {k: v for k, v in DEFAULTS.items()
                                  if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
     def step_description(self) -> str:
-        """How long the steps are and how they are solved, for the log."""
+        """Length of the steps, and solvers, for the log."""
         solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
         how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
         if self.equations.matrix_free:
@@ -131,7 +136,7 @@ class Implicit(Integrator):
                 f"of leapfrog; {how}")
 
     def _converged(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        """Whether Newton's method is done, after one step at least: without it slow motion stops in long steps."""
+        """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
         reason, (_, moved, norm) = PETSc.SNES.ConvergedReason, norms
         rtol, atol, _, _ = snes.getTolerances()
         if iteration == 0:
@@ -175,21 +180,30 @@ class Implicit(Integrator):
     # ------------------------------------------------------------ steps
 
     def advance_to(self, stop: float) -> float:
-        """Go on to the time `stop` [µs] or until TS has taken all its steps; returns the time reached; collective."""
+        """Integrate to the time `stop` [µs]; collective.
+
+        Returns
+        -------
+        float -- the time reached [µs], earlier than `stop` where `finished`.
+
+        Raises
+        ------
+        NumericsError -- where no step is short enough, or the state is not sound.
+        """
         ts, m = self.ts, self.mechanics
         ts.setMaxTime(stop)
         self._checked_limits()
         m.renew_lists()
-        self._give()
+        self._to_petsc()
         while ts.getTime() < stop and not self.finished:
-            self._choose(stop)
+            self._choose_step(stop)
             self._step()
         m.state.exchange()
         self._checked_limits()
         return ts.getTime()
 
-    def _choose(self, stop: float) -> None:
-        """The length of the next step: as PETSc's adaptivity says; or as asked for, in equal steps to the stop."""
+    def _choose_step(self, stop: float) -> None:
+        """Set the next step: that of PETSc's error control, else equal ones to `stop` [µs], at most the fixed one."""
         left = stop - self.ts.getTime()
         if self.adaptive:
             last = self.dt if self._clipped else 0.0
@@ -201,11 +215,11 @@ class Implicit(Integrator):
         self.ts.setTimeStep(left / np.ceil(left / self.dt * (1.0 - 1e-12)))
 
     def _stable(self) -> float:
-        """The stable step of explicit schemes at rest [µs]."""
+        """Stable step of leapfrog on the reference configuration [µs]."""
         return min(self.control.stable().values())
 
     def _step(self) -> None:
-        """One step of TS, or several tries."""
+        """Take one step of TS, which may try several lengths."""
         ts, m, failed = self.ts, self.mechanics, self.ts.getSNESFailures()
         before, start = m.state.owned.copy(), ts.getTime()
         ts.step()
@@ -222,16 +236,16 @@ class Implicit(Integrator):
         self._finish(before, start, dt)
 
     def _finish(self, before: np.ndarray, start: float, dt: float) -> None:
-        """Accounts, director, lists and extremes after a step from `before`; collective."""
+        """Update accounts, director, search lists and extremes after a step from the state `before`; collective."""
         ts, m = self.ts, self.mechanics
-        self._receive()
+        self._from_petsc()
         m.prescribe(ts.getTime())
         self._account_path(before, start, dt)
         m.relax_director(dt)
         limits = self._checked_limits()
         if limits["displaced"] > 0.2 * m.skin:
             m.renew_lists()
-        self._give()
+        self._to_petsc()
         self.newton = ts.getSNESIterations()
         self._note_step(dt)
         self.count["implicit"] = self.steps
@@ -239,13 +253,13 @@ class Implicit(Integrator):
         self.after_batch(ts.getTime())
 
     def record(self) -> dict[str, Any]:
-        """Counts for the manifest, and what the scheme took [pN]; collective."""
+        """Counts, and the dissipation of the scheme [pN], for the manifest; collective."""
         taken = float(exact_sum(self.mechanics.comm, self.scheme_loss))
         return {"newton_steps": self.newton, "tangents": self.equations.assembled, "scheme_loss_pN": taken,
                 "force_evaluations": self.equations.evaluated, "failed_solves": self.failures}
 
-    def _receive(self) -> None:
-        """The state from TS."""
+    def _from_petsc(self) -> None:
+        """Copy the state from TS."""
         m = self.mechanics
         if self.second_order:
             u, v = self.ts.getSolution2()
@@ -254,8 +268,8 @@ class Implicit(Integrator):
             m.state.owned[:] = self.ts.getSolution().getArray(readonly=True).reshape(-1, 4)
         m.state.exchange()
 
-    def _give(self) -> None:
-        """The state to TS."""
+    def _to_petsc(self) -> None:
+        """Copy the state to TS."""
         owned = self.mechanics.state.owned
         if self.second_order:
             for vec, columns in zip(self.ts.getSolution2(), (owned[:, :2], owned[:, 2:]), strict=True):
@@ -264,15 +278,18 @@ class Implicit(Integrator):
             self.ts.getSolution().setArray(owned.ravel())
 
     def _account_path(self, before: np.ndarray, start: float, dt: float) -> None:
-        """Losses and work along the straight path that the step took; what the scheme itself took is a loss, too."""
+        """Add dissipation and work along the straight path of the step, by Gauss quadrature; collective.
+
+        The work of all forces exceeds the gain of kinetic energy by the dissipation of the scheme.
+        """
         m = self.mechanics
         after, mass = m.state.owned.copy(), self.equations.mass
         moved, work = after[:, :2] - before[:, :2], np.zeros(m.n_owned)
         longest = extreme(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
-        parts = int(min(max(1.0, np.ceil(longest / self._fine)), MOST_PARTS))
+        parts = int(min(max(1.0, np.ceil(longest / self._piece)), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts
-            a = self.equations.accelerate(start + at * dt, before[:, :2] + at * moved, moved / dt)
+            a = self.equations.acceleration(start + at * dt, before[:, :2] + at * moved, moved / dt)
             work += share * (mass * a * moved).sum(axis=1)
             m.kernel("account", share * dt)
         m.set_clock(start + dt)

@@ -1,4 +1,4 @@
-"""The random factor α of the protrusion, a function of the place on the surface, the same at every spacing."""
+"""The random factor α of the protrusion: a function of arc length that does not depend on the spacing."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from ..meshfree.contact import Surfaces
 from ..parallel.random import uniform
 
 
-def roughness(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str]) -> np.ndarray:
-    """α of all surface particles (m,) [-]: on the outer loops of the cells that protrude, zero elsewhere.
+def random_factor(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str]) -> np.ndarray:
+    """α of all surface particles (m,) [-]: zero but on the outer loops of the cells that protrude.
 
-    `names` : of all cells, in order; what a cell draws goes by its name.
+    law : the protrusion or None;  names : of all cells, in order, since random numbers belong to the name of a cell.
+
+    Source: derived here: random numbers at equal distances, linear interpolation, means over dual arcs.
     """
     alpha, bounds = np.zeros(len(surfaces.ids)), np.searchsorted(surfaces.cell, np.arange(len(names) + 1))
     for c, name in enumerate(names):
@@ -26,7 +28,7 @@ def roughness(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str]) -> 
 
 
 def _of_cell(length: np.ndarray, law: Any, seed: int, name: str) -> np.ndarray:
-    """α of a cell's surface particles (m,) [-]: random at points `patch` apart, linear between, mean over dual arcs."""
+    """α of a cell's outer loop (m,) [-], for lengths (m,) [µm] of its segments."""
     if not law.random:
         return np.full(len(length), 0.5)
     arc = np.concatenate([[0.0], np.cumsum(length)])

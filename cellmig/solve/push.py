@@ -33,7 +33,7 @@ class Push:
              acts: np.ndarray) -> None:
         """Set the kernel's arrays for its `segments` (e,), of which those push that `acts` (e,) bool.
 
-        `work` : N σ [pN/µm];  `alpha` : (m,) -- random factors, as `roughness` has them.
+        `work` : N σ [pN/µm];  `alpha` : (m,) -- random factors, as `random_factor` gives them.
         """
         k, s = kernel, self._surfaces
         ends = np.column_stack([segments, s.after[segments]])

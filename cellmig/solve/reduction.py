@@ -1,4 +1,4 @@
-"""Newton's equations of the first-order system (u, v), solved for u alone: a Mat and a PC for PETSc."""
+"""Newton's equations of the first-order system (u, v), reduced to u by a Schur complement: a Mat and a PC for PETSc."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from .equations import Equations
 
 
 class Reduction:
-    """Tangent J of r1 = u' - v, r2 = M v' - f(u, v), with σ = ∂u'/∂u; particles have (ux, uy, vx, vy).
+    """Tangent J of the residuals r1 = u' - v and r2 = M v' - f(u, v), with σ = ∂u'/∂u = ∂v'/∂v [1/µs].
 
-    With C = -∂f/∂v and S = σ² M + σ C - ∂f/∂u, the matrix of the equations,
+    With C = -∂f/∂v and the Schur complement S = σ² M + σ C - ∂f/∂u, which `Equations` assembles,
 
         J (a, b) = (σ a - b, S a - (σ M + C)(σ a - b)),
 
-    so that J (a, b) = (r1, r2) is S a = r2 + (σ M + C) r1, b = σ a - r1.  This is a Mat and a PC of type python; the
-    system of S has a KSP of its own, which takes the options without prefix.
+    so that the solution of J (a, b) = (r1, r2) is S a = r2 + (σ M + C) r1, b = σ a - r1.  The object is the context of
+    a Mat and of a PC of type python.  The KSP of S takes the options without prefix.
+
+    Source: derived here, by elimination of b.
     """
 
     def __init__(self, equations: Equations, ksp: PETSc.KSP):
-        """`ksp` : that of the SNES, which this object takes over; collective."""
+        """`ksp` : the linear solver of the SNES, whose preconditioner becomes this elimination; collective."""
         self.equations, m = equations, equations.mechanics
         n = m.n_owned
         self.matrix = PETSc.Mat().createPython(((4 * n, None), (4 * n, None)), self, comm=m.comm)
@@ -35,13 +37,13 @@ class Reduction:
         ksp.getPC().setPythonContext(_Elimination(self))
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float) -> None:
-        """J for this state and ∂u'/∂u; collective."""
+        """Set J for u and v (n_owned, 2) [µm, µm/µs] at the time t [µs], with the shift σ [1/µs]; collective."""
         self.equations.linearise(t, u, v, shift, shift * shift, self._ksp, self.solver.getPC())
         self._shift = shift
         self.matrix.assemble()
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """J x, for line searches and Krylov methods."""
+        """Set y to J x, for line searches and Krylov methods; collective."""
         a, b = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
         first, e = self._shift * a - b, self.equations
         if e.matrix_free:
@@ -53,7 +55,7 @@ class Reduction:
         y.setArray(np.hstack([first, second]).ravel())
 
     def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """J⁻¹ x to y, as exact as the system of S is solved; collective."""
+        """Set y to J⁻¹ x, to the accuracy of the KSP of S; collective."""
         r1, r2 = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
         self._r.setArray((r2 + self.equations.damp(r1)).ravel())
         self.solver.solve(self._r, self._a)
@@ -67,13 +69,13 @@ class Reduction:
 
 
 class _Elimination:
-    """The PC: it keeps what it was told of S, even if J has changed since, until it is set up again."""
+    """The PC; with -snes_lag_preconditioner, factors of S outlast a new J until `setUp`."""
 
     def __init__(self, reduction: Reduction):
         self._reduction = reduction
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """A new S."""
+        """Factor S."""
         solver = self._reduction.solver
         solver.getPC().setReusePreconditioner(False)
         solver.setOperators(self._reduction.equations.matrix)
@@ -81,5 +83,5 @@ class _Elimination:
         solver.getPC().setReusePreconditioner(True)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Solve."""
+        """Set y to J⁻¹ x."""
         self._reduction.solve(x, y)

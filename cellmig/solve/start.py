@@ -1,4 +1,4 @@
-"""The state that a case begins with: displacements, velocities and directors, by its formulas."""
+"""The initial state of a case: displacements, velocities and director angles, from its formulas."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from ..model.director import start_angle
 
 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
-    """Fields of all particles (size, ...), by their names in the swarm."""
+    """Initial fields of all particles, by their names in the swarm.
+
+    These are X, u (size, 2) [µm], v (size, 2) [µm/µs], theta (size,) [rad] and the accounts, loss (size, 5), at zero.
+    """
     n, X = scene.size, scene.X
     u, v, theta = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
     for i, c in enumerate(case.cells):

@@ -1,4 +1,4 @@
-"""Equilibria under loads that grow with time: load steps, each a solve by PETSc's SNES."""
+"""Quasi-static equilibrium: load steps, each solved by Newton's method in PETSc's SNES."""
 
 from __future__ import annotations
 
@@ -14,32 +14,38 @@ from petsc4py import PETSc
 
 from ..parallel.options import defaulted, own_errors
 from .mechanics import Mechanics
-from .plates import Contact
+from .plates import PlateContact
 from .step import NumericsError
 from .stiffness import Stiffness, fill, typical
 
-SAID = 20  # load steps that are told one by one; all are in the manifest
-CUTS = 8  # times that a load step is halved before the run gives up
-TIGHT = 1e-10  # what forces may be out of balance, over modulus x spacing, in the mean over particles
-WEAK = 1e-10  # of the stiffness: what keeps bodies in place, within Newton's matrix alone, that nothing holds
+REPORTED = 20  # load steps that the log lists; the manifest lists all
+CUTS = 8  # number of times that a load step may be halved
+TOLERANCE = 1e-10  # root mean square residual of a particle, over shear modulus × spacing [-]
+WEAK = 1e-10  # springs in Newton's matrix that make it regular if rigid motions are free, over its mean diagonal [-]
 _COUNTED = ("time", "steps", "redone", "dt", "count", "extremes", "newton")
-# Full steps: with a bulk modulus of 150 shear moduli what is out of balance grows at first, and line searches creep.
+# Full Newton steps: with a bulk modulus of 150 shear moduli the residual grows at first, and line searches stagnate.
 DEFAULTS = {"snes_type": "newtonls", "snes_linesearch_type": "basic", "snes_max_it": "20",
             "snes_divergence_tolerance": "1e8", "ksp_type": "preonly",
             "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 
 
 class Static:
-    """Takes a Mechanics from one equilibrium to the next; time is what loads and supports depend on.
+    """Equilibria of a Mechanics, -f(u, t) = 0, along the loads and supports, which depend on the time t.
 
-    time : where it is [µs];  steps : load steps taken;  redone : those that were cut;  dt : the last one [µs];
-    newton : for each load step its time, and what was out of balance at each of Newton's steps [pN/µm].
+    A load step that does not converge is halved, one that does is followed by one twice as long.
+
+    Attributes
+    ----------
+    time, dt : float -- time reached, and last load step [µs].
+    steps, redone : int -- load steps taken, and load steps that failed.
+    newton : list -- time of each load step [µs], and norm of the residual in each iteration [pN/µm].
+    extremes : dict -- smallest and largest J [-] and load step [µs].
     """
 
     leapfrog, between_samples, fixed_step, whole_step, mechanism = False, False, None, None, "load"
 
     def __init__(self, mechanics: Mechanics):
-        """Everything is at rest and free of stress at first; collective."""
+        """Begin at rest; collective."""
         self.mechanics = m = mechanics
         self.time, self.steps, self.redone, self.dt, self.count = 0.0, 0, 0, 0.0, {}
         self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
@@ -50,16 +56,16 @@ class Static:
         m.state.owned[:, 2:] = 0.0
         m.state.exchange()
         self.stiffness = Stiffness(m)
-        self.contact = Contact(m)
+        self.plates = PlateContact(m)
         self._held = m.kernel["held"] if m.terms.histories is not None else np.zeros(0, np.int32)
         self._free_bodies = not _rigid_motions_are_held(m)
         self.rate()
         self._scale = typical(self.stiffness(), self.stiffness.start, m.comm)
-        self._outside = self._from_outside()
+        self._external = self._external_forces()
         self._snes()
 
     def _snes(self) -> None:
-        """SNES and its objects, as its options and those of KSP and PC say; by default Newton and a direct solver."""
+        """Create the SNES from its options, by default full Newton steps and a direct solver."""
         m = self.mechanics
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         self.snes = snes = PETSc.SNES().create(comm=m.comm)
@@ -70,108 +76,117 @@ class Static:
         snes.setJacobian(self._tangent, self._matrix)
         t, law = m.scene.templates, m.scene.materials
         force = max(l.shear_modulus for l in law) * max(b.spacing for b in t) * math.sqrt(m.scene.size)
-        snes.setTolerances(rtol=TIGHT, atol=TIGHT * force, stol=0.0)
+        snes.setTolerances(rtol=TOLERANCE, atol=TOLERANCE * force, stol=0.0)
         snes.setConvergenceHistory(reset=True)
         with defaulted({k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}):
             snes.setFromOptions()
 
     @property
     def description(self) -> str:
-        """What it is, for the log."""
+        """Name of the solvers, for the log."""
         ksp = self.snes.getKSP()
         return f"static: {self.snes.getType()} of PETSc with {ksp.getType()} and {ksp.getPC().getType()}"
 
     def record(self) -> dict[str, Any]:
-        """Newton's residuals, for the manifest."""
+        """Residuals of all iterations, for the manifest."""
         return {"newton": self.newton}
 
     @property
     def finished(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether `halt` was called."""
         return self.halted
 
     def halt(self) -> None:
-        """Take no further step."""
+        """End `advance_to` after the current load step."""
         self.halted = True
 
     def rate(self) -> np.ndarray:
-        """(v, a) of the owned particles, none: nothing moves; F and reactions are brought up to date; collective."""
+        """(v, a) of the owned particles (n_owned, 4) [µm/µs], [µm/µs²]: zero; updates F and reactions; collective."""
         return np.zeros((len(self._forces()), 4))
 
     def saved(self) -> dict[str, Any]:
-        """What decides its next load steps and what it counts, for a checkpoint at a sample."""
+        """State for a checkpoint at a sample: time, last load step and all counts."""
         return deepcopy({name: getattr(self, name) for name in _COUNTED})
 
     def restore(self, about: dict[str, Any]) -> None:
-        """Go on from what was saved; the mechanics have been restored; collective."""
+        """Set the state from `about`, which `saved` returned, after that of the mechanics was restored; collective."""
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
-        self.contact.store(self._forces())
-        self._outside = self._from_outside()
+        self.plates.store(self._forces())
+        self._external = self._external_forces()
 
     # ------------------------------------------------------------ equations
 
     def _forces(self) -> np.ndarray:
-        """Forces but of supports and plates (n_owned, 2) [pN/µm]; reactions of supports balance them; collective."""
+        """Forces (n_owned, 2) [pN/µm] without reactions of supports and plates; sets those of supports; collective."""
         m = self.mechanics
         a, mass = m.rate()[:, 2:], 1.0 / m.kernel["inverse_mass"][: m.n_owned]
         f = mass[:, None] * a
         if m.terms.histories is not None:
             i, c = m.kernel["held"] // 4, m.kernel["held"] % 4
-            f[i, c] -= m.kernel["reaction"]  # made with the acceleration of the support, which is in `a`
+            f[i, c] -= m.kernel["reaction"]  # which the kernel chose such that `a` is that of the support
             m.kernel["reaction"][:] = -f[i, c]
         return f
 
-    def _take(self, x: PETSc.Vec) -> None:
+    def _set_displacements(self, x: PETSc.Vec) -> None:
         self.mechanics.state.owned[:, :2] = x.getArray(readonly=True).reshape(-1, 2)
 
     def _prescribed(self) -> np.ndarray:
-        """Displacements of what supports hold, now [µm]."""
+        """Prescribed displacements (k,) [µm] of the components that supports hold, at the current time."""
         k, histories = self.mechanics.kernel, self.mechanics.terms.histories or ()
         factor = np.array([h.value(k["clock"][0]) for h in histories]) if len(self._held) else np.zeros(0)
         return k["held_value"] * factor[k["held_history"]] if len(self._held) else np.zeros(0)
 
     def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        """What is out of balance; where something is held, how far it is from where it should be, as a force."""
+        """Set `out` to -f; for a held component, to stiffness times the distance from its prescribed displacement."""
         m = self.mechanics
-        self._take(x)
+        self._set_displacements(x)
         r = -self._forces()
-        r = self.contact.residual(r, self._scale)
+        r = self.plates.residual(r, self._scale)
         i, c = self._held // 4, self._held % 4
         r[i, c] = self._scale * (m.state.owned[i, c] - self._prescribed())
         F = m.tensors()[0][..., : m.n_owned]
         if (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] <= 0.0).any():
-            r[:] = np.nan  # no solution lies beyond: a line search goes back, else the load step is cut
+            r[:] = np.nan  # a line search shortens its step, else the load step is halved
         out.setArray(r.ravel())
 
     def _tangent(self, snes: Any, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        """Derivative of the residual by x."""
+        """Set the matrix P to the derivative of the residual."""
         n = self.mechanics.n_owned
-        self._take(x)
+        self._set_displacements(x)
         f = self._forces()
         K = self.stiffness()
-        turn, diagonal = self.contact.rows(f, self._scale)
+        factor, diagonal = self.plates.rows(f, self._scale)
         i, c = self._held // 4, self._held % 4
-        turn[i, c], diagonal[i, c] = 0.0, 0.0
+        factor[i, c], diagonal[i, c] = 0.0, 0.0
         diagonal[i, c, c] = self._scale
         if self._free_bodies:
             diagonal += WEAK * self._scale * np.eye(2)
         row = np.repeat(np.arange(n), np.diff(K.indptr))
-        K = sparse.bsr_matrix((np.einsum("eij,ejk->eik", turn[row], K.data), K.indices, K.indptr), K.shape)
+        K = sparse.bsr_matrix((np.einsum("eij,ejk->eik", factor[row], K.data), K.indices, K.indptr), K.shape)
         own = np.arange(n)
         fill(P, K + sparse.bsr_matrix((diagonal, own + self.stiffness.start, np.arange(n + 1)), K.shape))
 
     # ------------------------------------------------------------ load steps
 
     def advance_to(self, stop: float) -> float:
-        """Go on to the equilibrium at the time `stop` [µs]; returns the time reached; collective."""
+        """Find the equilibria up to the time `stop` [µs]; collective.
+
+        Returns
+        -------
+        float -- the time reached [µs], earlier than `stop` where `halt` was called.
+
+        Raises
+        ------
+        NumericsError -- where a load step was halved CUTS times and does not converge.
+        """
         step = shortest = stop - self.time
         shortest /= 2**CUTS
         while self.time < stop and not self.halted:
             trial = stop if self.time + step > stop - 0.5 * shortest else self.time + step
-            if self._found(trial):
+            if self._converges_at(trial):
                 step = 2.0 * (trial - self.time)
-                self._take_account(trial)
+                self._accept(trial)
             else:
                 self.redone += 1
                 step = 0.5 * (trial - self.time)
@@ -181,8 +196,8 @@ class Static:
                             f"the load step is cut to {step:.3g} µs")
         return self.time
 
-    def _found(self, time: float) -> bool:
-        """Whether Newton's method leads to an equilibrium; if not, the state is that before; collective."""
+    def _converges_at(self, time: float) -> bool:
+        """Whether Newton's method converges at a time [µs]; if not, the state is restored; collective."""
         m = self.mechanics
         self._before = m.state.owned[:, :2].copy()
         m.set_clock(time)
@@ -193,31 +208,31 @@ class Static:
         good = self.snes.getConvergedReason() > 0
         self.newton.append((time, norms))
         if good:
-            self._take(self._x)
+            self._set_displacements(self._x)
             i, c = self._held // 4, self._held % 4
             m.state.owned[i, c] = self._prescribed()
         else:
             m.set_clock(self.time)
             m.state.owned[:, :2] = self._before
-        self.contact.store(self._forces())
+        self.plates.store(self._forces())
         return good
 
-    def _from_outside(self) -> np.ndarray:
+    def _external_forces(self) -> np.ndarray:
         """Forces of supports, loads and plates on the owned particles (n_owned, 2) [pN/µm]."""
-        k, force = self.mechanics.kernel, self.contact.force()
+        k, force = self.mechanics.kernel, self.plates.force()
         if self.mechanics.terms.histories is not None:
             loaded = k["loaded"][k["loaded"] < len(force)]
             force[loaded] += k["load"][loaded]
             force[self._held // 4, self._held % 4] += k["reaction"]
         return force
 
-    def _take_account(self, time: float) -> None:
-        """Work of what acts from outside, by the trapezoidal rule over the load step; extremes; who watches."""
+    def _accept(self, time: float) -> None:
+        """Add the work of external forces in the load step, by the trapezoidal rule; update counts and extremes."""
         m = self.mechanics
-        now = self._from_outside()
-        work = 0.5 * ((self._outside + now) * (m.state.owned[:, :2] - self._before)).sum(axis=1)
+        now = self._external_forces()
+        work = 0.5 * ((self._external + now) * (m.state.owned[:, :2] - self._before)).sum(axis=1)
         m.kernel["external_work"][: m.n_owned] += work
-        self._outside, self.dt, self.time = now, time - self.time, time
+        self._external, self.dt, self.time = now, time - self.time, time
         self.steps += 1
         self.count["load"] = self.steps
         limits = m.limits()
@@ -225,7 +240,7 @@ class Static:
                                    ("dt_min", self.dt, min), ("dt_max", self.dt, max)):
             self.extremes[name] = worse(self.extremes[name], value)
         norms = self.newton[-1][1]
-        if self.steps <= SAID:
+        if self.steps <= REPORTED:
             self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
                         + ", ".join(f"{n:.2g}" for n in norms) + " pN/µm")
         self.after_batch(time)
@@ -240,7 +255,12 @@ class Static:
                     f"{self._reason()}")
 
     def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
-        """End the run, with a particle, by default that which is worst off, and a remedy; collective."""
+        """End the run with a message that names a particle, by default that with the largest |ln J|; collective.
+
+        Raises
+        ------
+        NumericsError -- always.
+        """
         particle, J = self.mechanics.worst_particle(particle)
         remedy = remedy or ("try smaller loads or displacements, supports that hold all rigid motions, more "
                             "time.samples, or time.integrator = \"leapfrog\" with damping")

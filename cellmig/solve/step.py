@@ -1,4 +1,4 @@
-"""The stable time step, mechanism by mechanism, followed through the deformation."""
+"""The largest stable time step of the explicit scheme, by mechanism, for the current deformation and gaps."""
 
 from __future__ import annotations
 
@@ -10,24 +10,34 @@ import numpy as np
 from ..meshfree.body import Scene
 from ..meshfree.terms import Terms
 
-TYPICAL = 0.94  # least gap of a contact over the range of its bonds, as seen in runs at 600 to 1,500 particles a cell
+TYPICAL = 0.94  # smallest gap of a contact over the range of its bonds, measured at 600 to 1,500 particles a cell [-]
 
 
 class NumericsError(RuntimeError):
-    """The numbers broke: a value that is not finite, an inverted particle, a step too small."""
+    """The numerical solution failed: a value is not finite, a particle is inverted, or the step is too small."""
 
 
 class StepControl:
-    """Largest stable step of the explicit scheme.
+    """Largest stable step of leapfrog.
 
-    An oscillation ω² with damping c is stable up to the root of c dt/2 + ω² dt²/4 = 1.  c and ω² are the largest
-    eigenvalues on the reference configuration, carried on by the local bounds V J λmax(F⁻ᵀ Σ G⊗G/m F⁻¹), which
-    see the few squeezed particles that set the limit of a deformed mesh.  Contacts are as stiff as their least gap
-    makes them; whoever steps has to look at the gaps that occurred.
+    A mode with u'' + c u' + ω² u = 0 is stable up to the root of c dt/2 + ω² dt²/4 = 1.  c and ω² are the largest
+    eigenvalues on the reference configuration, times the growth of max_I V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹), since few
+    compressed particles limit the step of a deformed body.  Bonds are stiffer at smaller gaps, which are not known
+    before a step: the integrator checks afterwards which gaps occurred.
+
+    Attributes
+    ----------
+    ranges, typical : (2,) float -- equilibrium distance of bonds and typical smallest gap, of the substrate and
+        between cells [µm].
+    touches : bool -- whether bonds act at all.
+    director : float -- stable step of a relaxing director [µs].
+
+    Source: derived here.  The root is where leapfrog with damping at the old velocity has the eigenvalue -1; the growth
+    is that of the largest Rayleigh quotient of a single particle's stress.
     """
 
     def __init__(self, scene: Scene, terms: Terms, mobility: float = 0.0):
-        """`mobility` : γ of a relaxing director [µm²/µs]."""
+        """`mobility` : γ of a relaxing director [µm²/µs], 0 without one."""
         used = [scene.templates[k] for k in np.unique(scene.kind)]
         rates = np.array([t.rates for t in used])
         self.stabilisation, self.viscous, self.elastic = rates.max(axis=0)  # [1/µs], [1/µs], [1/µs²]
@@ -45,10 +55,12 @@ class StepControl:
         self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
-        """Stable step by mechanism [µs].
+        """Stable step by mechanism: "viscosity", "sound", and where they apply "contact" and "director" [µs].
 
-        `limits` of the deformed state, none at rest;  `gaps` : (2,) -- the least that are expected, to the substrate
-        and between cells [µm], typical ones by default: bonds are stiffer the more they are compressed.
+        Parameters
+        ----------
+        limits : dict -- of `Mechanics.limits`; None for the reference configuration.
+        gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm]; default: typical.
         """
         viscous = limits["viscous"] / self._viscous0 if limits and self._viscous0 else 1.0
         elastic = limits["elastic"] / self._elastic0 if limits else 1.0
@@ -60,29 +72,29 @@ class StepControl:
             drag, tension = self._surface
             steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + self.elastic * elastic)
         if math.isfinite(self.director):
-            steps["director"] = self.director / max(1.0, viscous)  # it spreads over what is squeezed as speed does
+            steps["director"] = self.director / max(1.0, viscous)  # diffusion, as of momentum
         return steps
 
 
 def binding(steps: dict[str, float]) -> tuple[str, float]:
-    """The mechanism that sets the step, and the step [µs]."""
+    """The mechanism with the smallest step, and that step [µs]."""
     name = min(steps, key=steps.get)
     return name, steps[name]
 
 
 def _root(c: float, omega2: float) -> float:
-    """Root of c dt/2 + ω² dt²/4 = 1 [µs]."""
+    """Positive root dt of c dt/2 + ω² dt²/4 = 1 [µs], for c [1/µs] and ω² [1/µs²]."""
     bottom = 0.5 * c + math.sqrt(0.25 * c * c + omega2)
     return 2.0 / bottom if bottom > 0 else math.inf
 
 
 def _length_per_mass(t: Any) -> float:
-    """Largest length of surface that a particle carries over its mass [µm²/fg]."""
+    """Largest ratio of dual arc length to mass of a surface particle [µm²/fg]."""
     share = 0.5 * (t.segment_length + t.segment_length[t.before])
     return float((share / t.mass[t.surface]).max())
 
 
 def _inverse_inertia(t: Any) -> float:
-    """Largest 1/(length of segment x mass of its particle) of a surface [1/(µm fg/µm)]."""
+    """Largest 1/(segment length × particle mass) of a surface [1/fg], for the frequency of a line under tension."""
     shortest = np.minimum(t.segment_length, t.segment_length[t.before])
     return float((1.0 / (shortest * t.mass[t.surface])).max())
