@@ -13,7 +13,7 @@ from ..model.director import start_angle
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
     """Initial fields of all particles, by their names in the swarm.
 
-    These are X, u (size, 2) [µm], v (size, 2) [µm/µs], theta (size,) [rad] and the accounts, loss (size, 5), at zero.
+    These are X, u (size, 2) [µm], v (size, 2) [µm/µs], angles of the director (size,) [rad], accounts (size, 5), zero.
     """
     n, X = scene.size, scene.X
     u, v, theta = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
