@@ -87,8 +87,8 @@ def validate(options: argparse.Namespace) -> int:
         except CaseError as error:
             wrong.append(error)
             continue
+        from .case.times import until
         from .runs.preflight import report
-        from .simulation import until
 
         print(report(until(case, end)), end="\n\n", flush=True)
     for error in wrong:

@@ -1,35 +1,25 @@
-"""A simulation: particles, forces and integrator built from a case, and the run that leaves its files."""
+"""A simulation: particles, forces and integrator built from a case."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import math
-from fractions import Fraction
-from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mpi4py import MPI
 
 from .case.messages import CaseError, Mistake
-from .case.registry import laws
-from .case.schema import Case, particle_count
+from .case.schema import Case
 from .kernel.kernel import c_source
 from .laws import register
-from .meshfree import formulas
-from .meshfree.body import Scene, template
-from .meshfree.boundary import Boundary, Probes, histories_of
+from .meshfree.body import Scene
+from .meshfree.boundary import Boundary, Probes
 from .meshfree.contact import Surfaces
-from .meshfree.rkpm import factorised
-from .meshfree.terms import Terms
-from .model.seifert import solid
+from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
-from .output.log import duration
 from .output.sample import Sampler
-from .parallel.collect import decided, shared
-from .parallel.direct import solve_positive
+from .parallel.collect import collected, decided, shared
 from .parallel.options import IMPLICIT, integrator_asked
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
@@ -37,109 +27,12 @@ from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.protrusion_noise import random_factor
-from .solve.restart import restore, saved
-from .solve.start import at_start
+from .solve.restart import restore, same_places, saved
+from .solve.start import at_start, discretise
 from .solve.static import Static
-from .solve.step import NumericsError, StepControl, binding
+from .solve.step import StepControl
 
 register()
-
-
-LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
-TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each part of a trial, implicit and explicit
-GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
-SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
-SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
-
-
-def discretise(case: Case) -> Scene:
-    """The reference configuration of a case: one template for each kind of cell.
-
-    Raises CaseError where particles do not suit a shape, or formulas have no value at them.
-    """
-    used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
-    kinds: dict = {}
-    for cell in case.cells:
-        kinds.setdefault((cell.shape, cell.material, cell.nucleus), len(kinds))
-    templates, material_of = [], []
-    for shape, body, nucleus in kinds:
-        pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
-        try:
-            count = particle_count(case, shape)
-            solve = solve_positive if count > LARGE else factorised
-            templates.append(template(shape, count, case.particles.dilation, pair, case.numerics.bulk_viscosity,
-                                      case.particles.surface_refinement, solve))
-        except ValueError as error:  # the particles do not suit the shape
-            name = next(c.name for c in case.cells if c.shape == shape)
-            told = f"'{name}': {error}{getattr(shape, 'doubt', '')}"
-            raise CaseError([Mistake(case.path, None, "particles", told)]) from error
-        material_of.append((used.index(body), used.index(nucleus or body)))
-    scene = Scene(
-        templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
-        kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
-        centre=np.array([c.centre for c in case.cells]))
-    formulas.check(case, scene)
-    return scene
-
-
-def find_terms(case: Case, prune: bool = True) -> Terms:
-    """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
-    eta = max(getattr(m, "eta", 0.0) for m in case.materials.values())
-    zeta = any(getattr(m, "zeta", 0.0) for m in case.materials.values())
-    law, skipped = case.director, {}
-
-    def unless(reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
-        if reason is None:
-            return value
-        skipped[term] = reason
-        return absent if prune else value
-
-    def why(*conditions: tuple[bool, str]) -> str | None:
-        return next((reason for holds, reason in conditions if holds), None)
-
-    nothing = laws("adhesion")["seifert"](bonds=0.0, energy=0.0, range=0.01)
-    substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
-                       solid(case.substrate) if case.substrate else nothing)
-    between = case.contact or dataclasses.replace(nothing, range=_thin(case))
-    contact = unless(why((len(case.cells) == 1, "one cell alone"),
-                         (case.static and case.contact is None, "the case has none")),
-                     "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
-    push = case.protrusion
-    protrusion = unless(why((push is None, "the case has none"),
-                            (push is not None and not push.cells, "no cell protrudes"),
-                            (push is not None and push.strength == 0, "its strength is zero"),
-                            (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
-                        "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
-    uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
-    director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
-                      "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
-    active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
-    used = case.materials.values()
-    still = (case.static, "nothing moves in a static case")
-    stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
-                        "viscous stabilisation", True, False)
-    stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
-                       "elastic stabilisation", True, False)
-    damped = unless(why(still, (not case.numerics.bulk_viscosity, "its viscosity is zero")),
-                    "bulk damping", True, False)
-    cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
-    friction = unless(why((case.friction is None, "the case has none"),
-                          (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
-                      case.friction if case.substrate is not None else None)
-    force = case.body_force if case.body_force and any(case.body_force) else None
-    force = unless(None if force else "the case has none", "body force", force, None)
-    shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
-    single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
-    outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
-                     "supports, loads, plates", histories_of(case))
-    return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
-                 director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, histories=outside, single=single, skipped=skipped)
-
-
-def _thin(case: Case) -> float:
-    """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
-    return case.substrate.range if case.substrate else 1e-3 * min(c.shape.area for c in case.cells) ** 0.5
 
 
 class Simulation:
@@ -155,9 +48,6 @@ class Simulation:
         `parts` : scene and terms, if they are there already or not the case's;  `start` : on rank 0 arrays of a
         checkpoint of the same particles, whose u, v and director it begins with, instead of the case's.
         """
-        self.reason = ""  # of an integrator that was chosen
-        if integrator_asked(case.time.integrator) == "auto":
-            case, self.reason = cheaper(case, comm)
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
         self.scene, self.control, *others = decided(comm, lambda: self._decide(parts[0] if parts else None))
@@ -184,7 +74,7 @@ class Simulation:
         case = self.case
         scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that has no counterpart in C is refused before its first use
-        control = None if case.static else step_control(case, scene, self.terms)
+        control = None if case.static else StepControl(scene, self.terms, case.director)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         alpha = random_factor(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
         return scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
@@ -239,7 +129,7 @@ class Simulation:
         """
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
-            arrays["X"], arrays["surface"] = self.scene.X, surface_of(self.scene)
+            arrays["X"], arrays["surface"] = self.scene.X, self.mechanics.surfaces.ids
         return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                 "interval": self.interval.saved()}, arrays
 
@@ -254,145 +144,12 @@ class Simulation:
     def state_hash(self) -> str:
         """sha256 of X, u, v in global-id order, the same on any number of ranks; collective."""
         m = self.mechanics
-        own = np.ascontiguousarray(np.hstack([self.scene.X[m.ids], m.state.owned]))
-        parts = self.comm.gather((m.ids, own))
-        digest = None
-        if self.comm.rank == 0:
-            ids = np.concatenate([p[0] for p in parts])
-            values = np.concatenate([p[1] for p in parts])[np.argsort(ids)]
-            digest = hashlib.sha256()
-            for part in (values[:, :2], values[:, 2:4], values[:, 4:]):
-                digest.update(np.ascontiguousarray(part).tobytes())
-            digest = digest.hexdigest()
-        return self.comm.bcast(digest)
+        state = collected(self.comm, m.ids, m.state.owned, self.scene.size)
+        parts = () if state is None else (self.scene.X, state[:, :2], state[:, 2:])
+        return self.comm.bcast(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest())
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.integrator.destroy()
         self.mechanics.destroy()
         self.swarm.destroy()
-
-
-def surface_of(scene: Scene) -> np.ndarray:
-    """Global ids of the surface particles of all cells, in their order (m,)."""
-    return np.concatenate([scene.surface(cell) for cell in range(len(scene.kind))])
-
-
-def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:
-    """Whether arrays of a checkpoint, on rank 0, are of the particles of a scene: but for rounding; collective."""
-    same = True
-    if comm.rank == 0:
-        X, surface, spacing = arrays["X"], arrays["surface"], min(t.spacing for t in scene.templates)
-        same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
-                and np.array_equal(surface, surface_of(scene)))
-    return comm.bcast(same)
-
-
-def cheaper(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
-    """The case with the integrator that goes on faster in a short trial of both, and the reason; collective."""
-    def with_(kind: str) -> Case:
-        return dataclasses.replace(case, time=dataclasses.replace(case.time, integrator=kind))
-
-    if case.plates:
-        return with_("leapfrog"), "implicit steps have no plates"
-    speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}
-    best = max(speeds, key=speeds.get)
-    end, took = case.time.end, [duration(case.time.end / v) if v else "for ever" for v in speeds.values()]
-    return with_(best), (f"{best}: as a trial went, {duration(1e-6 * end, 6)} take {took[0]} with explicit steps and "
-                         f"{took[1]} with implicit ones")
-
-
-def _speed(case: Case, comm: MPI.Comm) -> float:
-    """Simulated over wall time [µs/s] in a trial; 0 where no step succeeds; collective."""
-    simulation = Simulation(case, comm)
-    try:
-        return try_implicit(simulation).speed if isinstance(simulation.integrator, Implicit) else _explicit(simulation)
-    except NumericsError:
-        return 0.0
-    finally:
-        simulation.destroy()
-
-
-def _explicit(simulation: Simulation) -> float:
-    """Simulated over wall time [µs/s] of the second half of a trial of explicit steps; collective."""
-    half, comm, at = TRIAL_EXPLICIT * binding(simulation.control.stable())[1], simulation.comm, [(0.0, perf_counter())]
-    for stop in (half, 2.0 * half):
-        at.append((simulation.go(min(stop, simulation.case.time.end)), comm.allreduce(perf_counter(), MPI.MAX)))
-    (before, begin), (time, end) = at[-2:]
-    return comm.bcast((time - before) / (end - begin) if time > before else at[1][0] / (at[1][1] - at[0][1]))
-
-
-class Trial(NamedTuple):
-    """Implicit steps at the start of a run: in the last of them, simulated [µs] and wall [s] time, steps, and steps of
-    Newton's; taken : how many there were in all;  reached : simulated time [µs];  particles : how many there are.
-    """
-
-    simulated: float
-    wall: float
-    steps: int
-    newton: int
-    taken: int
-    reached: float
-    particles: int
-
-    @property
-    def speed(self) -> float:
-        """Simulated over wall time [µs/s]."""
-        return self.simulated / self.wall
-
-
-def try_implicit(simulation: Simulation, burst: int = TRIAL, least: float = 0.0) -> Trial:
-    """Implicit steps until they are as long as the motion lets them be, and for `least` seconds; collective.
-
-    Where PETSc chooses the steps the first are ten of the stable one, and they double: of a stiff case dozens tell
-    nothing of those to come.  So bursts of them go on until two in a row gain nothing: one may have met an event.  What
-    is told is of the later half.
-    """
-    run, comm, end = simulation.integrator, simulation.comm, simulation.case.time.end
-
-    def now() -> tuple[float, float, int, int]:
-        return simulation.time, comm.allreduce(perf_counter(), MPI.MAX), run.steps, run.newton
-
-    at, best, idle = [now()], 0.0, 0
-    while simulation.time < end and (idle < 2 or at[-1][1] - at[0][1] < least):
-        run.ts.setMaxSteps(run.steps + burst)
-        simulation.go(end)
-        at.append(now())
-        speed = (at[-1][0] - at[-2][0]) / (at[-1][1] - at[-2][1])
-        idle = 0 if speed > GROWING * best else idle + 1
-        best = max(best, speed)
-    taken = (b - a for a, b in zip(at[len(at) // 2 - 1 if len(at) > 3 else 0], at[-1], strict=True))
-    return Trial(*taken, run.steps, simulation.time, simulation.scene.size)
-
-
-def step_control(case: Case, scene: Scene, terms: Terms) -> StepControl:
-    """The stable step of a discretised case."""
-    relaxes = terms.director == "relaxing" and case.director is not None
-    return StepControl(scene, terms, case.director.mobility if relaxes else 0.0)
-
-
-def until(case: Case, end: float | None) -> Case:
-    """The case with another end [µs], if one is given, and samples and frames as often: for estimates."""
-    if end is None:
-        return case
-    counts = {name: max(1, math.ceil(getattr(case.time, name) * end / case.time.end)) for name in ("samples", "frames")}
-    return dataclasses.replace(case, time=dataclasses.replace(case.time, end=end, **counts))
-
-
-def stops(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:
-    """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame.
-
-    Where no stop cuts a step [µs], they are whole numbers of it, the nearest ones, each once.
-
-    Parts of the case's end are exact fractions, rounded once: what falls together is one time, whatever its digits.
-    """
-    whole, before = Fraction(str(float(case.time.end))), end * (1.0 - 1e-12)
-
-    def every(count: int) -> set[float]:
-        times = (float(whole * i / count) for i in range(int(end / case.time.end * count) + 2))
-        return {t for t in times if t < before}
-
-    sample, frame = every(case.time.samples) | {end}, every(case.time.frames) | {end}
-    if step:
-        sample, frame = ({round(t / step) * step for t in times} for times in (sample, frame))
-    return [(t, t in sample, t in frame) for t in sorted(sample | frame)]

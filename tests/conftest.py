@@ -22,6 +22,9 @@ import pytest
 
 from mpi4py import MPI
 
+from cellmig.laws import register
+
+register()
 WORLD = MPI.COMM_WORLD.Dup()  # the tests' own messages keep clear of these
 PATIENCE = float(os.environ.get("CELLMIG_TEST_PATIENCE", 60))  # s that a rank which failed waits for the others
 

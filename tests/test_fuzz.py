@@ -23,7 +23,9 @@ from scenes import CASES
 from cellmig.__main__ import main
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
-from cellmig.simulation import discretise, find_terms, particle_count
+from cellmig.case.schema import particle_count
+from cellmig.meshfree.terms import find_terms
+from cellmig.solve.start import discretise
 from cellmig.usage import UsageError, parse
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]

@@ -21,7 +21,7 @@ from cellmig.output.log import table
 from cellmig.output.manifest import environment, page, processor
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 from cellmig.runs.cases import FOLDER
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 
 from .baseline import Baseline
 from .timing import Scene

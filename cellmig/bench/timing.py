@@ -21,11 +21,13 @@ from mpi4py import MPI
 from cellmig.case.load import from_dict, load
 from cellmig.case.schema import Case
 from cellmig.laws import register
+from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import memory_told
 from cellmig.output.xdmf import Frames
 from cellmig.runs.cases import FOLDER
-from cellmig.simulation import Simulation, discretise, find_terms
+from cellmig.simulation import Simulation
+from cellmig.solve.start import discretise
 from cellmig.solve.step import binding
 
 STILL = 1e-12  # µs: a step that moves nothing

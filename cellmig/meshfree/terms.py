@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
+
+from ..case.schema import Case, particle_count
+from ..model.protrusion import EdgeProtrusion
+from ..model.seifert import Seifert, solid
+from .boundary import histories_of
+
+SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
 @dataclass(frozen=True)
@@ -31,3 +39,63 @@ class Terms:
     histories: tuple | None = None
     single: bool = False
     skipped: dict = field(default_factory=dict)
+
+
+def find_terms(case: Case, prune: bool = True) -> Terms:
+    """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
+    eta = max(getattr(m, "eta", 0.0) for m in case.materials.values())
+    zeta = any(getattr(m, "zeta", 0.0) for m in case.materials.values())
+    law, skipped = case.director, {}
+
+    def unless(reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
+        if reason is None:
+            return value
+        skipped[term] = reason
+        return absent if prune else value
+
+    def why(*conditions: tuple[bool, str]) -> str | None:
+        return next((reason for holds, reason in conditions if holds), None)
+
+    nothing = Seifert(bonds=0.0, energy=0.0, range=0.01)
+    substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
+                       solid(case.substrate) if case.substrate else nothing)
+    between = case.contact or dataclasses.replace(nothing, range=_thin(case))
+    contact = unless(why((len(case.cells) == 1, "one cell alone"),
+                         (case.static and case.contact is None, "the case has none")),
+                     "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
+    push = case.protrusion
+    protrusion = unless(why((push is None, "the case has none"),
+                            (push is not None and not push.cells, "no cell protrudes"),
+                            (push is not None and push.strength == 0, "its strength is zero"),
+                            (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
+                        "protrusion", push or EdgeProtrusion(cells=(), random=False))
+    uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
+    director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
+                      "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
+    active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
+    used = case.materials.values()
+    still = (case.static, "nothing moves in a static case")
+    stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
+                        "viscous stabilisation", True, False)
+    stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
+                       "elastic stabilisation", True, False)
+    damped = unless(why(still, (not case.numerics.bulk_viscosity, "its viscosity is zero")),
+                    "bulk damping", True, False)
+    cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
+    friction = unless(why((case.friction is None, "the case has none"),
+                          (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
+                      case.friction if case.substrate is not None else None)
+    force = case.body_force if case.body_force and any(case.body_force) else None
+    force = unless(None if force else "the case has none", "body force", force, None)
+    shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
+    single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
+    outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
+                     "supports, loads, plates", histories_of(case))
+    return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
+                 director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
+                 acceleration=force, histories=outside, single=single, skipped=skipped)
+
+
+def _thin(case: Case) -> float:
+    """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
+    return case.substrate.range if case.substrate else 1e-3 * min(c.shape.area for c in case.cells) ** 0.5

@@ -28,6 +28,7 @@ from mpi4py import MPI
 from cellmig.case.load import load
 from cellmig.case.own_laws import included
 from cellmig.case.schema import Case
+from cellmig.case.times import until
 from cellmig.exits import BROKEN
 from cellmig.laws import register
 from cellmig.output.directory import Claim, replace
@@ -35,7 +36,6 @@ from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
 from cellmig.parallel.options import deciding, options_given, options_in
-from cellmig.simulation import until
 from cellmig.version import __version__
 
 from .preflight import cost

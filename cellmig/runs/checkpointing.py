@@ -25,7 +25,8 @@ from cellmig.output.manifest import processor, read_manifest
 from cellmig.output.tables import up_to
 from cellmig.output.xdmf import check_frames
 from cellmig.parallel.options import deciding
-from cellmig.simulation import Simulation, same_places
+from cellmig.simulation import Simulation
+from cellmig.solve.restart import same_places
 from cellmig.version import __version__
 
 FORMAT = 2  # of checkpoints: what they hold, and what it is called

@@ -9,25 +9,18 @@ from typing import NamedTuple
 
 from mpi4py import MPI
 
-from cellmig.case.schema import Case
+from cellmig.case.schema import Case, particle_count
 from cellmig.meshfree.body import Template
+from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, two_columns
 from cellmig.parallel.options import IMPLICIT, integrator_asked
-from cellmig.simulation import (
-    TRIAL,
-    Simulation,
-    Trial,
-    cheaper,
-    discretise,
-    find_terms,
-    particle_count,
-    step_control,
-    try_implicit,
-)
-from cellmig.solve.step import NumericsError, binding
+from cellmig.simulation import Simulation
+from cellmig.solve.start import discretise
+from cellmig.solve.step import NumericsError, StepControl, binding
 
 from .summary import load_said, scene_said, skipped_said, step_said
+from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # particles of the scene, at most, on which a step is timed
 TRIED, FEW = 1_500, 3  # the same of implicit steps, and how many of them if they are of one length
@@ -71,7 +64,7 @@ def cost(case: Case) -> Cost:
     part, ratio = _part(case, PROBE)
     scene = discretise(part)
     scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
-    stable = step_control(case, scene, terms).stable()
+    stable = StepControl(scene, terms, case.director).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
     per_step, row_bytes = _timed(part)
     kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
@@ -112,8 +105,7 @@ def report(case: Case) -> str:
         return _static_report(case)
     chosen: list[tuple[str, str]] = []
     if integrator_asked(case.time.integrator) == "auto":
-        part, _ = _part(case, PROBE)
-        part, reason = cheaper(part, MPI.COMM_SELF)
+        part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
     if integrator_asked(case.time.integrator) in IMPLICIT:

@@ -10,10 +10,9 @@ from typing import Any
 
 from mpi4py import MPI
 
-from cellmig.case.schema import Case
+from cellmig.case.schema import Case, particle_count
 from cellmig.output.directory import together
 from cellmig.output.manifest import memory_told
-from cellmig.simulation import particle_count
 
 from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, disk_bytes, said_bytes
 

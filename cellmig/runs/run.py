@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
+from cellmig.case.times import stops
 from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
 from cellmig.meshfree.overlap import stray, tangle
 from cellmig.output import checkpoint
@@ -28,7 +29,7 @@ from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, options_given, options_obeyed, petsc_version, unused_options
-from cellmig.simulation import Simulation, stops
+from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 from cellmig.version import __version__
@@ -37,6 +38,7 @@ from . import checkpointing
 from .checkpointing import STOP, USUALLY, Intervals, Keeper
 from .resources import require_room
 from .summary import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
+from .trial import choose
 
 CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
 
@@ -96,7 +98,8 @@ class Run:
 
     def _built(self, prune: bool, begun: Checkpoint | None) -> Simulation:
         try:
-            return Simulation(self.case, self.comm, prune, start=begun.arrays if begun else None)
+            case, self.reason = choose(self.case, self.comm)
+            return Simulation(case, self.comm, prune, start=begun.arrays if begun else None)
         except CaseError as error:  # known once there are particles
             self.manifest |= {"exit_status": WRONG, "cause": str(error)}
             self._save_manifest()
@@ -295,7 +298,7 @@ class Run:
             *laws_said(self.case, s),
             *skipped_said(s.terms.skipped),
             ("integrator", run.description),
-            *([("chosen", s.reason)] if s.reason else []),
+            *([("chosen", self.reason)] if self.reason else []),
             ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
              run.step_description or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
@@ -318,7 +321,7 @@ class Run:
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_closure": self.worst_closure,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
-            **run.record(), **({"chosen": s.reason} if s.reason else {}),
+            **run.record(), **({"chosen": self.reason} if self.reason else {}),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
             "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),

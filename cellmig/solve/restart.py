@@ -6,10 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from mpi4py import MPI
+
+from ..meshfree.body import Scene
+from ..meshfree.contact import Surfaces
 from ..parallel.collect import collected, shared
 from .accounts import ACCOUNTS
 from .mechanics import Mechanics
 
+SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
 _TIMES = ("F_lag", "accounted_dt", "dt_prev", "rebuilds")
 
 
@@ -116,3 +121,13 @@ def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
     there = {"pushed": m.terms.protrusion is not None, "bond_impulse": m.terms.substrate is not None}
     found |= {name: m.kernel[name][number] for name, is_there in there.items() if is_there}
     return found
+
+
+def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:
+    """Whether arrays of a checkpoint, on rank 0, are of the particles of a scene: but for rounding; collective."""
+    same = True
+    if comm.rank == 0:
+        X, surface, spacing = arrays["X"], arrays["surface"], min(t.spacing for t in scene.templates)
+        same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
+                and np.array_equal(surface, Surfaces.of(scene).ids))
+    return comm.bcast(same)

@@ -1,13 +1,19 @@
-"""The initial state of a case: displacements, velocities and director angles, from its formulas."""
+"""What a case begins with: its particles in the reference configuration, and their state, from its formulas."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..case.expression import evaluate
-from ..case.schema import Case
-from ..meshfree.body import Scene
+from ..case.messages import CaseError, Mistake
+from ..case.schema import Case, particle_count
+from ..meshfree import formulas
+from ..meshfree.body import Scene, template
+from ..meshfree.rkpm import factorised
 from ..model.director import start_angle
+from ..parallel.direct import solve_positive
+
+LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
 
 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
@@ -25,3 +31,33 @@ def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
         if case.director is not None:
             theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
     return {"id": np.arange(n), "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((n, 5))}
+
+
+def discretise(case: Case) -> Scene:
+    """The reference configuration of a case: one template for each kind of cell.
+
+    Raises CaseError where particles do not suit a shape, or formulas have no value at them.
+    """
+    used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
+    kinds: dict = {}
+    for cell in case.cells:
+        kinds.setdefault((cell.shape, cell.material, cell.nucleus), len(kinds))
+    templates, material_of = [], []
+    for shape, body, nucleus in kinds:
+        pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
+        try:
+            count = particle_count(case, shape)
+            solve = solve_positive if count > LARGE else factorised
+            templates.append(template(shape, count, case.particles.dilation, pair, case.numerics.bulk_viscosity,
+                                      case.particles.surface_refinement, solve))
+        except ValueError as error:  # the particles do not suit the shape
+            name = next(c.name for c in case.cells if c.shape == shape)
+            told = f"'{name}': {error}{getattr(shape, 'doubt', '')}"
+            raise CaseError([Mistake(case.path, None, "particles", told)]) from error
+        material_of.append((used.index(body), used.index(nucleus or body)))
+    scene = Scene(
+        templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
+        kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
+        centre=np.array([c.centre for c in case.cells]))
+    formulas.check(case, scene)
+    return scene

@@ -14,7 +14,7 @@ import numpy as np
 
 from mpi4py import MPI
 
-from cellmig.case.schema import Case
+from cellmig.case.schema import Case, particle_count
 from cellmig.exits import BROKEN, DIFFERENT, DONE, STOPPED, WRONG
 from cellmig.geometry import polygons
 from cellmig.laws import register
@@ -25,7 +25,7 @@ from cellmig.output.xdmf import frames
 from cellmig.runs.batch import Count, Ended, Job, run_all
 from cellmig.runs.outcome import outline
 from cellmig.runs.run import CLOSURE, stop_requests
-from cellmig.simulation import discretise, particle_count
+from cellmig.solve.start import discretise
 
 from .random_cases import launch, scene, toml
 

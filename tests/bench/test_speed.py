@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from cellmig.bench.baseline import Baseline
 from cellmig.bench.timing import Scene, probe
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 
 pytestmark = pytest.mark.serial
 SCENE = Scene(2, 150)

@@ -17,7 +17,7 @@ from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.geometry import polygons
 from cellmig.geometry.mesh_file import Boundary, boundary
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 
 pytestmark = pytest.mark.serial
 

@@ -19,7 +19,7 @@ from cellmig.geometry import polygons
 from cellmig.geometry.mesh_file import Boundary
 from cellmig.meshfree import rkpm
 from cellmig.meshfree.body import Template, template
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 
 STAR = [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [5.0, 2.5] * 5, strict=True)]
 T = np.linspace(0, 2 * np.pi, 300, endpoint=False)

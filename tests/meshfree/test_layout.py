@@ -24,7 +24,7 @@ from cellmig.meshfree import rkpm
 from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.overlap import stray
 from cellmig.parallel.collect import decided
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 
 MIRROR = np.array([-1.0, 1.0])
 # What numpy leaves out on a processor without AVX-512; on one that has none anyway this changes nothing.
@@ -277,7 +277,7 @@ def test_layouts_have_the_same_bits_on_an_older_processor(outside_mpi: dict[str,
         import hashlib, sys
         import numpy as np
         import cellmig
-        from cellmig.simulation import discretise
+        from cellmig.solve.start import discretise
         for name in ("one_cell", "outline", "strip_with_hole"):
             scene = discretise(cellmig.load(f"{sys.argv[1]}/{name}.toml", ["particles.per_cell=150"]))
             digest = hashlib.sha256(scene.X.tobytes())

@@ -21,7 +21,7 @@ from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, extreme
 from cellmig.parallel.swarm import FIELDS, Swarm
-from cellmig.simulation import discretise
+from cellmig.solve.start import discretise
 from cellmig.solve.surface_exchange import SurfacePlaces
 
 # ----------------------------------------------------------------------------------------------------------- sums

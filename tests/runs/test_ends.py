@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scenes import CASES
 
+from cellmig.case.times import stops
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.diff import diff
-from cellmig.simulation import stops
 
 CASE = (CASES["two_three"], "--set", "particles.per_cell=60", "--set", "time.end=1 us", "--set", "time.samples=4",
         "--set", "time.frames=2", "--set", "time.step=2 ns", "--quiet")

@@ -12,11 +12,14 @@ from cellmig.case.gaps import lie
 from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
+from cellmig.meshfree.terms import find_terms
 from cellmig.runs import preflight
 from cellmig.runs.estimates import expected
 from cellmig.runs.preflight import cost, report
 from cellmig.runs.summary import scene_said
-from cellmig.simulation import discretise, find_terms, step_control, try_implicit
+from cellmig.runs.trial import try_implicit
+from cellmig.solve.start import discretise
+from cellmig.solve.step import StepControl
 
 pytestmark = pytest.mark.serial
 RANGE = 0.01  # of the bonds to the substrate [µm]
@@ -204,7 +207,7 @@ def test_where_explicit_steps_take_days_what_would_be_better_is_told(sets: tuple
 @pytest.mark.parametrize("name", ["one_cell", "nucleus", "outline"])
 def test_the_stable_step_of_many_particles_follows_from_few(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = case(name, per_cell=2400)
-    true = step_control(found, discretise(found), find_terms(found)).stable()
+    true = StepControl(discretise(found), find_terms(found), found.director).stable()
     monkeypatch.setattr(preflight, "KIND", 600)
     guess = cost(found)
     assert guess.coarse and guess.particles == 2400

@@ -14,7 +14,8 @@ from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.case.registry import laws
 from cellmig.meshfree import formulas
-from cellmig.simulation import Simulation, discretise
+from cellmig.simulation import Simulation
+from cellmig.solve.start import discretise
 
 HISTORIES = {"constant": {}, "ramp": {"duration": "1 us"}, "smooth": {"duration": "1 us"}, "sine": {"period": "2 us"}}
 CENTRE = np.array([3.0, 1.0])

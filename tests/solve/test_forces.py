@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scenes import DAMPED, built, case, everywhere, forces, put, smooth
 
-from cellmig import simulation
 from cellmig.case.pointwise import pointwise
 from cellmig.case.schema import Case
+from cellmig.meshfree import terms
 from cellmig.parallel.reduce import exact_sum
 from cellmig.simulation import Simulation
 
@@ -123,7 +123,7 @@ def test_single_precision_of_coefficients_keeps_momentum_and_changes_forces_by_i
         u, v = deform(sim)
         expected = internal(sim)
         assert not sim.terms.single
-    monkeypatch.setattr(simulation, "SINGLE_FROM", 0)
+    monkeypatch.setattr(terms, "SINGLE_FROM", 0)
     with built(SCENES[name]()) as sim:
         put(sim, u, v)
         f = internal(sim)

@@ -12,9 +12,10 @@ from petsc4py import PETSc
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
+from cellmig.case.times import stops
 from cellmig.output.manifest import read_manifest
 from cellmig.runs.run import BROKEN, Run
-from cellmig.simulation import Simulation, stops
+from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 from cellmig.verify.specimens import RAMP, piece
 

@@ -1,0 +1,99 @@
+"""A short trial of a run: how fast its integrator goes on, and which of two goes on faster."""
+
+from __future__ import annotations
+
+import dataclasses
+from time import perf_counter
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+from cellmig.case.schema import Case
+from cellmig.output.log import duration
+from cellmig.parallel.options import integrator_asked
+from cellmig.simulation import Simulation
+from cellmig.solve.implicit import Implicit
+from cellmig.solve.step import NumericsError, binding
+
+TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each part of a trial, implicit and explicit
+GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
+
+
+def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
+    """The case with its integrator; for "auto" the one that a short trial found faster, and why; collective."""
+    if integrator_asked(case.time.integrator) != "auto":
+        return case, ""
+
+    def with_(kind: str) -> Case:
+        return dataclasses.replace(case, time=dataclasses.replace(case.time, integrator=kind))
+
+    if case.plates:
+        return with_("leapfrog"), "implicit steps have no plates"
+    speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}
+    best = max(speeds, key=lambda kind: speeds[kind])
+    end, took = case.time.end, [duration(case.time.end / v) if v else "for ever" for v in speeds.values()]
+    return with_(best), (f"{best}: as a trial went, {duration(1e-6 * end, 6)} take {took[0]} with explicit steps and "
+                         f"{took[1]} with implicit ones")
+
+
+def _speed(case: Case, comm: MPI.Comm) -> float:
+    """Simulated over wall time [µs/s] in a trial; 0 where no step succeeds; collective."""
+    simulation = Simulation(case, comm)
+    try:
+        return try_implicit(simulation).speed if isinstance(simulation.integrator, Implicit) else _explicit(simulation)
+    except NumericsError:
+        return 0.0
+    finally:
+        simulation.destroy()
+
+
+def _explicit(simulation: Simulation) -> float:
+    """Simulated over wall time [µs/s] of the second half of a trial of explicit steps; collective."""
+    half, comm, at = TRIAL_EXPLICIT * binding(simulation.control.stable())[1], simulation.comm, [(0.0, perf_counter())]
+    for stop in (half, 2.0 * half):
+        at.append((simulation.go(min(stop, simulation.case.time.end)), comm.allreduce(perf_counter(), MPI.MAX)))
+    (before, begin), (time, end) = at[-2:]
+    return comm.bcast((time - before) / (end - begin) if time > before else at[1][0] / (at[1][1] - at[0][1]))
+
+
+class Trial(NamedTuple):
+    """Implicit steps at the start of a run: in the last of them, simulated [µs] and wall [s] time, steps, and steps of
+    Newton's; taken : how many there were in all;  reached : simulated time [µs];  particles : how many there are.
+    """
+
+    simulated: float
+    wall: float
+    steps: int
+    newton: int
+    taken: int
+    reached: float
+    particles: int
+
+    @property
+    def speed(self) -> float:
+        """Simulated over wall time [µs/s]."""
+        return self.simulated / self.wall
+
+
+def try_implicit(simulation: Simulation, burst: int = TRIAL, least: float = 0.0) -> Trial:
+    """Implicit steps until they are as long as the motion lets them be, and for `least` seconds; collective.
+
+    Where PETSc chooses the steps the first are ten of the stable one, and they double: of a stiff case dozens tell
+    nothing of those to come.  So bursts of them go on until two in a row gain nothing: one may have met an event.  What
+    is told is of the later half.
+    """
+    run, comm, end = simulation.integrator, simulation.comm, simulation.case.time.end
+
+    def now() -> tuple[float, float, int, int]:
+        return simulation.time, comm.allreduce(perf_counter(), MPI.MAX), run.steps, run.newton
+
+    at, best, idle = [now()], 0.0, 0
+    while simulation.time < end and (idle < 2 or at[-1][1] - at[0][1] < least):
+        run.ts.setMaxSteps(run.steps + burst)
+        simulation.go(end)
+        at.append(now())
+        speed = (at[-1][0] - at[-2][0]) / (at[-1][1] - at[-2][1])
+        idle = 0 if speed > GROWING * best else idle + 1
+        best = max(best, speed)
+    taken = (b - a for a, b in zip(at[len(at) // 2 - 1 if len(at) > 3 else 0], at[-1], strict=True))
+    return Trial(*taken, run.steps, simulation.time, simulation.scene.size)
