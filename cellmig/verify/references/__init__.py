@@ -1,1 +1,1 @@
-"""References by physics: a module each; `cellmig/verify/verify.py` tells how to add one."""
+"""References, one module for each kind of physics; `cellmig/verify/verify.py` describes how to add one."""

@@ -1,4 +1,4 @@
-"""`python -m cellmig.verify.references`: reads "name resolution" as JSON, a line each, and writes what was measured."""
+"""`python -m cellmig.verify.references` reads lines of JSON, [name, resolution], and writes what it measured."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import traceback
 
 
 def serve() -> None:
-    """Answer until there are no more questions; what else is written to stdout goes to stderr."""
+    """Answer every line of stdin with a line on stdout; all other output goes to stderr."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     from cellmig.verify.verify import load_references  # MPI and PETSc start here

@@ -1,4 +1,4 @@
-"""What must not be lost: momentum, its moment, energy, area."""
+"""Conservation of momentum, angular momentum, energy and area."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PAIRS = "forces come in pairs that are equal and opposite, on one line: sums of 
            source="eq. (2) summed: only F_d is external along x", at=(100, 200, 400), seconds=5.0,
            expected={"along x": exact(1e-9, "the substrate is without friction, all other forces are internal")})
 def momentum(count: int) -> Measured:
-    """Nothing else pushes along the substrate."""
+    """Protrusion is the only external force along the substrate."""
     with built(case("all_protrude", count)) as sim:
         sim.go(1.0)
         sim.sample()
@@ -28,7 +28,7 @@ def momentum(count: int) -> Measured:
            source="action and reaction: Σ F_cc = 0, and its torque", at=(100, 200, 400), seconds=2.0,
            expected={"sum": exact(1e-12, PAIRS), "torque": exact(1e-11, PAIRS)})
 def cell_cell(count: int) -> Measured:
-    """In parts of the sum of the sizes."""
+    """Errors are relative to the sum of the magnitudes."""
     with built(case("paper", count)) as sim:
         u = 0.004 * np.random.default_rng(1).standard_normal((sim.scene.size, 2))
         put(sim, u)
@@ -43,7 +43,7 @@ def cell_cell(count: int) -> Measured:
            at=(100, 200, 400), seconds=3.0,
            expected={"moment": exact(1e-9, "a symmetric Cauchy stress turns nothing, and leapfrog keeps x × m v")})
 def spin(count: int) -> Measured:
-    """Without stabilisation, which is blind to what is linear in X and not in x."""
+    """The elastic stabilisation is off: it keeps the moment of momentum only where x is linear in X."""
     gradient = [["0.1 /us", "-0.3 /us"], ["0.3 /us", "-0.1 /us"]]
     with built(altered(nucleus(count, "materials.nucleus.stiffening=0"), {"velocity_gradient": gradient})) as sim:
         found = []
@@ -59,7 +59,7 @@ def spin(count: int) -> Measured:
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
                      for name in ("paper", "director_radial", "all_protrude")})
 def energy(ns: float) -> Measured:
-    """Three scenes with all terms among them."""
+    """The three scenes have all terms of the model among them."""
     found = {}
     for name in ("paper", "director_radial", "all_protrude"):
         with built(case(name, 150, f'time.step="{ns} ns"')) as sim:
@@ -75,7 +75,7 @@ def energy(ns: float) -> Measured:
                      "sheared": exact(1e-12, "an affine map takes the polygon with it"),
                      "wavy": converges(2, "sides for curves: their sagittas are of h²")})
 def area(count: int) -> Measured:
-    """As history.csv has it, from the outline."""
+    """Areas are those of the outline, as in history.csv."""
     with built(drop(count)) as sim:
         X, V = sim.scene.X, sim.scene.field("V")
 

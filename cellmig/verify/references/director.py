@@ -1,4 +1,4 @@
-"""The director alone: it relaxes as heat spreads."""
+"""The director alone: its angle obeys the heat equation."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from cellmig.verify.reference import Measured, converges, exact, reference
 from .scenes import built, by_id, drop
 
 RADIUS = 5.0  # µm
+RELAXING = {"law": "relaxing", "start": "radial", "mobility": "1 um^2/us", "anchoring": "none"}
+ETA = 'materials.cytoplasm.eta="100 pN"'
 
 
 @reference("director-relaxation", shows="rate of a mode θ = J1(κr) cos φ of a disc, free at the membrane, J1'(κR) = 0",
@@ -17,10 +19,9 @@ RADIUS = 5.0  # µm
            coarse={"rate": 1.0e-3},
            expected={"rate": converges(2, "a Rayleigh quotient: the square of an error h in gradients")})
 def director_relaxation(count: int) -> Measured:
-    """From the mode's share in the angles after 1 µs, of an inverse rate of 7 µs; nothing flows."""
-    law = {"law": "relaxing", "start": "radial", "mobility": "1 um^2/us", "anchoring": "none"}
+    """The rate follows from the amplitude of the mode after 1 µs; the inverse rate is 7 µs; nothing flows."""
     k = jnp_zeros(1, 1)[0] / RADIUS
-    with built(drop(count, 'materials.cytoplasm.eta="100 pN"', director=law)) as sim:
+    with built(drop(count, ETA, director=RELAXING)) as sim:
         X, V, m = sim.scene.X, sim.scene.field("V"), sim.mechanics
         r = np.maximum(np.hypot(*X.T), 1e-9)
         mode = jv(1, k * r) * X[:, 0] / r
@@ -36,9 +37,8 @@ def director_relaxation(count: int) -> Measured:
 @reference("director-uniform", shows="a uniform director after 100 steps", source="Δθ = 0", at=(150, 400, 1000),
            expected={"uniform, anywhere": exact(1e-12, "differences of equal angles are zero")})
 def director_uniform(count: int) -> Measured:
-    """Within rounding nothing moves."""
-    law = {"law": "relaxing", "start": "radial", "mobility": "1 um^2/us", "anchoring": "none"}
-    with built(drop(count, 'materials.cytoplasm.eta="100 pN"', director=law)) as sim:
+    """Angles change by rounding alone."""
+    with built(drop(count, ETA, director=RELAXING)) as sim:
         m = sim.mechanics
         m.theta.start(np.full(count, 0.3))
         for _ in range(100):

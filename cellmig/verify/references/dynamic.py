@@ -1,6 +1,6 @@
-"""Elastic bodies that move under supports and loads: a compression wave, manufactured solutions, beams that vibrate.
+"""Elastic bodies that move under supports and loads: a compression wave, manufactured solutions, vibrating beams.
 
-Nothing is damped numerically.  Where a solution is that of small strains, these are 1e-7.
+There is no numerical damping.  Strains are 1e-7 where the solution is one of small strains.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from cellmig.simulation import Simulation
 from cellmig.verify.reference import Measured, converges, exact, reference
 from cellmig.verify.specimens import piece, rectangle
 
-from .scenes import built, displacement, put
+from .scenes import built, displaced, displacement, put, relative_rms
 from .solid import ELASTIC, stiffness
 from .static import EDGES, missed
 
 SMOOTH = "h² of a linear basis, and of a step that goes with h"
-SIZE = 1e-7  # of what moves [µm]
-LAWS = {"stiff": "170 kPa", "soft": "2 kPa"}  # λ of the paper, Poisson's ratio 0.497; and one of 0.259
+SIZE = 1e-7  # amplitude of motions [µm]
+LAWS = {"stiff": "170 kPa", "soft": "2 kPa"}  # moduli λ of the paper, with Poisson's ratio 0.497, and one with 0.259
 
 
 def elastic(width: float, height: float, count: int, lame: str, *held: dict, **tables: Any) -> Case:
-    """A rectangle [µm] of the nucleus's law, without any damping; `held` : its supports;  `start` : how it starts."""
+    """A rectangle [µm] of the nucleus's law without damping; `held` : supports;  `start` : fields of its cell."""
     clock = {"end": "100 us", "integrator": "leapfrog"} | tables.pop("time", {})
     return piece(rectangle(width, height, **tables.pop("start", {})), count, time=clock,
                  material={"lame": lame, "stabilisation": 0}, numerics={"bulk_viscosity": 0},
@@ -44,7 +44,7 @@ def elastic(width: float, height: float, count: int, lame: str, *held: dict, **t
                                        (" across, L2", "the same; over that of the displacement"))
                      for name in LAWS})
 def standing_wave(count: int) -> Measured:
-    """Started by its velocity, seen an eighth of a period after two, where phase and height count alike."""
+    """The initial velocity is given; 2 1/8 periods later phase and amplitude contribute to the error alike."""
     length, found = 4.0, {}
     walls = [{"parts": ["left", "right"], "displacement": ["0 um", "free"]},
              {"parts": ["bottom", "top"], "displacement": ["free", "0 um"]}]
@@ -69,14 +69,14 @@ def standing_wave(count: int) -> Measured:
 
 
 class Waves:
-    """u = A sin(Ωt) w, w a sum of plane waves p sin(k·x + φ): with the force on the body that makes it a solution."""
+    """The manufactured solution u = A sin(Ωt) Σ p sin(k·x + φ) with its body force and tractions."""
 
     k = np.array([[0.9, 0.5], [-0.4, 1.1], [1.3, -0.7]])  # [1/µm]
     across, along = np.array([0.6, -0.7, 0.4]), np.array([0.8, 0.5, -0.6])  # parts of p
     phase = np.array([0.3, 1.0, -0.5])
 
     def __init__(self, law: Any, period: float, size: float, squeezed: float):
-        """`size` : A [µm];  `squeezed` : factor on what changes volumes."""
+        """`size` : A [µm];  `squeezed` : factor of the longitudinal part of p, which changes volumes."""
         self.lame, self.G = law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus, law.shear_modulus
         self.density, self.size, self.omega = law.density, size, 2.0 * np.pi / period
         self.history = {"law": "sine", "period": f"{period} us"}
@@ -84,7 +84,7 @@ class Waves:
         self.p = self.across[:, None] * turned + squeezed * self.along[:, None] * self.k
 
     def _sum(self, vectors: np.ndarray, unit: str, function: str = "sin") -> list[str]:
-        """Formulas of A Σ vectors (k, c) sin(k·x + φ), a component each."""
+        """Formulas of the components of A Σ a sin(k·x + φ), with the rows a of `vectors` (k, c)."""
         waves = [f"{function}({k[0]}*x + {k[1]}*y + {a})"
                  for k, a in zip(self.k.tolist(), self.phase.tolist(), strict=True)]
         return [" + ".join(f"{c}*{w}" for c, w in zip(column, waves, strict=True)) + f" {unit}"
@@ -95,11 +95,11 @@ class Waves:
         return self.size * np.sin(self.omega * time) * np.sin(X @ self.k.T + self.phase) @ self.p
 
     def support(self, parts: list[str]) -> dict:
-        """Parts that move as the solution does."""
+        """A support that moves parts by the solution."""
         return {"parts": parts, "displacement": self._sum(self.p, "um"), "history": self.history}
 
     def start(self) -> dict:
-        """The velocity at the start."""
+        """The initial velocity."""
         return {"velocity": self._sum(self.omega * self.p, "um/us")}
 
     def body(self) -> dict:
@@ -120,7 +120,7 @@ class Waves:
 
 def manufactured(count: int, lame: str, pulled: bool, size: float = SIZE, squeezed: float = 1.0, **tables: Any
                  ) -> tuple[Case, Waves]:
-    """A block of 2 x 2 µm and its solution, of 1 µs; moved all around, or at left and bottom and elsewhere pulled."""
+    """A block of 2 x 2 µm and its solution with a period of 1 µs; `pulled` : with tractions at right and top."""
     free = {"right": [1.0, 0.0], "top": [0.0, 1.0]} if pulled else {}
     waves = Waves(elastic(2.0, 2.0, 50, lame).materials["nucleus"], 1.0, size, squeezed)
     loads = [waves.body(), *(waves.traction(part, normal) for part, normal in free.items())]
@@ -134,10 +134,10 @@ def manufactured(count: int, lame: str, pulled: bool, size: float = SIZE, squeez
            expected={f"{how}, {name}": converges(2, SMOOTH, {} if name == "stiff, squeezed" else ELASTIC)
                      for how in ("moved", "pulled") for name in ("soft", "stiff", "stiff, squeezed")})
 def manufactured_space(count: int) -> Measured:
-    """After 1.3 periods, where no node is.
+    """Errors after 1.3 periods, when sin(Ωt) is not near zero.
 
-    Where it is stiff, volumes change by what pressures of the size of G make; squeezed, they change as shapes do,
-    pressures are 150 times the shear stresses, and errors of the pressure move what is soft in shear.
+    In "stiff" the pressures are as large as the shear stresses.  In "stiff, squeezed" they are 150 times as large, and
+    their errors deform the block, which is soft in shear.
     """
     found = {}
     for how in ("moved", "pulled"):
@@ -155,14 +155,10 @@ COARSE, STEPS = 100, {"leapfrog": 2, "rk 3bs": 3, "rk 4": 4}
 
 
 def after(kind: str, ns: float) -> np.ndarray:
-    """Displacements (size, 2) [µm] of the block in finite strain after 1.3 periods, by a TS type in steps [ns]."""
-    ts_type, _, runge = kind.partition(" ")
+    """Displacements (size, 2) [µm] of the block in finite strain after 1.3 periods, by a TS type with steps [ns]."""
+    ts_type, _, runge_kutta = kind.partition(" ")
     clock = {"end": "2 us", "step": f"{ns} ns", "integrator": ts_type}
-    with built(manufactured(COARSE, LAWS["soft"], True, 0.05, time=clock)[0]) as sim:
-        if runge:
-            sim.integrator.ts.setRKType(runge)
-        sim.go(1.3)
-        return displacement(sim)
+    return displaced(manufactured(COARSE, LAWS["soft"], True, 0.05, time=clock)[0], runge_kutta, 1.3)
 
 
 @reference("manufactured-time", shows="the same with 100 particles in finite strain; the step is the size",
@@ -171,21 +167,20 @@ def after(kind: str, ns: float) -> np.ndarray:
                                      "Störmer-Verlet; what is held is exact at the end of each step", floor=1e-11)
                      for kind, order in STEPS.items()})
 def manufactured_time(ns: float) -> Measured:
-    """Loads and supports change within a step: at its stages, too."""
+    """Loads and supports change within a step, so that stages of Runge-Kutta methods see different ones."""
     right = after("rk 5dp", 1.0)
-    return Measured(ns, {kind: float(np.sqrt(np.square(after(kind, ns) - right).mean() / np.square(right).mean()))
-                         for kind in STEPS})
+    return Measured(ns, {kind: relative_rms(after(kind, ns), right) for kind in STEPS})
 
 
 # --------------------------------------------------------------------------------------------------------------- beams
 
-# First bending frequencies of a beam of 5 x 1 µm in plane strain, clamped at the left and free [rad/µs].
+# First bending frequencies of a beam of 5 x 1 µm in plane strain, clamped at its left end or free [rad/µs].
 BENDING = {"clamped, stiff": 0.169468, "clamped, soft": 0.138941, "free, stiff": 0.959731, "free, soft": 0.805275}
 CORNER = {"stiff": 1.19, "soft": 1.48}  # twice λ of sin²(πλ/2) = (4 (1 - ν)² - λ²)/(3 - 4ν) (Williams 1952)
 
 
 def bending(sim: Simulation, clamped: bool, guess: float) -> tuple[float, np.ndarray]:
-    """Lowest frequency but those of rigid motions [rad/µs], and its displacements (n, 2), by the linear operator."""
+    """Lowest nonzero eigenfrequency of the linear operator [rad/µs], near a guess, and its displacements (n, 2)."""
     t = sim.scene.templates[0]
     n, held = len(t.X), sim.mechanics.boundary.held
     left = np.setdiff1d(np.arange(2 * n), held[:, 0] + n * held[:, 1])  # x before y
@@ -207,11 +202,11 @@ def bending(sim: Simulation, clamped: bool, guess: float) -> tuple[float, np.nda
                      "in time": exact(1e-5, "the leapfrog's (ω dt)²/8: the clamped soft mode after a quarter of its "
                                       "period, L2")})
 def beam_vibration(count: int) -> Measured:
-    """Frequencies are those of spectral elements of degree 6 on 10 x 2 rectangles.
+    """The exact frequencies are those of spectral elements of degree 6 on 10 x 2 rectangles.
 
-    Those at the clamped corners were divided five times at a fifth, the clamped line alone, too.  Between degrees 5 and
-    6, and 3 and 5 divisions, what is clamped changes by 7e-6 at most and what is free by 4e-8.
-    Euler and Bernoulli have 0.1734, 0.1429, 1.1035 and 0.9096.
+    Elements at the clamped end were divided five times at a fifth of their length, towards the end and its corners.
+    From degree 5 to 6 and from 3 to 5 divisions, frequencies of the clamped beam change by 7e-6 at most, those of the
+    free one by 4e-8.  Euler-Bernoulli theory gives 0.1734, 0.1429, 1.1035 and 0.9096.
     """
     found: dict[str, float] = {}
     for name, right in BENDING.items():

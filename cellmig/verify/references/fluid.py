@@ -1,4 +1,4 @@
-"""Drops of the cytoplasm: viscous, inviscid, with line tension, as sound and as shear."""
+"""Drops of the cytoplasm: spreading flows, decay of shear, vibration by line tension and by compression."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ RADIUS = 5.0  # µm
 
 
 def straining(rate: float) -> dict:
-    """Of a cell that starts with v = rate (x, -y) [1/µs]."""
+    """The initial velocity v = rate (x, -y), rate [1/µs], of a cell."""
     return {"velocity_gradient": [[f"{rate} /us", "0 /us"], ["0 /us", f"{-rate} /us"]]}
 
 
 def axes(sim) -> np.ndarray:
-    """Semi-axes of a drop that is the same about x and y [µm]."""
+    """Semi-axes along x and y of a symmetric drop (2,) [µm]."""
     x = on_the_rim(sim, np.arange(4) * np.pi / 2)
     return 0.5 * np.array([x[0, 0] - x[2, 0], x[1, 1] - x[3, 1]])
 
@@ -30,7 +30,7 @@ def axes(sim) -> np.ndarray:
            expected={"semi-axes": converges(2, "h² of a linear basis and of the stabilisation, blind to linear flow",
                                             {5000: 0.01, 20000: 0.003}, floor=2e-6)})
 def viscous_drop(count: int) -> Measured:
-    """μ = 1000 Pa µs, no surface tension."""
+    """The viscosity is 1000 Pa µs; there is no line tension."""
     right = {1.0: (5.08760, 4.91357), 2.0: (5.15571, 4.84742), 5.0: (5.28614, 4.72173)}
     with built(altered(drop(count), straining(0.02))) as sim:
         missed = 0.0
@@ -47,9 +47,9 @@ def viscous_drop(count: int) -> Measured:
                                      {5000: 0.01, 20000: 0.003}, floor=1e-4)
                      for name in ("semi-axes", "semi-axes by moments")})
 def inviscid_drop(count: int) -> Measured:
-    """A viscosity of 1e-5 of the cytoplasm's stands for none; a = 2R, b = R/2 at A t = 0.8005088.
+    """The viscosity is 1e-5 of the cytoplasm's; the solution has a = 2R, b = R/2 at the product 0.8005088 of A and t.
 
-    The stabilisation is the cytoplasm's: without, single particles of the rim come up by 1 % of R.
+    The stabilisation is that of the cytoplasm: without it single particles of the rim move by 1 % of R.
     """
     thin = ('materials.cytoplasm.viscosity="1e-8 Pa s"', "materials.cytoplasm.stabilisation=4e5")
     with built(altered(drop(count, *thin), straining(0.1))) as sim:
@@ -66,7 +66,7 @@ def inviscid_drop(count: int) -> Measured:
            quick=(300, 800, 2000), seconds=15.0, coarse={"rate": 5.2e-3},
            expected={"rate": converges(2, "a Rayleigh quotient: the square of an error h in gradients")})
 def shear_decay(count: int) -> Measured:
-    """From the mode's share in the velocities after 0.5 and 1 µs."""
+    """The rate follows from the amplitudes of the mode in the velocities after 0.5 and 1 µs."""
     k = jn_zeros(2, 1)[0] / RADIUS
     with built(drop(count)) as sim:
         X, mass, law = sim.scene.X, sim.scene.field("mass"), sim.scene.materials[0]
@@ -83,11 +83,11 @@ def shear_decay(count: int) -> Measured:
 
 
 def ringing(count: int, case, mode, amplitude: float, time: float) -> tuple[float, float]:
-    """Spacing, and by how much the rim of a drop misses a mode over `time` [µs], in parts of its start."""
+    """Spacing [µm], and largest error of the rim over `time` [µs], relative to the initial amplitude of the mode."""
     with built(case) as sim:
         X, rim = sim.scene.X, sim.scene.surface(0)
         shape, pressure = mode.displacements(X), mode.tension / RADIUS
-        J = np.sqrt(1.0 + (pressure / mode.K) ** 2) - pressure / mode.K  # where the pressure carries the tension
+        J = np.sqrt(1.0 + (pressure / mode.K) ** 2) - pressure / mode.K  # of pressure and tension in balance
         put(sim, amplitude * shape.real + (np.sqrt(J) - 1.0) * X, amplitude * (mode.s * shape).real)
         at, missed = np.arctan2(*X[rim].T[::-1]), 0.0
         lobes = np.cos(mode.n * at) / np.square(np.cos(mode.n * at)).sum()
@@ -107,7 +107,7 @@ TENSION = 5000.0  # pN/µm
            at=(150, 400, 1000, 2500), seconds=40.0,
            expected={"rim": converges(2, "h² of the polygon's curvature and of a linear basis", {5000: 0.01})})
 def drop_oscillation(count: int) -> Measured:
-    """The cytoplasm's viscosity, T = 5000 pN/µm: period 14 µs, of which 5 times the inverse rate of decay."""
+    """The viscosity is that of the cytoplasm, T = 5000 pN/µm; the period is 14 µs, five times the decay time."""
     cortex = {"cortex": {"law": "line-tension", "line_tension": f"{TENSION} pN/um"}}
     case = drop(count, "numerics.bulk_viscosity=0", **cortex)
     law = case.materials["cytoplasm"]
@@ -125,7 +125,7 @@ def drop_oscillation(count: int) -> Measured:
                                       {5000: 0.01}),
                      "rim, damped by default": converges(1, "the numerical damping of sound is 0.05 ρ c h")})
 def drop_sound(count: int) -> Measured:
-    """Bulk modulus 5 MPa: c = 71 µm/µs, period 0.18 µs."""
+    """The bulk modulus is 5 MPa, the speed of sound 71 µm/µs, the period 0.18 µs."""
     found = {}
     for name, sets in (("rim", ("numerics.bulk_viscosity=0",)), ("rim, damped by default", ())):
         case = drop(count, *sets)

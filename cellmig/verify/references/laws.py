@@ -1,4 +1,4 @@
-"""The laws' closed forms: nothing is discretised, errors are those of rounding."""
+"""Closed forms of the material and adhesion laws, without discretisation: errors are those of rounding."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
+from cellmig.verify import exact as exact_solutions
 from cellmig.verify.reference import Measured, converges, exact, reference
 
 PAPER = "Bai, Lin & Zeng 2019, eqs. (3)-(9), by hand"
@@ -20,17 +21,14 @@ def nucleus():
 
 
 def cauchy(law, F: np.ndarray) -> np.ndarray:
-    """Stress (3, 3) [Pa] for F (2, 2)."""
-    P = np.array(pointwise(law, "stress", {"F": F[:, :, None]}))[:, :, 0]
-    s = np.zeros((3, 3))
-    s[:2, :2], s[2, 2] = P @ F.T / np.linalg.det(F), np.ravel(law.out_of_plane(F[:, :, None]))[0]
-    return s
+    """Cauchy stress (3, 3) [Pa] for F (2, 2) [-]."""
+    return exact_solutions.cauchy(law, F[:, :, None], np.zeros((2, 2, 1)))[0]
 
 
 @reference("simple-shear", shows="nucleus in simple shear γ, which is the size", source=PAPER, unit="",
            at=(2.0, 0.4, 0.01), expected={"σ over 2(C1+C2)γ": exact(1e-12, ROUNDING)})
 def simple_shear(shear: float) -> Measured:
-    """σ12 = 2(C1+C2)γ, σ11 = 2(C1+C2)γ², σ22 = 0, σ33 = 2 C2 γ²."""
+    """σ12 is 2(C1+C2)γ, σ11 is 2(C1+C2)γ², σ22 is 0, σ33 is 2 C2 γ²."""
     law = nucleus()
     G = 2.0 * (law.C1 + law.C2)
     right = np.array([[G * shear**2, G * shear, 0], [G * shear, 0, 0], [0, 0, 2.0 * law.C2 * shear**2]])
@@ -41,7 +39,7 @@ def simple_shear(shear: float) -> Measured:
 @reference("dilation", shows="nucleus in dilation by J within the plane, which is the size", source=PAPER, unit="",
            at=(2.0, 1.1, 0.9, 0.5), expected={"mean stress": exact(1e-12, ROUNDING)})
 def dilation(J: float) -> Measured:
-    """σ = 4 λ ln J/J and, as a dilation in the plane is none in space, the traces of the two terms of shape."""
+    """The mean stress is 4 λ ln J/J plus the traces of the two isochoric terms, as only the plane is dilated."""
     law = nucleus()
     I1, I2 = 2.0 * J + 1.0, J**2 + 2.0 * J
     shape = 2.0 / (3.0 * J) * (law.C1 * (I1 - 3.0 * J ** (2 / 3)) + 2.0 * law.C2 * (I2 - 3.0 * J ** (4 / 3)))
@@ -52,7 +50,7 @@ def dilation(J: float) -> Measured:
 @reference("plane-tension", shows="nucleus stretched in plane strain, free across; stretch is the size", source=PAPER,
            unit="", at=(2.0, 1.5, 0.5), expected={"nominal stress": exact(1e-7, "published with 3 decimals of 5,000")})
 def plane_tension(stretch: float) -> Measured:
-    """Force per reference area."""
+    """The nominal stress is the force per reference area."""
     law, exact_value = nucleus(), {0.5: -33047.494, 1.5: 5517.176, 2.0: 8604.150}[stretch]
     b = brentq(lambda b: cauchy(law, np.diag([stretch, b]))[1, 1], 0.3, 3.0, xtol=1e-15, rtol=1e-14)
     return Measured(stretch, {"nominal stress": abs(b * cauchy(law, np.diag([stretch, b]))[0, 0] / exact_value - 1.0)})
@@ -62,7 +60,7 @@ def plane_tension(stretch: float) -> Measured:
            source="P = ∂W/∂F; S Fᵀ for F S would be off by order 1", unit="", at=(0.02, 0.01, 0.005),
            expected={"P": converges(4, "central differences of five points: the step to the fourth")})
 def energy_gradient(step: float) -> Measured:
-    """At random F with stretch, shear and rotation; the worst of all materials, in parts of the largest P."""
+    """The largest error of all materials at random F, over the largest P."""
     rng, worst = np.random.default_rng(1), 0.0
     F = np.eye(2)[:, :, None] + 0.25 * rng.standard_normal((2, 2, 200))
     F = F[..., F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] > 0.4]
@@ -83,10 +81,10 @@ def energy_gradient(step: float) -> Measured:
            expected={"strongest pull": converges(2, "half the curvature times the distance squared"),
                      "stiffness at ε": exact(1e-12, ROUNDING)})
 def seifert(step: float) -> Measured:
-    """17.85 kPa at √(5/3) ε for the substrate's bonds, stiffness 8 N σ/ε² at rest; both without cutoff."""
+    """The strongest pull is 17.85 kPa at √(5/3) ε, the stiffness at equilibrium 8 N σ/ε², both without a cutoff."""
     law = laws("adhesion")["seifert"](bonds=8000.0, energy=0.03, range=0.01)
     x = np.sqrt(5.0 / 3.0)
-    r = (x + step * (np.arange(-20, 20) + 0.5)) * law.range  # the maximum lies in the middle between two points
+    r = (x + step * (np.arange(-20, 20) + 0.5)) * law.range  # the maximum lies halfway between two points
     strongest = float(law.bonds * law.pair_slope(r).max()) / (4.0 * law.work / law.range * (x**-3 - x**-5))
     stiffness = law.stiffness(law.range) / (8.0 * law.work / law.range**2)
     return Measured(step, {"strongest pull": abs(strongest - 1.0), "stiffness at ε": abs(stiffness - 1.0)})

@@ -1,4 +1,4 @@
-"""Bodies that references start from: parts of the paper's case files, alone in space."""
+"""What references share: bodies from the paper's case files, initial fields, errors in the L2 norm."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from cellmig.case.schema import Case
 from cellmig.runs.cases import FOLDER
 from cellmig.simulation import Simulation
 
-# The damping that solids have by default, of which nucleus.toml has none.
+# The default damping of solids, which nucleus.toml sets to zero.
 DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")
 STILL = [["0 /us", "0 /us"], ["0 /us", "0 /us"]]
 
 
 def case(name: str, count: int, *sets: str) -> Case:
-    """A case of the folder `cases` with so many particles a cell, and with other values if wanted."""
+    """A case of the folder `cases` with `count` particles in each cell and the changes `sets`."""
     return load(FOLDER / f"{name}.toml", [f"particles.per_cell={count}", *sets])
 
 
 def nucleus(count: int, *sets: str) -> Case:
-    """The paper's nucleus, R = 1.415 µm, at rest and without any damping."""
+    """The paper's nucleus, R = 1.415 µm, at rest and without damping."""
     return altered(case("nucleus", count, *sets), {"velocity_gradient": STILL})
 
 
@@ -41,7 +41,7 @@ def drop(count: int, *sets: str, **tables: Any) -> Case:
 
 
 def altered(case: Case, cell: dict[str, Any]) -> Case:
-    """A case with other values of its first cell."""
+    """A case with changed values of its first cell."""
     tree = case.resolved()
     tree["cells"][0] |= cell
     return from_dict(tree)
@@ -58,7 +58,7 @@ def built(case: Case) -> Iterator[Simulation]:
 
 
 def put(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-    """Give the particles displacements u and velocities v (size, 2), by global id, and make lists, ledger, F anew."""
+    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
         if values is not None:
@@ -69,26 +69,46 @@ def put(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = Non
 
 
 def by_id(sim: Simulation, owned: np.ndarray) -> np.ndarray:
-    """Values at the particles (size, ...) by global id."""
+    """Values at all particles (size, ...), ordered by id."""
     out = np.zeros((sim.scene.size, *np.shape(owned)[1:]))
     out[sim.mechanics.ids] = owned
     return out
 
 
 def displacement(sim: Simulation) -> np.ndarray:
-    """Of all particles (size, 2) [µm]."""
+    """Displacements of all particles (size, 2) [µm]."""
     return by_id(sim, sim.mechanics.state.owned[:, :2])
 
 
 def velocity(sim: Simulation) -> np.ndarray:
-    """Of all particles (size, 2) [µm/µs]: half a step late where the leapfrog has it."""
+    """Velocities of all particles (size, 2) [µm/µs]; those of leapfrog are of half a step before."""
     return by_id(sim, sim.mechanics.state.owned[:, 2:])
 
 
-def on_the_rim(sim: Simulation, angles: Sequence[float]) -> np.ndarray:
-    """Where the points of the rim of a round body are that were at these angles (k, 2) [µm], particles there or not.
+def l2_error(sim: Simulation, found: np.ndarray, right: np.ndarray) -> float:
+    """L2 error of a field `found` at all particles (size, ...) over the L2 norm of `right` (size, ...) [-]."""
+    squares = [np.square(a).reshape(len(a), -1).sum(axis=1) for a in (found - right, right)]
+    return float(np.sqrt(np.divide(*(sim.scene.field("V") @ a for a in squares))))
 
-    A Fourier series in the angle is fitted: particles miss the axes by half a spacing, more or less by chance.
+
+def displaced(case: Case, runge_kutta: str, time: float) -> np.ndarray:
+    """Displacements (size, 2) [µm] at a time [µs]; `runge_kutta` : a type of PETSc's "rk", empty for others."""
+    with built(case) as sim:
+        if runge_kutta:
+            sim.integrator.ts.setRKType(runge_kutta)
+        sim.go(time)
+        return displacement(sim)
+
+
+def relative_rms(found: np.ndarray, right: np.ndarray) -> float:
+    """Root mean square of an error over that of the exact values [-]."""
+    return float(np.sqrt(np.square(found - right).mean() / np.square(right).mean()))
+
+
+def on_the_rim(sim: Simulation, angles: Sequence[float]) -> np.ndarray:
+    """Positions (k, 2) [µm] of the points of a round body's rim with these angles [rad] in the reference configuration.
+
+    They are those of a fitted Fourier series, as particles lie up to half a spacing away from an angle.
     """
     rim = sim.scene.surface(0)
     X, lobes = sim.scene.X[rim], np.arange(1, min(12, len(rim) // 4) + 1)

@@ -1,4 +1,4 @@
-"""Elastic bodies in equilibrium: patch tests, beams, a hole, Cook's membrane, a disc between plates."""
+"""Elastic bodies in equilibrium: patch test, cantilever, hole, flexure, column, Cook's membrane, squeezed disc."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from cellmig.simulation import Simulation
 from cellmig.verify.reference import Measured, converges, exact, reference
 from cellmig.verify.specimens import RAMP, Cantilever, Column, Flexure, Kirsch, piece, rectangle, support, traction
 
-from .scenes import built, by_id, displacement, on_the_rim
+from .scenes import built, by_id, displacement, l2_error, on_the_rim
 from .solid import ELASTIC
 
-LINEAR = 1e-5  # strain at which finite strain is as good as small
+LINEAR = 1e-5  # strain of solutions in small strain
 SMOOTH = "h² of a linear basis, the solution is smooth"
 EDGES = ["bottom", "right", "top", "left"]
 
 
 def law_of(case: Case) -> Any:
-    """The one material of a piece."""
+    """The material of a test piece."""
     return case.materials["nucleus"]
 
 
 def loaded(sim: Simulation, time: float = 1.0) -> dict[str, float]:
-    """The aggregate's row of history in equilibrium with what is there at a time [µs]."""
+    """The row of history of all cells at the equilibrium of a time [µs]."""
     n = round(time * sim.case.time.samples)
     for k in range(n):
         sim.go(time * (k + 1) / n)
@@ -34,16 +34,15 @@ def loaded(sim: Simulation, time: float = 1.0) -> dict[str, float]:
 
 
 def missed(sim: Simulation, right: np.ndarray) -> float:
-    """L2 error of the displacements over their L2 norm [-]."""
-    V, u = sim.scene.field("V"), displacement(sim)
-    return float(np.sqrt((V @ ((u - right) ** 2).sum(axis=1)) / (V @ (right**2).sum(axis=1))))
+    """L2 error of the displacements over the L2 norm of the exact ones, `right` (size, 2) [µm]."""
+    return l2_error(sim, displacement(sim), right)
 
 
 # ------------------------------------------------------------------------------------------------------- patch tests
 
 
 class Shaken:
-    """A shape whose inner particles lie at random: each is moved by up to a share of the spacing."""
+    """A shape whose inner particles are moved at random, by up to a share of the spacing."""
 
     def __init__(self, shape: Any, share: float):
         self._shape, self._share = shape, share
@@ -52,7 +51,7 @@ class Shaken:
         return getattr(self._shape, name)
 
     def particles(self, count: int, refinement: float = 1.0) -> NamedTuple:
-        """Those of the shape, moved."""
+        """Particles of the shape, moved."""
         layout = self._shape.particles(count, refinement)
         inner = np.ones(len(layout.X), bool)
         inner[layout.surface] = False
@@ -62,7 +61,7 @@ class Shaken:
         return layout._replace(X=X)
 
 
-# The bottom of a block stays level; both principal stresses pull, so that it is stable under dead loads, too.
+# The bottom of a block stays level; both principal stresses are tensile, so that dead loads are stable.
 STRETCH = np.array([[1.2, 0.15], [0.0, 0.8365]])
 
 
@@ -72,7 +71,7 @@ STRETCH = np.array([[1.2, 0.15], [0.0, 0.8365]])
                      "pulled by tractions": exact(1e-8, "so is their integral: what Newton leaves"),
                      "stress": exact(1e-7, "uniform in both")})
 def patch(count: int) -> Measured:
-    """Displacements over the size of the block, and nodal stresses over their largest."""
+    """Errors are relative to the length of the block and to the largest stress."""
     found = {}
     u = [f"{STRETCH[i, 0] - (i == 0)}*x + {STRETCH[i, 1] - (i == 1)}*y" for i in range(2)]
     for name, tables in (("held all around", {"supports": [support("all", EDGES, *u)]}), ("pulled by tractions", {})):
@@ -91,7 +90,7 @@ def patch(count: int) -> Measured:
 
 
 def _pulled() -> dict:
-    """Dead tractions of the uniform stress on all sides, and three components held that bear nothing."""
+    """Dead tractions of the uniform stress on all sides; supports of three components, whose reactions are zero."""
     case = piece(rectangle(1.0, 1.0), 50)
     P = np.array(law_of(case).stress(STRETCH[:, :, None]))[:, :, 0]
     normals = dict(zip(EDGES, ([0, -1], [1, 0], [0, 1], [-1, 0]), strict=True))
@@ -109,7 +108,7 @@ def _pulled() -> dict:
            quick=(200, 500, 1250), seconds=60.0,
            expected={"displacement": converges(2, SMOOTH, ELASTIC), "deflection": converges(2, SMOOTH, ELASTIC)})
 def cantilever(count: int) -> Measured:
-    """The deflection is that of the middle of the end."""
+    """The deflection is that of the middle of the loaded end."""
     beam = Cantilever(law_of(piece(rectangle(1.0, 1.0), 50)), 8.0, 2.0, LINEAR)
     with built(piece(rectangle(8.0, 2.0), count, supports=[support("clamp", ["left"], *beam.formulas())],
                      loads=[traction("shear", ["right"], "0", beam.shear())],
@@ -128,9 +127,9 @@ def cantilever(count: int) -> Measured:
                      "concentration": converges(1, "gradients of a linear basis, at the surface", ELASTIC),
                      "hoop stress": converges(1, "the same, with the pressure in it")})
 def hole(count: int) -> Measured:
-    """Held as in the exact solution at both ends, pulled by its tractions above and below.
+    """The exact solution is prescribed at both ends, its tractions act above and below.
 
-    The concentration is σxx - σyy over the hole, 3 σ; σyy is zero there.
+    The concentration is σxx - σyy at the top of the hole, where σxx is 3 σ and σyy is zero.
     """
     plate = Kirsch(law_of(piece(rectangle(1.0, 1.0), 50)), 1.0, LINEAR)
     shape = rectangle(4.0, 4.0, holes=[["0 um", "0 um", "1 um"]])
@@ -152,7 +151,7 @@ def hole(count: int) -> Measured:
 
 
 def on_the_hole(X: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Mean of values at the particles of the hole that are nearest to its highest and lowest point."""
+    """Mean of values at the two particles that are nearest to the highest and the lowest point of the hole."""
     rim = np.flatnonzero(np.abs(np.hypot(*X.T) - 1.0) < 1e-2)
     return np.mean([values[rim[np.argmin(np.abs(X[rim] - [0.0, y]).sum(axis=1))]] for y in (1.0, -1.0)], axis=0)
 
@@ -165,7 +164,7 @@ def on_the_hole(X: np.ndarray, values: np.ndarray) -> np.ndarray:
            quick=(200, 500, 1250), seconds=30.0,
            expected={"displacement": converges(2, SMOOTH, ELASTIC)})
 def flexure(count: int) -> Measured:
-    """Its ends are held as in the exact solution; its long sides are free."""
+    """The exact solution is prescribed at both ends; the long sides are free."""
     bent = Flexure(law_of(piece(rectangle(1.0, 1.0), 50)), 2.0, np.pi / 16.0)
     ends = [support("ends", ["bottom", "top"], *bent.formulas())]
     with built(piece(rectangle(2.0, 8.0), count, samples=8, supports=ends)) as sim:
@@ -178,7 +177,7 @@ def flexure(count: int) -> Measured:
            source="dP22/dY = b; verify/specimens.py", at=(200, 800, 3200), quick=(100, 300, 900), seconds=15.0,
            expected={"displacement": converges(2, SMOOTH, ELASTIC)})
 def column(count: int) -> Measured:
-    """A load on the body of 5 kPa/µm: 3 % of its height at the foot."""
+    """The body force is 5 kPa/µm and compresses the foot by 3 %."""
     sunk = Column(law_of(piece(rectangle(1.0, 1.0), 50)), 4.0, 5e3)
     walls = [support("foot", ["bottom"], "free", "0"), support("walls", ["left", "right"], "0", "free")]
     weight = {"name": "weight", "body": ["0 Pa/um", "-5e3 Pa/um"], "history": RAMP}
@@ -196,7 +195,7 @@ def column(count: int) -> Measured:
                                              "side (Williams 1952)", ELASTIC, floor=0.0003 / 6.8522),
                      "energy": converges(1.09, "as the deflection", ELASTIC, floor=3.0 / 18490.0)})
 def cook(count: int) -> Measured:
-    """Mean u_y of the loaded edge."""
+    """The deflection is the mean u_y of the loaded edge."""
     corners = [["0 um", "0 um"], ["48 um", "44 um"], ["48 um", "60 um"], ["0 um", "44 um"]]
     with built(piece({"shape": "polygon", "corners": corners}, count, samples=4,
                      supports=[support("clamp", ["edge-4"], "0", "0")],
@@ -217,7 +216,7 @@ def cook(count: int) -> Measured:
                      "bulge, 10 %": converges(2, SMOOTH, ELASTIC, floor=5e-5 / 0.06899),
                      "bulge, 20 %": converges(2, SMOOTH, ELASTIC, floor=5e-5 / 0.18204)})
 def squeezed_disc(count: int) -> Measured:
-    """The highest and the lowest particle keep to the axis, which the plates do not ask for."""
+    """Supports keep the highest and the lowest particle on the axis, as smooth plates do not."""
     plates = [{"name": name, "point": ["0 um", f"{y} um"], "normal": [0, -y], "history": RAMP,
                "displacement": ["0 um", f"{-0.2 * y} um"]} for name, y in (("top", 1.415), ("bottom", -1.415))]
     axis = [support(name, [], "0", "free", box=[["-0.001 um", f"{y - 0.01} um"], ["0.001 um", f"{y + 0.01} um"]])

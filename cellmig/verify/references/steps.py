@@ -1,4 +1,4 @@
-"""Orders in time: a fixed set of particles against its own solution with steps that are far finer."""
+"""Orders in time: fixed particles, against the solution of the same particles with far smaller steps."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import DAMPED, altered, built, case, displacement, velocity
+from .scenes import DAMPED, altered, built, case, displaced, displacement, relative_rms, velocity
 
 STRAINED = {"velocity_gradient": [["0.1 /us", "0 /us"], ["0 /us", "-0.1 /us"]]}
 COUNT, END = 100, 1.0  # particles, µs
@@ -14,20 +14,15 @@ KINDS = {"leapfrog": 2, "euler": 1, "rk 2a": 2, "rk 3bs": 3, "rk 4": 4, "rk 5dp"
 
 
 def after(kind: str, step: float, *sets: str) -> np.ndarray:
-    """Displacements (size, 2) [µm] of a ringing disc at END, by a TS type in steps [ns]."""
-    ts_type, _, runge = kind.partition(" ")
+    """Displacements (size, 2) [µm] of a vibrating disc at END, by a TS type with steps [ns]."""
+    ts_type, _, runge_kutta = kind.partition(" ")
     words = (f'time.step="{step} ns"', f'time.integrator="{ts_type}"', *sets)
-    with built(altered(case("nucleus", COUNT, *words), STRAINED)) as sim:
-        if runge:
-            sim.integrator.ts.setRKType(runge)
-        sim.go(END)
-        return displacement(sim)
+    return displaced(altered(case("nucleus", COUNT, *words), STRAINED), runge_kutta, END)
 
 
 def missed(kind: str, step: float, *sets: str) -> float:
-    """Error in the displacements over their size, against steps of 0.25 ns of the fifth order [-]."""
-    right = after("rk 5dp", 0.25, *sets)
-    return float(np.sqrt(np.square(after(kind, step, *sets) - right).mean() / np.square(right).mean()))
+    """Relative error of the displacements, against a method of fifth order with steps of 0.25 ns [-]."""
+    return relative_rms(after(kind, step, *sets), after("rk 5dp", 0.25, *sets))
 
 
 @reference("step", shows="an elastic disc of 100 particles rings for 1 µs by each integrator; the step is the size",
@@ -36,7 +31,7 @@ def missed(kind: str, step: float, *sets: str) -> float:
                                      "symplectic Euler with v half a step late is Störmer-Verlet (Hairer et al. 2003)",
                                      floor=1e-10) for kind, order in KINDS.items() if kind != "euler"})
 def step(ns: float) -> Measured:
-    """Nothing is damped."""
+    """There is no damping."""
     return Measured(ns, {kind: missed(kind, ns) for kind in KINDS if kind != "euler"})
 
 
@@ -45,7 +40,7 @@ def step(ns: float) -> Measured:
            expected={"leapfrog": converges(1, "damping sees the velocity of half a step before"),
                      "euler": converges(1, "PETSc's manual, TS"), "rk 3bs": converges(3, "PETSc's manual, TS")})
 def step_damped(ns: float) -> Measured:
-    """Viscous stabilisation 0.15 ρ c h, bulk viscosity 0.05 ρ c h."""
+    """The viscous stabilisation is 0.15 ρ c h, the bulk viscosity 0.05 ρ c h."""
     return Measured(ns, {kind: missed(kind, ns if kind != "euler" else 0.1 * ns, *DAMPED)
                          for kind in ("leapfrog", "euler", "rk 3bs")})
 
@@ -55,7 +50,7 @@ def step_damped(ns: float) -> Measured:
            expected={"leapfrog": exact(1e-11, "Störmer-Verlet has no error where a is constant; v is half a step late"),
                      "rk": exact(1e-11, "constant acceleration: any order above 1 is exact")})
 def free_fall(ns: float) -> Measured:
-    """In parts of g t²/2 and g t at 0.5 µs."""
+    """Errors are relative to g t²/2 and g t at 0.5 µs."""
     pull, t, found = np.array([0.1, -0.2]), 0.5, {}
     for kind in ("leapfrog", "rk"):
         fall = ('body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]', f'time.step="{ns} ns"',

@@ -1,4 +1,4 @@
-"""Adhesion through the kernel: the rigid cylinder's closed form, a flat contact."""
+"""Adhesion as the kernel integrates it: a rigid cylinder on a plane, a flat contact."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ WIDE = ('adhesion.substrate.range="0.1 um"', 'adhesion.substrate.cutoff="10 um"'
 
 
 def lowered(sim, gap: float) -> None:
-    """Put a cell, undeformed, at a gap from the substrate."""
+    """Place an undeformed cell at a gap [µm] from the substrate."""
     put(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
 
 
 def pull(sim, gap: float) -> float:
-    """Attraction by the substrate at a gap [pN/µm]."""
+    """Attraction by the substrate [pN/µm] at a gap [µm]."""
     lowered(sim, gap)
     return -float(sim.mechanics.surface_force("substrate")[0][:, 1].sum())
 
 
-def on_the_circle(law, a: float) -> float:
-    """The same of a circle, integrated along it: the closed form's parabola differs by a share a/R."""
-    height, split = (lambda t: a + RADIUS * (1.0 - np.cos(t))), np.sqrt(2.0 * law.range / RADIUS)
+def on_the_circle(law, a: float, R: float = RADIUS) -> float:
+    """Attraction [pN/µm] of a circle of radius R at a gap a [µm], integrated numerically along it."""
+    split = np.sqrt(2.0 * law.range / R)
     parts = [0.0, 0.2 * split, split, 3.0 * split, 10.0 * split, np.pi / 2]
-    return 2.0 * sum(quad(lambda t: law.bonds * law.slope(height(t)) * RADIUS, x, y, epsrel=1e-12)[0]
+    return 2.0 * sum(quad(lambda t: law.bonds * law.slope(a + R * (1.0 - np.cos(t))) * R, x, y, epsrel=1e-12)[0]
                      for x, y in pairwise(parts) if y > x)
 
 
@@ -44,7 +44,7 @@ def on_the_circle(law, a: float) -> float:
                      "gap of no pull, over ε": converges(2, "a polygon for the circle: its sagitta is of h²",
                                                          floor=1e-9)})
 def cylinder_on_plane(count: int) -> Measured:
-    """Exact along the segments: what is left is the shape."""
+    """Forces are integrated exactly along segments: the error is that of the shape."""
     with built(case("one_cell", count, *WIDE)) as sim:
         law, h = sim.terms.substrate, float(sim.mechanics.surfaces.length.max())
         found = {f"F({k} ε)": abs(pull(sim, k * law.range) / on_the_circle(law, k * law.range) - 1.0)
@@ -59,7 +59,7 @@ def cylinder_on_plane(count: int) -> Measured:
            source="eqs. (4)-(6) along a parabola: F(a) = (4Nσ/ε) √(2πR) […]", unit="", at=(0.024, 0.012, 0.006),
            expected={"F": converges(1, "parabola for circle: a share a/R")})
 def closed_form(size: float) -> Measured:
-    """No particles: the formula by which F is judged has itself an error."""
+    """The closed form, which replaces the circle by its parabola, has an error of its own; there are no particles."""
     from scipy.special import gamma
 
     from cellmig.case.registry import laws
@@ -69,11 +69,7 @@ def closed_form(size: float) -> Measured:
     R = a / size
     ratio = law.range**3 * a**-2.5 * gamma(2.5) / gamma(3) - law.range**5 * a**-4.5 * gamma(4.5) / gamma(5)
     parabola = 4.0 * law.work / law.range * np.sqrt(2.0 * np.pi * R) * ratio
-    split = np.sqrt(2.0 * a / R)
-    parts = [0.0, 0.2 * split, split, 3.0 * split, 10.0 * split, np.pi / 2]
-    circle = 2.0 * sum(quad(lambda t: law.bonds * law.slope(a + R * (1.0 - np.cos(t))) * R, x, y, epsrel=1e-12)[0]
-                       for x, y in pairwise(parts) if y > x)
-    return Measured(size, {"F": abs(parabola / circle - 1.0)})
+    return Measured(size, {"F": abs(parabola / on_the_circle(law, a, R) - 1.0)})
 
 
 @reference("flat-contact", shows="a cell with its lower side level at the gap ε, and pressed unevenly",
@@ -81,7 +77,7 @@ def closed_form(size: float) -> Measured:
            expected={"energy": exact(1e-12, "integrated exactly along segments, the sum of their lengths"),
                      "force over -∂E/∂u": exact(1e-7, "energy and force by one formula; differences of 1e-6 µm")})
 def flat_contact(count: int) -> Measured:
-    """Segments keep their bonds: the length is the reference's."""
+    """Bonds belong to reference lengths, so that the energy is proportional to those."""
     with built(case("one_cell", count)) as sim:
         X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
         low = X[:, 1] < 2.0
@@ -99,7 +95,7 @@ def flat_contact(count: int) -> Measured:
 
 
 def _along(law, low: float, high: float) -> float:
-    """Mean of the potential along a segment between two heights."""
+    """Mean of the potential along a segment between two heights [µm]."""
     return float((law.primitive(high) - law.primitive(low)) / (high - low))
 
 
@@ -108,7 +104,7 @@ def _energy(sim) -> float:
 
 
 def _slope_missed(sim) -> float:
-    """Worst component of the force on the six that are pulled hardest against differences of the energy [-]."""
+    """Largest relative error of the six largest forces along y, against finite differences of the energy [-]."""
     m, rng = sim.mechanics, np.random.default_rng(1)
     u = 0.004 * rng.standard_normal((sim.scene.size, 2))
     put(sim, u)
