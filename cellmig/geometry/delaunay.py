@@ -1,28 +1,31 @@
-"""Delaunay triangles without chance: where points lie on one circle, all ways to part them have the same share."""
+"""Delaunay triangles that are unique: cocircular points, which may be split in several ways, are split in all of them.
+
+Rounding alone decides which triangulation of cocircular points a library returns.  Here, every fan of diagonals from a
+corner of their polygon counts, with equal weights, so that results have the symmetries of the points.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from . import polygons
 
-SAME = 1e-8  # four points are on one circle if the sine of two opposite angles together is less
-FLAT = 1e-9  # of the mean area: Qhull may add slivers along a straight edge
+COCIRCULAR = 1e-8  # bound on the sine of the sum of two opposite angles of a quadrilateral
+FLAT = 1e-9  # bound on an area over the mean one: Qhull may add slivers along a straight edge
 
 
 def triangles(X: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Delaunay triangles (k, 3) int of the points X (n, 2), those that are wanted, and the share (k,) of each.
+    """Delaunay triangles of the points X (n, 2) [µm] for which `wanted`, of triangles (k, 3) int, is true (k,) bool.
 
-    Points on one circle are the corners of a polygon; each fan of diagonals from one of its corners has the same share:
-    of four points, either diagonal has half.  Sums over triangles times shares so have the symmetries of the points,
-    and are the same where rounding or a turn would choose other diagonals.
+    Returns
+    -------
+    tri : (k, 3) int -- corners of the triangles; those of cocircular points overlap.
+    weight : (k,) [-] -- of each triangle in a sum: 1, or 1/m for the fans from the m corners of a cocircular polygon.
 
-    `wanted` : which (k,) bool of triangles (k, 3).
+    Source: derived here, as the mean over the fan triangulations of each cocircular polygon.
     """
     mesh = Delaunay(X)
     tri, beside = mesh.simplices, mesh.neighbors
@@ -32,24 +35,24 @@ def triangles(X: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray]) -> tupl
     keep[whole] = wanted(tri[whole])
     polygon, count = _polygons(X, tri, beside, whole)
     alone = count[polygon] == 1
-    found, share = [tri[keep & alone]], [np.ones((keep & alone).sum())]
+    found, weight = [tri[keep & alone]], [np.ones((keep & alone).sum())]
     kept = np.bincount(polygon, keep) > 0
     for n in np.unique(count[kept & (count > 1)]):
         of = np.flatnonzero((kept & (count == n))[polygon])
         fans = _fans(X, tri[of[np.argsort(polygon[of], kind="stable")]].reshape(-1, 3 * n))
         fans = fans[wanted(fans)]
         found.append(fans)
-        share.append(np.full(len(fans), 1.0 / (n + 2)))
-    return np.concatenate(found), np.concatenate(share)
+        weight.append(np.full(len(fans), 1.0 / (n + 2)))
+    return np.concatenate(found), np.concatenate(weight)
 
 
 def areas(X: np.ndarray, tri: np.ndarray) -> np.ndarray:
-    """Areas (k,) of triangles (k, 3) int of the points X (n, 2)."""
+    """Areas (k,) [µm²] of the triangles `tri` (k, 3) int of the points X (n, 2) [µm]."""
     return 0.5 * np.abs(polygons.cross(X[tri[:, 1]] - X[tri[:, 0]], X[tri[:, 2]] - X[tri[:, 0]]))
 
 
 def _polygons(X: np.ndarray, tri: np.ndarray, beside: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The polygon that each triangle is of (k,) int, and how many triangles each polygon has."""
+    """Number of the cocircular polygon of each triangle (k,) int, and the number of triangles of each polygon."""
     one, corner = np.nonzero((beside > np.arange(len(tri))[:, None]) & (whole[:, None] & whole[beside]))
     other, a = beside[one, corner], tri[one, corner]
     p, q = tri[one[:, None], (corner[:, None] + [1, 2]) % 3].T
@@ -58,14 +61,13 @@ def _polygons(X: np.ndarray, tri: np.ndarray, beside: np.ndarray, whole: np.ndar
     sine = [np.abs(polygons.cross(*sides)) for sides in ((u, v), (s, t))]
     cosine = [(x * y).sum(axis=1) for x, y in ((u, v), (s, t))]
     lengths = np.sqrt(np.prod([(x**2).sum(axis=1) for x in (u, v, s, t)], axis=0))
-    same = np.abs(sine[0] * cosine[1] + cosine[0] * sine[1]) < SAME * lengths
-    links = coo_array((np.ones(same.sum()), (one[same], other[same])), shape=(len(tri), len(tri)))
-    polygon = connected_components(links, directed=False)[1]
+    same = np.abs(sine[0] * cosine[1] + cosine[0] * sine[1]) < COCIRCULAR * lengths
+    polygon = polygons.clusters(np.column_stack([one, other])[same], len(tri))
     return polygon, np.bincount(polygon)
 
 
 def _fans(X: np.ndarray, tri: np.ndarray) -> np.ndarray:
-    """All triangles (k, 3) of all fans of convex polygons (c, corners of their triangles)."""
+    """All triangles (k, 3) of all fans of convex polygons, given by the corners of some triangles of each (c, 3 n)."""
     tri = np.sort(tri, axis=1)
     fresh = np.diff(tri, axis=1, prepend=-1) > 0
     n = tri.shape[1] // 3 + 2

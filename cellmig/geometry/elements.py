@@ -1,4 +1,7 @@
-"""Elements of a mesh: which are read, and the edges around each, straight or, of second order, along its parabolas."""
+"""Elements of a mesh file: the types that are read, and the edges around each element.
+
+A side of an element of second order is a parabola through its middle node; it is divided into straight edges.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,22 @@ import numpy as np
 
 from . import polygons
 
-# Points in the order in which they go around an element; of second order, middles of sides between corners.
+# Nodes in the order around an element; for those of second order, the middle of each side follows its first corner.
 AROUND = {"triangle": (0, 1, 2), "quad": (0, 1, 2, 3)}
 AROUND_SECOND = {"triangle6": (0, 3, 1, 4, 2, 5), "triangle7": (0, 3, 1, 4, 2, 5),
                  "quad8": (0, 4, 1, 5, 2, 6, 3, 7), "quad9": (0, 4, 1, 5, 2, 6, 3, 7)}
 ALONG = {"line": (0, 1), "line3": (0, 2, 1)}
 AREAS = {"polygon", *AROUND, *AROUND_SECOND}
 READ = "triangles and quadrilaterals of first or second order, polygons, lines of two or three points, and vertices"
-PIECES = 16  # of a parabola: they leave out 1/256 of what it adds to the area between the corners
-TINY = 1e-9  # of the size: what is smaller is rounding
+PIECES = 16  # edges of a parabola: together they miss 1/256 of the area between it and its chord
+TINY = 1e-9  # lengths below this fraction of the size are rounding errors
 
 
 def refuse_others(mesh: Any, path: str) -> None:
-    """Raise ValueError where a mesh has elements that are not read: dropped, they would be holes."""
+    """Check that all elements of a mesh can be read, as those left out would be holes.
+
+    Raises ValueError for other types, or if there is no area element; the message is for the user.
+    """
     known = {*AREAS, *ALONG, "vertex"}
     others: dict[str, int] = {}
     for block in mesh.cells:
@@ -35,9 +41,14 @@ def refuse_others(mesh: Any, path: str) -> None:
 
 
 def rings(mesh: Any, path: str) -> tuple[list[tuple], list[tuple]]:
-    """Points around elements, and along lines: tuples (order, number of each in the file (k,), points (k, m)).
+    """Nodes around the area elements and along the lines of a mesh, by type of element.
 
-    Raises ValueError; its text is for the user.
+    Returns
+    -------
+    areas, lines : list of (order, number, nodes) -- order of the type, number of each element in the file (k,) int, and
+    its nodes (k, m) int.
+
+    Raises ValueError where node numbers are not valid; the message is for the user.
     """
     areas, lines, first = [], [], 0
     for block in mesh.cells:
@@ -53,7 +64,7 @@ def rings(mesh: Any, path: str) -> tuple[list[tuple], list[tuple]]:
 
 
 def _whole(data: Any, n_points: int, path: str) -> np.ndarray:
-    """Numbers of points (k, m) int, in whatever type of number they came."""
+    """Node numbers (k, m) int; files may hold them as floats."""
     data = np.asarray(data)
     if data.ndim != 2 or data.dtype.kind not in "iuf" or (data.dtype.kind == "f" and (data != np.rint(data)).any()):
         raise ValueError(f"'{path}' cannot be read: the points of its elements are no whole numbers")
@@ -62,24 +73,38 @@ def _whole(data: Any, n_points: int, path: str) -> np.ndarray:
     return data.astype(np.int64)
 
 
-def twins(areas: list[tuple], group: np.ndarray) -> np.ndarray:
-    """Number of the element that stands for each of the file's cells: where groups list one each, the first.
+def representatives(areas: list[tuple], group: np.ndarray) -> np.ndarray:
+    """Number of the first element with the same nodes (elements,) int, for each element of the file.
 
-    group : (cells,) -- number of the group that a cell is listed in: one that a group lists twice stays twice.
+    A file may list an element once in each `group`, given by number (elements,) int.  One that a single group lists
+    twice represents itself both times.
     """
-    stands = np.arange(len(group))
+    first_of = np.arange(len(group))
     for width in {points.shape[1] for _, _, points in areas}:
         number, points = (np.concatenate([part[k] for part in areas if part[2].shape[1] == width]) for k in (1, 2))
         _, first, same = np.unique(np.sort(points, axis=1), axis=0, return_index=True, return_inverse=True)
         one = number[first[same.reshape(-1)]]
-        stands[number] = np.where(group[number] != group[one], one, number)
-    return stands
+        first_of[number] = np.where(group[number] != group[one], one, number)
+    return first_of
 
 
 def edges(areas: list[tuple], lines: list[tuple], points: np.ndarray, path: str) -> tuple[np.ndarray, ...]:
-    """Edges (k, 2) around elements, counterclockwise; the element of each (k,); both of lines; points with new ones.
+    """Straight edges around the elements that have an area, and along the lines.
 
-    Elements without area have no edges.  Raises ValueError for one that crosses itself, and if none has an area.
+    Parameters
+    ----------
+    areas, lines : list -- as `rings` returns them.
+    points : (n, 2) -- positions of the nodes [unit of the file].
+
+    Returns
+    -------
+    around : (k, 2) int -- edges around the elements, counterclockwise.
+    of : (k,) int -- number of the element of each of these.
+    along : (m, 2) int -- edges along the lines.
+    line : (m,) int -- number of the line of each of these.
+    points : (n', 2) -- positions, with those of the new points on parabolas [unit of the file].
+
+    Raises ValueError for an element that crosses itself, or if none has an area; the message is for the user.
     """
     for _, _, ring in areas:
         _refuse_crossed(ring, points, path)
@@ -100,13 +125,13 @@ def edges(areas: list[tuple], lines: list[tuple], points: np.ndarray, path: str)
 
 
 def _sides(ring: np.ndarray, order: int) -> np.ndarray:
-    """Sides (k, 2), or with their middle (k, 3), of open rings of points (n, m)."""
+    """Sides of rows of nodes (n, m): their ends (k, 2), or for order 2 with the middle node (k, 3)."""
     starts = range(0, ring.shape[1] - 1, order)
     return np.stack([ring[:, s:s + order + 1] for s in starts], axis=1).reshape(-1, order + 1)
 
 
 def _refuse_crossed(ring: np.ndarray, points: np.ndarray, path: str) -> None:
-    """Raise ValueError if one of the elements (k, m) crosses itself."""
+    """Raise ValueError if an element, of nodes `ring` (k, m), crosses itself."""
     corners, m = points[ring], ring.shape[1]
     for i in range(m):
         for j in range(i + 2, m - (i == 0)):
@@ -121,9 +146,9 @@ def _refuse_crossed(ring: np.ndarray, points: np.ndarray, path: str) -> None:
 
 
 def _divided(sides: list[tuple], points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges (k, 2) of sides (order, number, (k, 2 or 3)), the number of each, and points with those of parabolas.
+    """Edges (k, 2) of sides (order, number, nodes (k, 2 or 3)), the number of each, and points with the new ones.
 
-    A side that is bent is divided into PIECES, by the same points wherever it occurs, in either sense.
+    A curved side is divided into PIECES edges, by the same points wherever it occurs, in either direction.
     """
     edges, of = ([part[k] for part in sides if part[0] == 1] for k in (2, 1))
     number, side = ([part[k] for part in sides if part[0] == 2] for k in (1, 2))

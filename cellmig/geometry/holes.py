@@ -1,4 +1,4 @@
-"""Holes of shapes: circles and polygons, clockwise loops within the outline."""
+"""Holes of shapes: circles and polygons inside the outline."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ import numpy as np
 
 from . import polygons
 
-FINE = 2000  # points of the polygon that stands for a circle or an ellipse
+FINE = 2000  # corners of the polygon that represents a circle or an ellipse
 
 
 def loops(shape: Any) -> list[np.ndarray]:
-    """Holes of a shape, clockwise (k, 2) each [µm]: the circles, then the others."""
+    """Holes of a shape as clockwise polygons, (k, 2) each [µm]: the circles, then the others."""
     round_ones = [np.array([x, y]) + r * polygons.circle(FINE) for x, y, r in shape.holes]
     others = [_corners(corners) for corners in shape.cutouts]
     return [p[::-1] for p in (*round_ones, *others)]
 
 
 def check(shape: Any, border: np.ndarray) -> None:
-    """Refuse holes that bound no area, reach the outline or each other; the messages are for the user."""
+    """Check the holes of a shape with the outer loop `border` (k, 2) [µm].
+
+    Raises ValueError for one that has no area, or reaches the outline or another; the message is for the user.
+    """
     for n, (x, y, r) in enumerate(shape.holes):
         middle = np.array([[x, y]])
         if not (r > 0.0 and polygons.inside(middle, border) and polygons.distance(middle, border) > r):
@@ -43,7 +46,7 @@ def check(shape: Any, border: np.ndarray) -> None:
 
 
 def _corners(corners: tuple) -> np.ndarray:
-    """Corners of a hole that bound its area, counterclockwise (k, 2)."""
+    """Corners (k, 2) [µm] that bound the area of a hole, counterclockwise."""
     p = np.array(corners).reshape(-1, 2)
     p = p[polygons.distinct(p)]
-    return p[polygons.order(p)] if len(p) else p
+    return p[polygons.counterclockwise(p)] if len(p) else p

@@ -1,4 +1,4 @@
-"""The shape of a mesh: what the elements of a file cover, with a nucleus and parts of the surface by their names."""
+"""The shape `mesh`: the region that the elements of a mesh file cover, its nucleus and named parts of its surface."""
 
 from __future__ import annotations
 
@@ -15,22 +15,27 @@ from .outlines import Outlined
 
 @law("shape", "mesh")
 class Mesh(Outlined):
-    """What the elements of a file cover, about the cell's centre: any format that meshio reads, in a plane z = const.
+    """Region that the elements of a mesh file cover, in any format that meshio reads; the origin is the cell's centre.
 
-    They may be triangles and quadrilaterals of first or second order, whose bent sides are parabolas, and polygons;
-    others are refused.
-    The file gives the outline, holes, the nucleus and names; particles are laid out anew, as many as the case asks for.
-    Parts of its surface: the file's groups of lines, outline, and hole-1, hole-2 ….
+    Elements may be polygons, and triangles and quadrilaterals of first or second order, whose curved sides are
+    parabolas; other elements are refused, and all have to be in one plane z = const.
+    The file gives the outline, the holes, the nucleus and the names of parts; the particles are laid out anew, in the
+    number that the case asks for.
+    Parts of its surface: the file's named groups of lines, outline, and hole-1, hole-2 ….
     """
 
-    file: Boundary = parameter("name of a file of triangles, or the boundary of one, in units of the file",
+    file: Boundary = parameter("name of a mesh file, or the boundary of its elements, in units of the file",
                                or_file=boundary, reader=Boundary.of)
-    unit: float = quantity("um", "length that 1 in the file is", above=0)
-    nucleus_region: str | None = parameter("name of the triangles that are the nucleus: of a group; \"ref=2\" where an "
-                                           "array is 2; of an array that is 1 there and 0 elsewhere", None)
+    unit: float = quantity("um", "length of one unit of the file", above=0)
+    nucleus_region: str | None = parameter("elements of the nucleus: the name of a group; \"ref=2\" for where the "
+                                           "array ref is 2; or the name of an array that is 1 there and 0 elsewhere",
+                                           None)
 
     def __post_init__(self) -> None:
-        """Refuse what bounds no cell; the messages are for the user."""
+        """Check that the elements form one cell.
+
+        Raises ValueError where they do not; the message is for the user.
+        """
         outer = [loop for loop in self._loops if polygons.area(loop) > 0.0] or self._loops[:1]
         points, number = np.unique(np.concatenate(self._loops), axis=0, return_counts=True)
         wrong = []
@@ -47,7 +52,7 @@ class Mesh(Outlined):
             raise ValueError("; ".join(wrong))
 
     def _no_nucleus(self) -> list[str]:
-        """What is wrong with the nucleus."""
+        """Messages about a nucleus that cannot be used, for the user."""
         if self.nucleus_region is None:
             return []
         found = dict(self.file.regions)
@@ -66,7 +71,7 @@ class Mesh(Outlined):
 
     @property
     def has_nucleus(self) -> bool:
-        """Whether a region is the nucleus."""
+        """Whether the cell has a nucleus."""
         return self.nucleus_region is not None
 
     @cached_property
@@ -75,23 +80,23 @@ class Mesh(Outlined):
 
     @cached_property
     def _nucleus(self) -> list[np.ndarray]:
-        """Loops around the nucleus [µm]."""
+        """Loops around the nucleus, (k, 2) [µm] each."""
         return [self.unit * np.array(loop) for loop in dict(self.file.regions)[self.nucleus_region]]
 
     @property
     def nucleus_ratio(self) -> float | None:
-        """Size of the nucleus over that of the cell: the root of the ratio of areas."""
+        """Size of the nucleus over that of the cell: the square root of the ratio of their areas [-]."""
         if self.nucleus_region is None:
             return None
         return float(np.sqrt(polygons.area(polygons.joined(self._nucleus)) / self.area))
 
     @cached_property
     def _edges(self) -> dict[str, np.ndarray]:
-        return {name: np.array(at) for name, at in self.file.lines if name != "surface"}  # which is all of it
+        return {name: np.array(at) for name, at in self.file.lines if name != "surface"}  # which names all of it
 
     @cached_property
     def _fixed(self) -> list[np.ndarray]:
-        """Of each loop, the corners in which a named part begins or ends."""
+        """For each loop, the corners (c,) int in which a named part begins or ends."""
         first, sizes = 0, [len(loop) for loop in self._loops]
         named, fixed = np.zeros((len(self._edges), sum(sizes)), bool), []
         for part, at in zip(named, self._edges.values(), strict=True):

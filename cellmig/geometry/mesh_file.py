@@ -1,4 +1,4 @@
-"""Meshed shapes from files: their boundary, and those of what they name, by meshio."""
+"""Boundary of the elements of a mesh file, read by meshio, with the groups of elements and lines that have names."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..case.messages import show
 from . import elements, polygons, wkt
 from .elements import TINY
 
-_LOST = re.compile("cannot handle|not parse")  # in what meshio warns of: it goes on without those elements
-MOST_VALUES = 50  # of an array of numbers that names groups: one with more names every triangle, or none
+_SKIPPED = re.compile("cannot handle|not parse")  # in meshio's warnings about elements that it leaves out
+MOST_VALUES = 50  # an array of whole numbers with more values is no numbering of groups
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Closed loops around the elements of a file, in its own unit of length, and what it has names for.
+    """Boundary of the elements of a mesh file, in the file's unit of length.
 
-    loops : tuple of loops of points (x, y), the outer one counterclockwise, then holes, clockwise.
-    regions : tuple of (name, loops) -- around the triangles of each named group, parity tells what is inside.
-    lines : tuple of (name, ints) -- where the segments of each named part begin, counted through all `loops`.
+    Attributes
+    ----------
+    loops : tuple of loops of points (x, y) -- the outer one counterclockwise, then the holes, clockwise.
+    regions : tuple of (name, loops) -- around the elements of each named group; the even-odd rule tells the inside.
+    lines : tuple of (name, ints) -- first points of the segments of each named part, counted through all `loops`.
     """
 
     loops: tuple
@@ -37,7 +37,10 @@ class Boundary:
 
     @classmethod
     def of(cls, value: Any) -> Boundary:
-        """From a table, as `written` makes it.  Raises ValueError; its text is for the user."""
+        """Boundary from a table such as `written` returns.
+
+        Raises ValueError where the table is none; the message is for the user.
+        """
         try:
             loops = _loops(value["loops"])
             regions = tuple((str(name), _loops(region)) for name, region in value.get("regions", {}).items())
@@ -52,7 +55,7 @@ class Boundary:
         return cls(loops, regions, lines)
 
     def written(self) -> dict:
-        """As a table: a manifest needs the file no more."""
+        """The boundary as a table; a manifest that holds it does not need the mesh file."""
         table = {"loops": [[list(p) for p in loop] for loop in self.loops]}
         table["regions"] = {name: [[list(p) for p in loop] for loop in loops] for name, loops in self.regions}
         table["lines"] = {name: list(at) for name, at in self.lines}
@@ -64,9 +67,9 @@ def _loops(value: Any) -> tuple:
 
 
 def boundary(path: str) -> dict:
-    """The boundary in a file of triangles, as a table for `Boundary.of`.
+    """Boundary of the elements of a mesh file, as a table for `Boundary.of`.
 
-    Raises ValueError; its text is for the user.
+    Raises ValueError where the file cannot be read or its elements form no region; the message is for the user.
     """
     mesh = _read(path)
     elements.refuse_others(mesh, path)
@@ -80,8 +83,8 @@ def boundary(path: str) -> dict:
     points = points[:, :2]
     same = _coincident(points, used)
     areas, lines = ([(order, number, same[ring]) for order, number, ring in part] for part in (areas, lines))
-    stands = _stands(mesh, areas)
-    areas = [(order, number[own], ring[own]) for order, number, ring in areas for own in [stands[number] == number]]
+    first_of = _representatives(mesh, areas)
+    areas = [(order, number[own], ring[own]) for order, number, ring in areas for own in [first_of[number] == number]]
     around, of, along, line, points = elements.edges(areas, lines, points, path)
     loops = sorted(_chain(_edges(around, points, path)), key=lambda loop: -polygons.area(points[loop]))
     starts = np.concatenate([np.array(loop) for loop in loops])
@@ -89,7 +92,7 @@ def boundary(path: str) -> dict:
     place = {frozenset(pair): k for k, pair in enumerate(zip(starts.tolist(), ends.tolist(), strict=True))}
     regions, parts = {}, {}
     for name, (wide, thin) in _groups(mesh).items():
-        inside = np.isin(of, stands[wide])
+        inside = np.isin(of, first_of[wide])
         regions[name] = [_points(points, loop) for loop in _chain(_edges(around[inside], points, path))]
         of_group = along[np.isin(line, thin)].tolist()
         at = sorted({place[pair] for pair in map(frozenset, of_group) if pair in place})
@@ -101,46 +104,45 @@ def boundary(path: str) -> dict:
 
 
 def _read(path: str) -> Any:
-    """A file as meshio reads it, which prints its complaints, or ends the program."""
+    """The mesh of a file; meshio's messages become a ValueError, as does its attempt to end the program."""
     if not os.path.isfile(path):
         raise ValueError(f"'{path}': no such file")
-    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(said):
+    with contextlib.redirect_stdout(io.StringIO()) as output, contextlib.redirect_stderr(output):
         import meshio
 
         try:
-            with np.errstate(over="ignore"):  # of its guess whether an STL file is binary
+            with np.errstate(over="ignore"):  # meshio overflows where it guesses whether an STL file is binary
                 mesh = wkt.read(path) if path.lower().endswith(".wkt") else meshio.read(path)
-            lost = " ".join(said.getvalue().split())
-            if not _LOST.search(lost):
+            warning = " ".join(output.getvalue().split())
+            if not _SKIPPED.search(warning):
                 return mesh
-            lines = [lost]
-        except (Exception, SystemExit) as error:  # its readers raise whatever a broken file leads to
-            lines = [line.strip() for line in (*said.getvalue().splitlines(), str(error)) if line.strip(" .01")]
+            lines = [warning]
+        except (Exception, SystemExit) as error:  # meshio's readers raise any exception on a broken file
+            lines = [line.strip() for line in (*output.getvalue().splitlines(), str(error)) if line.strip(" .01")]
     raise ValueError(f"'{path}' cannot be read: {lines[0] if lines else 'meshio knows no reason'}") from None
 
 
-def _stands(mesh: Any, areas: list[tuple]) -> np.ndarray:
-    """Number of the element that stands for each of the file's cells: Gmsh 2.2 lists those of two groups twice."""
+def _representatives(mesh: Any, areas: list[tuple]) -> np.ndarray:
+    """As `elements.representatives`: Gmsh's format 2.2 lists an element once for each of its physical groups."""
     tags = mesh.cell_data.get("gmsh:physical")
     sizes = [len(block.data) for block in mesh.cells]
-    return elements.twins(areas, np.zeros(sum(sizes), int) if tags is None else np.concatenate(tags))
+    return elements.representatives(areas, np.zeros(sum(sizes), int) if tags is None else np.concatenate(tags))
 
 
 def _coincident(points: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Number of the point that stands for each (n,): where several coincide, as in an STL file, the first."""
+    """Number of the first of the points that coincide with each, as in an STL file (n,) int."""
     places, first, which = np.unique(points[used], axis=0, return_index=True, return_inverse=True)
     pairs = cKDTree(places).query_pairs(TINY * np.ptp(places, axis=0).max(), output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(places), len(places)))
-    number, label = connected_components(links, directed=False)
-    stands = np.full(number, len(used))
-    np.minimum.at(stands, label, first)
+    label = polygons.clusters(pairs, len(places))
+    first_of = np.full(len(places), len(used))
+    np.minimum.at(first_of, label, first)
     same = np.arange(len(points))
-    same[used] = used[stands[label[which.reshape(-1)]]]
+    same[used] = used[first_of[label[which.reshape(-1)]]]
     return same
 
 
 def _edges(edges: np.ndarray, points: np.ndarray, path: str) -> np.ndarray:
-    """Edges (k, 2) around counterclockwise elements that have one on their left only."""
+    """Those of the `edges` (k, 2) around counterclockwise elements that belong to one element alone."""
     key, back = edges @ [len(points), 1], edges @ [1, len(points)]
     once, number = np.unique(key, return_counts=True)
     if len(twice := once[number > 1]):
@@ -150,7 +152,7 @@ def _edges(edges: np.ndarray, points: np.ndarray, path: str) -> np.ndarray:
 
 
 def _chain(edges: np.ndarray) -> list[list[int]]:
-    """Closed loops of directed edges (k, 2); those that meet in a point are parted there, or not."""
+    """Closed loops of directed edges (k, 2); loops that meet in a point may come as one or as several."""
     after: dict[int, list[int]] = {}
     for start, end in edges[::-1].tolist():
         after.setdefault(start, []).append(end)
@@ -169,10 +171,10 @@ def _points(points: np.ndarray, loop: list[int]) -> tuple:
 
 
 def _groups(mesh: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The file's cells of each group that has a name, those of two dimensions and those of one.
+    """Elements of each named group: numbers of its area elements, and of all others.
 
-    Names are those of cell sets, such as the physical groups of Gmsh; "ref=2" for where an array of whole numbers is 2;
-    and an array's own name for where it is 1, if it is 0 elsewhere.
+    A name is that of a cell set, such as a physical group of Gmsh; "ref=2" for the elements where the array `ref` of
+    whole numbers is 2; or that of an array which is 1 in the group and 0 elsewhere.
     """
     sizes = [len(block.data) for block in mesh.cells]
     first = np.concatenate([[0], np.cumsum(sizes)])
@@ -191,7 +193,7 @@ def _groups(mesh: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if not (np.isfinite(values).all() and (values == np.rint(values)).all()):
             continue
         if len(known := np.unique(values)) <= MOST_VALUES:
-            named = {cells.tobytes() for cells in groups.values()}  # which need no number
+            named = {cells.tobytes() for cells in groups.values()}  # groups that have a name already
             of_value = {f"{name}={int(value)}": np.flatnonzero(values == value) for value in known}
             groups |= {key: cells for key, cells in of_value.items() if cells.tobytes() not in named}
             if set(known.tolist()) == {0.0, 1.0}:

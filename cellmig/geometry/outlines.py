@@ -1,4 +1,4 @@
-"""Shapes that an outline bounds: particles evenly along it, the others evenly within."""
+"""Shapes that are given by an outline: ellipse, polygon, rectangle, and the base class of all shapes from outlines."""
 
 from __future__ import annotations
 
@@ -12,50 +12,51 @@ import numpy as np
 from ..case import outline_file
 from ..case.outline_file import named
 from ..case.registry import law, parameter, quantity
-from . import holes as hollow
-from . import polygons
+from . import holes, polygons
 from .disc import Layout
 from .fill import fill
-from .holes import FINE
 
-MOST = 1e6  # µm from the centre
-MOST_EXCHANGED = 3  # neighbours that are asked for: an outline that turns back more often is rough
+MOST = 1e6  # largest coordinate of a corner [µm]
+MOST_EXCHANGED = 3  # pairs of corners that may be in the wrong order: an outline that turns back more often is rough
 
 
 class Outlined:
-    """A shape by its outline: what is common to them.
+    """Base class of shapes that are given by an outline.
 
-    `_border` is the outer loop, counterclockwise (k, 2);  `_loops` are that and, clockwise, the holes;  `_edges` names
-    edges by their numbers, counted through all loops;  `_fixed` holds, of each loop, corners in which there has to be a
-    particle.
+    Attributes
+    ----------
+    _border : (k, 2) -- the outer loop, counterclockwise [µm].
+    _loops : list of (k, 2) -- the outer loop, then the holes, clockwise [µm].
+    _edges : dict -- by name of a part, the number of its edges, counted through all loops.
+    _fixed : list of (c,) int -- for each loop, the corners at which there has to be a particle; None if there are none.
     """
 
-    doubt: ClassVar[str] = ""
+    hint: ClassVar[str] = ""
     _edges: ClassVar[dict[str, int]] = {}
     _fixed: ClassVar[Any] = None
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of parts of its surface: all of it, its outer loop, edges of that, holes."""
+        """Names of the parts of the surface: all of it, the outer loop, named edges, holes."""
         inner = (f"hole-{n}" for n in range(1, len(self._loops)))
         return tuple(dict.fromkeys(["surface", "outline", *self._edges, *inner]))
 
     @property
     def area(self) -> float:
-        """Area [µm²]."""
+        """Area without the holes [µm²]."""
         return polygons.area(polygons.joined(self._loops))
 
     def outline(self, n: int = 64) -> np.ndarray:
-        """Polygon of the outer surface (at least n, 2) [µm], with points between the corners."""
+        """Polygon (m, 2) [µm], m >= n, of the outer loop, with points between the corners."""
         length = polygons.sides(self._border)
         return _divided(self._border, np.ceil(n * length / length.sum()).astype(int))
 
     def lowest(self) -> float:
-        """Height of the lowest point over the centre [µm]."""
+        """Height of the lowest point above the centre [µm], usually negative."""
         return float(self._border[:, 1].min())
 
     def particles(self, count: int, refinement: float = 1.0) -> Layout:
-        """`count` particles, along the surface `refinement` times as dense as within."""
+        """Exactly `count` particles, along the surface `refinement` times as dense [-] as inside."""
         nucleus = self._nucleus if self.has_nucleus else None
         X, edge, inner = fill(self._loops, count, refinement, self._fixed, nucleus)
         sizes = [len(e) for e in edge]
@@ -71,18 +72,21 @@ class Outlined:
 
 @dataclass(frozen=True, kw_only=True)
 class _Solid(Outlined):
-    """What shapes that a case describes have in common: a nucleus that is like the cell, and holes."""
+    """Shapes with holes and a nucleus that is a smaller copy of the outline."""
 
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
-    nucleus_offset: tuple | None = quantity("um", "from the middle of the cell's area to that of the nucleus", None,
+    nucleus_offset: tuple | None = quantity("um", "vector from the cell's centre of area to that of the nucleus", None,
                                             shape=(2,))
-    holes: tuple = quantity("um", "circular holes: x and y of the middle, from the cell's centre, and radius", (),
+    holes: tuple = quantity("um", "circular holes: x and y of the centre, from the cell's centre, and radius", (),
                             shape=(None, 3))
     cutouts: tuple = quantity("um", "holes of any shape: their corners from the cell's centre, in either sense; they "
-                              "are counted after those that are circles", (), shape=(None, None, 2))
+                              "are numbered after the circular holes", (), shape=(None, None, 2))
 
     def __post_init__(self):
-        """Refuse a nucleus or holes where none can be; the messages are for the user."""
+        """Check the nucleus and the holes.
+
+        Raises ValueError where they do not fit into the outline; the message is for the user.
+        """
         if self.nucleus_offset is not None and self.nucleus_ratio is None:
             raise ValueError("nucleus_offset: is where a nucleus of the size nucleus_ratio lies, which is missing")
         for loop in self._nucleus if self.has_nucleus else ():
@@ -91,77 +95,80 @@ class _Solid(Outlined):
                         "nucleus_offset: the nucleus there" if self.nucleus_offset is not None else
                         "nucleus_ratio: a copy of the outline of that size, about the centre of its area,")
                 raise ValueError(f"{what} does not lie within it")
-        hollow.check(self, self._border)
+        holes.check(self, self._border)
 
     @property
     def has_nucleus(self) -> bool:
-        """Whether it has a nucleus."""
+        """Whether the cell has a nucleus."""
         return self.nucleus_ratio is not None
 
     @cached_property
     def _loops(self) -> list[np.ndarray]:
-        return [self._border, *hollow.loops(self)]
+        return [self._border, *holes.loops(self)]
 
     @property
     def _nucleus(self) -> list[np.ndarray]:
-        """Loop around the nucleus, counterclockwise: a smaller copy of the outline."""
+        """Loop around the nucleus, counterclockwise, as a list of one (k, 2) [µm]: a smaller copy of the outline."""
         c = self._centre
         return [c + np.array(self.nucleus_offset or (0.0, 0.0)) + self.nucleus_ratio * (self._border - c)]
 
     @property
     def _centre(self) -> np.ndarray:
-        """Centre of its area without holes (2,) [µm]."""
+        """Centre of area of the outer loop (2,) [µm]."""
         return np.zeros(2)
 
 
 @law("shape", "ellipse")
 class Ellipse(_Solid):
-    """Ellipse with semi-axes a along x and b along y, and a nucleus that is like it."""
+    """Ellipse with semi-axes a along x and b along y; its nucleus has the same ratio of axes."""
 
     a: float = quantity("um", "semi-axis a along x", above=0)
     b: float = quantity("um", "semi-axis b along y", above=0)
 
     @cached_property
     def _border(self) -> np.ndarray:
-        return self.outline(FINE)
+        return self.outline(holes.FINE)
 
     @property
     def area(self) -> float:
-        """Area [µm²]: π a b less the holes."""
-        polygonal = sum(map(polygons.area, hollow.loops(self)[len(self.holes):]))  # negative
+        """Area π a b, less the holes [µm²]."""
+        polygonal = sum(map(polygons.area, holes.loops(self)[len(self.holes):]))  # negative
         return float(np.pi * self.a * self.b) - sum(np.pi * r**2 for *_, r in self.holes) + polygonal
 
     def outline(self, n: int = 64) -> np.ndarray:
-        """Polygon of the outer surface about the centre (n, 2) [µm]."""
+        """Polygon (n, 2) [µm] of the outer loop, with the centre as origin."""
         return polygons.circle(n) * [self.a, self.b]
 
     def lowest(self) -> float:
-        """Height of the lowest point over the centre [µm], negative."""
+        """Height of the lowest point above the centre [µm], -b."""
         return -self.b
 
 
 @law("shape", "polygon")
 class Polygon(_Solid):
-    """Polygon, convex or not, given by its corners about the cell's centre in either sense, or as a picture has them.
+    """Polygon, convex or not, given by its corners in either sense, from the cell's centre or as in an image.
 
-    Parts of its surface: edge-1 from the first corner to the second, and so on.  A nucleus has corners of its own, or
-    is a smaller copy about the centre of the area; it has to lie within.
+    Parts of its surface: edge-1 from the first corner to the second, and so on.  The nucleus is given by its corners,
+    or is a smaller copy of the outline about its centre of area; it has to be inside the outline.
     """
 
-    corners: tuple = parameter("corners, in order, or the name of a CSV file of them, under 'x_um,y_um'", unit="um",
+    corners: tuple = parameter("corners, in order, or the name of a CSV file with the header 'x_um,y_um'", unit="um",
                                minimum=-MOST, maximum=MOST, shape=(None, 2), or_file=outline_file.corners, scaled=True)
-    unit: float | None = quantity("um", "length that 1 is in corners and nucleus_corners, such as the size of a pixel: "
-                                  "they are numbers then, in a file under 'x_px,y_px' or as ImageJ writes it", None,
-                                  above=0)
-    y_down: bool = parameter("whether y of the corners runs down, as in pictures", False)
-    centred: bool = parameter("whether the middle of the area is the cell's centre, in place of the corners' zero",
+    unit: float | None = quantity("um", "length of one unit of corners and nucleus_corners, such as the size of a "
+                                  "pixel; these are then pure numbers, in a file with the header 'x_px,y_px' or as "
+                                  "ImageJ writes it", None, above=0)
+    y_down: bool = parameter("whether the y axis of the corners points down, as in images", False)
+    centred: bool = parameter("whether the cell's centre is the centre of area, instead of the origin of the corners",
                               False)
-    nucleus_corners: tuple | None = parameter("corners of the nucleus, or a file of them, as those of the cell", None,
+    nucleus_corners: tuple | None = parameter("corners of the nucleus, or the name of a file, as for the cell", None,
                                               unit="um", minimum=-MOST, maximum=MOST, shape=(None, 2),
                                               or_file=outline_file.corners, scaled=True)
 
     def __post_init__(self):
-        """Refuse what bounds no area; the messages are for the user."""
+        """Check that the corners bound an area.
+
+        Raises ValueError where they do not; the message is for the user.
+        """
         self._bounds("corners", self.corners)
         if self.nucleus_corners is not None:
             if self.nucleus_ratio is not None:
@@ -170,7 +177,7 @@ class Polygon(_Solid):
         super().__post_init__()
 
     def _bounds(self, key: str, corners: Any) -> None:
-        """Refuse corners that bound no area."""
+        """Raise ValueError for corners that bound no area."""
         if len(set(corners)) < 3:
             raise ValueError(f"{key}: a polygon has at least three")
         p = self._scaled(corners)
@@ -185,25 +192,25 @@ class Polygon(_Solid):
             raise ValueError(f"{key}: the polygon has no area")
 
     def _scaled(self, corners: Any) -> np.ndarray:
-        """Corners as they are, with y upwards (k, 2) [µm]."""
+        """Corners in the given order, with y upwards (k, 2) [µm]."""
         return (self.unit or 1.0) * np.array(corners) * [1.0, -1.0 if self.y_down else 1.0]
 
     def _loop(self, corners: Any) -> np.ndarray:
-        """Corners that bound an area, about the cell's centre, counterclockwise (k, 2) [µm]."""
+        """Corners that bound an area, from the cell's centre, counterclockwise (k, 2) [µm]."""
         p = self._scaled(corners)
         p = p[polygons.distinct(p)]
-        return p[polygons.order(p)] - (self._middle if self.centred else 0.0)
+        return p[polygons.counterclockwise(p)] - (self._origin if self.centred else 0.0)
 
     @cached_property
-    def _middle(self) -> np.ndarray:
-        """Centre of the area as the corners have it (2,) [µm], to the last bit for any first corner and sense."""
+    def _origin(self) -> np.ndarray:
+        """Centre of area in the corners' own coordinates (2,) [µm]; the same bits for any first corner and sense."""
         p = self._scaled(self.corners)
         p = p[polygons.distinct(p)]
-        return polygons.centroid(p[polygons.order(p)])
+        return polygons.centroid(p[polygons.counterclockwise(p)])
 
     @property
-    def doubt(self) -> str:
-        """What may be wrong where particles do not suit the outline, as the end of a message."""
+    def hint(self) -> str:
+        """End of a message about particles that do not suit the outline: corners that may be in the wrong order."""
         p = self._scaled(self.corners)
         kept = polygons.distinct(p)
         return _exchanged(self.corners, kept, p[kept])
@@ -214,7 +221,7 @@ class Polygon(_Solid):
 
     @property
     def has_nucleus(self) -> bool:
-        """Whether it has a nucleus."""
+        """Whether the cell has a nucleus."""
         return self.nucleus_ratio is not None or self.nucleus_corners is not None
 
     @property
@@ -227,17 +234,17 @@ class Polygon(_Solid):
 
     @cached_property
     def _edges(self) -> dict[str, int]:
-        """Edges by their names, in the order of the corners as they are given: numbers of those of `_border`."""
+        """Numbers of the edges of `_border`, by names that count the corners in the given order."""
         p = self._scaled(self.corners)
         p = p[polygons.distinct(p)]
-        start = polygons.order(p)
+        start = polygons.counterclockwise(p)
         edge = start if polygons.area(p) > 0 else np.roll(start, -1)
         return {f"edge-{k + 1}": i for i, k in enumerate(edge.tolist())}
 
 
 @law("shape", "rectangle")
 class Rectangle(_Solid):
-    """Rectangle about its centre; parts of its surface: bottom, right, top, left."""
+    """Rectangle whose centre is the cell's; parts of its surface: bottom, right, top, left."""
 
     width: float = quantity("um", "width, along x", above=0)
     height: float = quantity("um", "height, along y", above=0)
@@ -250,9 +257,9 @@ class Rectangle(_Solid):
 
 
 def _exchanged(corners: tuple, kept: np.ndarray, p: np.ndarray) -> str:
-    """End of a message: which neighbours among the corners p = corners[kept] (k, 2) seem to be in the wrong order.
+    """End of a message: adjacent ones of the corners p = corners[kept] (k, 2) that may be in the wrong order.
 
-    The outline turns back at both, and is shorter if they are exchanged.
+    At both of them the outline turns back, and exchanging them makes it shorter.
     """
     a, b, c, d = (np.roll(p, 1 - k, axis=0) for k in range(4))
     back = (((b - a) * (c - b)).sum(axis=1) < 0.0) & (((c - b) * (d - c)).sum(axis=1) < 0.0)
@@ -266,7 +273,7 @@ def _exchanged(corners: tuple, kept: np.ndarray, p: np.ndarray) -> str:
 
 
 def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """A polygon whose edges are divided into `parts` (k,) each."""
+    """The polygon (k, 2) with each edge divided into the number of `parts` (k,) that belongs to it."""
     ends = np.roll(polygon, -1, axis=0)
     return np.concatenate([p + (q - p) * (np.arange(n) / n)[:, None] for p, q, n in zip(polygon, ends, parts,
                                                                                        strict=True)])

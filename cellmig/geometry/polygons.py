@@ -1,65 +1,68 @@
-"""Polygons: closed outlines as arrays of corners (k, 2) [µm], counterclockwise unless it says otherwise.
+"""Polygons and outlines.
 
-Where it says outline, edges (k, 2 ends, 2) of several loops may stand as well: the outer one, and clockwise its holes.
+A polygon is the array of its corners (k, 2) [µm], closed, and counterclockwise unless stated otherwise.
+An outline is a polygon, or the edges (k, 2 ends, 2) [µm] of several loops: the outer one, and its holes clockwise.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-TINY = 1e-9  # of the size of an outline: what is smaller is rounding
+TINY = 1e-9  # lengths below this fraction of the size of an outline are rounding errors
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Out-of-plane component of a × b for vectors along the last axis."""
+    """Out-of-plane component (...) of the products a × b of vectors a, b (..., 2) [unit of a · unit of b]."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def edges(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second ends (k, 2) of the edges of an outline."""
+    """First and second ends (k, 2) [µm] of the edges of an `outline` (k, 2) or (k, 2 ends, 2)."""
     return (outline, np.roll(outline, -1, axis=0)) if outline.ndim == 2 else (outline[:, 0], outline[:, 1])
 
 
 def joined(loops: list[np.ndarray]) -> np.ndarray:
-    """Several closed loops as one outline."""
+    """Several closed `loops`, (k, 2) [µm] each, as one outline (k, 2) or (k, 2 ends, 2) [µm]."""
     return loops[0] if len(loops) == 1 else np.concatenate([np.stack(edges(loop), axis=1) for loop in loops])
 
 
 def circle(n: int) -> np.ndarray:
-    """Evenly n points (n, 2) of the unit circle, counterclockwise from the lowest one.
+    """Evenly spaced points (n, 2) [-] of the unit circle, counterclockwise from the lowest one.
 
-    In numbers of more digits first: rounded from these they are mirror images, and the same on every processor.
+    Extended precision is rounded to a grid: left and right are mirror images, and every processor gives the same bits.
     """
     turn = 8.0 * np.arctan(np.longdouble(1.0)) * np.arange(n) / n
     return snapped(np.column_stack([np.sin(turn), -np.cos(turn)]), 50)
 
 
 def snapped(X: np.ndarray, bits: int = 48) -> np.ndarray:
-    """Points (n, 2) rounded to a grid about zero, which the last bits of no library change: 2^-bits of their size."""
+    """Points X (n, 2) [µm] rounded to a grid of 2^-bits of their size, so that no library's last bits matter."""
     grid = 2.0 ** float(np.frexp(1.1 * float(np.abs(X).max()))[1] - bits)
     return (np.rint(X / grid) * grid).astype(float)
 
 
-def first(polygon: np.ndarray) -> int:
-    """The corner of a polygon to begin with, wherever it is said to begin: of the lowest the leftmost."""
+def first_corner(polygon: np.ndarray) -> int:
+    """Index of the leftmost of the lowest corners of a `polygon` (k, 2): independent of where its list begins."""
     x, y = polygon.T
     low = np.flatnonzero(y <= y.min() + 1e-9 * np.ptp(polygon, axis=0).max())
     return int(low[np.argmin(x[low])])
 
 
-def order(polygon: np.ndarray) -> np.ndarray:
-    """Corners (k,) int of a polygon of either sense counterclockwise, from its `first` one."""
+def counterclockwise(polygon: np.ndarray) -> np.ndarray:
+    """Indices (k,) int of the corners of a `polygon` (k, 2) of either sense, counterclockwise from `first_corner`."""
     k = np.arange(len(polygon))
     k = k if area(polygon) > 0.0 else k[::-1]
-    return np.roll(k, -first(polygon[k]))
+    return np.roll(k, -first_corner(polygon[k]))
 
 
 def distinct(polygon: np.ndarray) -> np.ndarray:
-    """Which corners (k,) int bound its area: without those that repeat the next one, and tips without width.
+    """Indices (m,) int of the corners of a `polygon` (k, 2) that bound its area.
 
-    Corners closer than rounding, TINY of the size, are one: outlines are closed by their first point again, computed
-    anew; in a tip the outline turns back along itself.
+    Left out are corners that coincide with the next one but for rounding, as the closing point of a curve does, and
+    tips of no width, in which the polygon turns back along itself.
     """
     kept = np.arange(len(polygon))
     tiny = TINY * np.ptp(polygon, axis=0).max() if len(polygon) else 0.0
@@ -75,32 +78,32 @@ def distinct(polygon: np.ndarray) -> np.ndarray:
 
 
 def area(outline: np.ndarray) -> float:
-    """Area [µm²], negative if the corners run clockwise."""
+    """Area [µm²] of an `outline` (k, 2) or (k, 2 ends, 2), negative if it runs clockwise."""
     return 0.5 * float(cross(*edges(outline)).sum())
 
 
 def is_flat(polygon: np.ndarray) -> bool:
-    """Whether it has no area to speak of, for its size."""
+    """Whether the area of a `polygon` (k, 2) vanishes compared with its extent squared."""
     return not abs(area(polygon)) > 1e-6 * np.ptp(polygon, axis=0).max() ** 2
 
 
 def sides(outline: np.ndarray) -> np.ndarray:
-    """Length of the side from each corner to the next (k,) [µm]."""
+    """Lengths (k,) [µm] of the edges of an `outline` (k, 2) or (k, 2 ends, 2)."""
     p, q = edges(outline)
     return np.linalg.norm(q - p, axis=1)
 
 
 def centroid(outline: np.ndarray) -> np.ndarray:
-    """Centre of the area (2,) [µm]."""
+    """Centre of area (2,) [µm] of an `outline` (k, 2) or (k, 2 ends, 2)."""
     p, q = edges(outline)
-    origin = p[0]  # near: far from zero, differences of large products would lose digits
+    origin = p[0]  # far from zero, differences of large products would lose digits
     p, q = p - origin, q - origin
     c = cross(p, q)
     return origin + (c[:, None] * (p + q)).sum(axis=0) / (3.0 * c.sum())
 
 
 def is_convex(outline: np.ndarray) -> bool:
-    """Whether it is one loop that turns left, or not at all, in every corner."""
+    """Whether an `outline` (k, 2) or (k, 2 ends, 2) is one loop that turns right in no corner."""
     p, q = edges(outline)
     along = q - p
     turns = cross(along, np.roll(along, -1, axis=0)) >= -1e-9 * (along**2).sum(axis=1).max()
@@ -108,7 +111,10 @@ def is_convex(outline: np.ndarray) -> bool:
 
 
 def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Which points (n, 2) an outline of either sense holds (n,) bool, by crossings of a ray along x."""
+    """Whether each of the `points` (n, 2) [µm] is inside an `outline` of either sense, (n,) bool.
+
+    Source: the crossings of a ray along +x are counted (even-odd rule; Shimrat 1962).
+    """
     within = np.zeros(len(points), bool)
     x, y = points.T
     for p, q in zip(*edges(outline), strict=True):
@@ -119,7 +125,7 @@ def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
 
 
 def distance(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 2) from the outline (n,) [µm]."""
+    """Distances (n,) [µm] of the `points` (n, 2) [µm] from an `outline` (k, 2) or (k, 2 ends, 2)."""
     least = np.full(len(points), np.inf)
     for p, q in zip(*edges(outline), strict=True):
         d, e = points - p, q - p
@@ -129,43 +135,51 @@ def distance(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
 
 
 def depth(a: np.ndarray, b: np.ndarray) -> float:
-    """How deep corners of the polygon a lie within the polygon b [µm], 0 if none does."""
+    """Largest depth [µm] of a corner of the polygon a (k, 2) inside the polygon b (m, 2); 0 if none is inside."""
     boxed = ((a > b.min(axis=0)) & (a < b.max(axis=0))).all(axis=1)
     within = a[boxed][inside(a[boxed], b)]
     return float(distance(within, b).max(initial=0.0))
 
 
 def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
-    """Two edges that meet although they are no neighbours, by their first corners; None if the outline is simple."""
+    """First corners of two edges of a `polygon` (k, 2) that meet but are not adjacent; None if it is simple."""
     n, p, q = len(polygon), polygon, np.roll(polygon, -1, axis=0)
     longest = np.linalg.norm(q - p, axis=1).max()
     near = cKDTree(0.5 * (p + q)).query_pairs(longest * (1.0 + 1e-9), output_type="ndarray")
     apart = (near[:, 1] - near[:, 0]) % n
     near = near[(apart > 1) & (apart < n - 1)]
     i, j = near.T
-    found = near[meet(p[i], q[i], p[j], q[j])]
+    found = near[intersect(p[i], q[i], p[j], q[j])]
     return tuple(map(int, min(found.tolist()))) if len(found) else None
 
 
 def touch(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether edges of two outlines meet."""
+    """Whether any edges of the outlines a and b, (k, 2) or (k, 2 ends, 2) each, meet."""
     (p, q), (r, s) = sorted((edges(a), edges(b)), key=lambda ends: len(ends[0]))
     low, high = np.minimum(p, q).min(axis=0), np.maximum(p, q).max(axis=0)
     near = ((np.minimum(r, s) <= high) & (np.maximum(r, s) >= low)).all(axis=1)
-    return any(meet(i, j, r[near], s[near]).any() for i, j in zip(p, q, strict=True))
+    return any(intersect(i, j, r[near], s[near]).any() for i, j in zip(p, q, strict=True))
 
 
-def meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Whether the segments ab and cd (n, 2) each share a point, ends included."""
+def intersect(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Whether the segments from a to b and from c to d, ends (n, 2) each, share a point, (n,) bool; ends count."""
     sides = [np.sign(s) for s in (cross(b - a, c - a), cross(b - a, d - a), cross(d - c, a - c), cross(d - c, b - c))]
     boxes = (np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d))).all(-1)
     return boxes & (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0)
 
 
 def visible(pairs: np.ndarray, X: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Which pairs (n, 2) of the points X see each other within the outline, of whose edges they may be ends (n,) bool.
+    """Whether the line between each of the `pairs` stays inside an outline, (n,) bool.
 
-    A line that leaves by less than a tenth of its length, as where an outline is a little hollow, counts as inside.
+    A line that leaves by less than a tenth of its length, as where the outline is slightly concave, counts as inside.
+
+    Parameters
+    ----------
+    pairs : (n, 2) int -- indices of points.
+    X : (k, 2) -- positions of the points [µm], which may be ends of edges of the outline.
+    outline : (m, 2) or (m, 2 ends, 2) [µm].
+
+    Source: the visibility criterion of Belytschko, Lu & Gu (1994).
     """
     a, b = X[pairs[:, 0]], X[pairs[:, 1]]
     p, q = edges(outline)
@@ -180,7 +194,13 @@ def visible(pairs: np.ndarray, X: np.ndarray, outline: np.ndarray) -> np.ndarray
     through = (s * t < 0) & (u * w < 0) & (np.minimum.reduce([abs(s), abs(t), abs(u), abs(w)]) > tiny)
     sees = np.ones(len(pairs), bool)
     sees[i[through]] = False
-    check = np.unique(i[sees[i]])  # near the outline: those between two of its points may run outside all along
+    check = np.unique(i[sees[i]])  # lines between two points of the outline may be outside all along
     out = check[~inside(middle[check], outline)]
     sees[out[distance(middle[out], outline) > 0.1 * length[out]]] = False
     return sees
+
+
+def clusters(pairs: np.ndarray, n: int) -> np.ndarray:
+    """Number, from 0, of the connected component of each of n points (n,) int that `pairs` (m, 2) int link."""
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n))
+    return connected_components(links, directed=False)[1]

@@ -1,4 +1,8 @@
-"""Particles along an outline, whatever points it comes with: few corners, a fine curve, noise, pixels of a picture."""
+"""Particles along a closed outline, which may have few corners, be a fine curve, be noisy or follow pixels.
+
+The curve is looked at on the scale of the spacing h: turns within h, to and fro, are roughness and averaged; a turn
+that remains on that scale is a corner, and a particle is put there.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +10,27 @@ import numpy as np
 
 from . import polygons
 
-CORNER = np.radians(30.0) + 1e-6  # an outline that turns by more has a corner there, in which a particle is put
-ROUGH = np.radians(90.0) + 1e-6  # and one that turns by more to and fro within a spacing is rough there
-ALIKE = 1e-6  # angles [rad] and heights [spacings] that differ by less are the same
-LOOKS = 16  # per spacing, at which an outline is looked at
+CORNER = np.radians(30.0) + 1e-6  # a turn by more is a corner [rad]
+ROUGH = np.radians(90.0) + 1e-6  # a curve that turns to and fro by more within a spacing is rough [rad]
+EQUAL = 1e-6  # angles [rad] and heights [spacings] that differ by less are equal
+SAMPLES = 16  # points per spacing at which the curve is sampled
 
 
-def along(polygon: np.ndarray, h: float, fixed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Points about `h` apart on an outline (m, 2), and the edges of it on which the middles between them lie (m,) int.
+def resample(polygon: np.ndarray, h: float, fixed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Points on a closed curve, in its corners and evenly spaced between them.
 
-    They are in the `fixed` corners (int), in the others that are sharp as seen from h away, as far as these are apart,
-    and evenly between.  Where the outline is rough, as one around pixels, they are as far apart as they seem, and where
-    it is in the mean.
+    Parameters
+    ----------
+    polygon : (k, 2) -- the curve [µm].
+    h : float -- wanted distance between points [µm], measured along the averaged curve where the curve is rough.
+    fixed : (c,) int -- corners of the polygon that are points in any case.
+
+    Returns
+    -------
+    points : (m, 2) -- positions along the curve [µm].
+    edge : (m,) int -- edge of the polygon half-way between each point and the next.
+
+    Source: derived here, see the head of this module.
     """
     curve = _Curve(polygon, h)
     ends = _ends(curve, h, [] if fixed is None else curve.arc[fixed].tolist())
@@ -32,7 +45,7 @@ def along(polygon: np.ndarray, h: float, fixed: np.ndarray | None = None) -> tup
 
 
 class _Curve:
-    """An outline by the length of way along it, s [µm]: `arc` at its corners (k,), `ends` with that at its end."""
+    """A closed curve by its arc length s [µm]: `arc` (k,) at its corners, `ends` (k + 1,) with the whole length."""
 
     def __init__(self, polygon: np.ndarray, h: float):
         self.polygon = polygon
@@ -42,68 +55,68 @@ class _Curve:
         self.turn = _turn(polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon)
         step, side = self.length / max(4, round(self.length / h)), np.diff(self.ends)
         gain = sum(np.linalg.norm(self.at(self.arc + way) - polygon, axis=1) for way in (-step, step))
-        seen = 0.25 * gain @ (side + np.roll(side, 1)) / (step * self.length)  # of the way, in such steps
-        self.reach = min(0.5 * h / seen, 0.25 * self.length)  # way that gets on by half a spacing
+        seen = 0.25 * gain @ (side + np.roll(side, 1)) / (step * self.length)  # mean chord over arc, at steps of h
+        self.reach = min(0.5 * h / seen, 0.25 * self.length)  # arc of which the chord is h/2
         self._turned = np.concatenate([[0.0], np.cumsum(np.tile(self.turn, 3))])
         self._to_and_fro = np.concatenate([[0.0], np.cumsum(np.tile(np.abs(self.turn), 3))])
         self._thrice = np.concatenate([self.arc - self.length, self.arc, self.arc + self.length])
 
     def at(self, s: np.ndarray) -> np.ndarray:
-        """Points of the outline (n, 2)."""
+        """Points of the curve (n, 2) [µm] at arc lengths s (n,) [µm]."""
         return np.column_stack([np.interp(s % self.length, self.ends, self.closed[:, k]) for k in range(2)])
 
     def mean(self, s: np.ndarray) -> np.ndarray:
-        """Points of the outline (n, 2), or the mean over a spacing where it is rough."""
+        """Points (n, 2) [µm] at arc lengths s (n,) [µm]; where the curve is rough, its mean over a spacing."""
         points = self.at(s)
-        s, margin = s % self.length, 1e-9 * self.length  # corners at either end are within
+        s, margin = s % self.length, 1e-9 * self.length  # the interval is closed: corners at its ends count
         a = np.searchsorted(self._thrice, s - self.reach - margin)
         b = np.searchsorted(self._thrice, s + self.reach + margin)
         excess = self._to_and_fro[b] - self._to_and_fro[a] - np.abs(self._turned[b] - self._turned[a])
         rough = excess > ROUGH
-        around = s[rough, None] + self.reach * (np.arange(LOOKS) + 0.5 - 0.5 * LOOKS) / (0.5 * LOOKS)
-        points[rough] = self.at(around.ravel()).reshape(-1, LOOKS, 2).mean(axis=1)
+        around = s[rough, None] + self.reach * (np.arange(SAMPLES) + 0.5 - 0.5 * SAMPLES) / (0.5 * SAMPLES)
+        points[rough] = self.at(around.ravel()).reshape(-1, SAMPLES, 2).mean(axis=1)
         return points
 
 
-def _ends(curve: _Curve, h: float, kept: list[float]) -> list[float]:
-    """Where along the outline a particle has to be: what is kept anyway, and the sharpest corners first."""
+def _ends(curve: _Curve, h: float, fixed: list[float]) -> list[float]:
+    """Arc lengths at which there has to be a particle: the `fixed` ones, and the corners, sharpest first."""
     here, reach = curve.arc[np.abs(curve.turn) > CORNER], min(2.0 * curve.reach, 0.25 * curve.length)
     middle = curve.mean(here)
     far = np.abs(_turn(middle - curve.mean(here - reach), curve.mean(here + reach) - middle))
     here, far = here[far > CORNER], far[far > CORNER]
     order = np.argsort(-far, kind="stable")
-    for alike in np.split(order, np.flatnonzero(np.diff(-far[order]) > ALIKE) + 1):
-        kept += _apart(here[alike], kept, 0.5 * h, curve.length)
-    if not kept:  # in the lowest point, where a cell touches first, or at both ends of a flat sole
+    for equal in np.split(order, np.flatnonzero(np.diff(-far[order]) > EQUAL) + 1):
+        fixed += _apart(here[equal], fixed, 0.5 * h, curve.length)
+    if not fixed:  # the lowest point, where a cell touches the substrate first, or both ends of a flat bottom
         height = curve.polygon[:, 1] - curve.polygon[:, 1].min()
-        kept += _apart(curve.arc[height < ALIKE * h], [], 0.5 * h, curve.length)
-    return sorted(kept)
+        fixed += _apart(curve.arc[height < EQUAL * h], [], 0.5 * h, curve.length)
+    return sorted(fixed)
 
 
-def _apart(places: np.ndarray, kept: list[float], least: float, length: float) -> list[float]:
-    """Of places alike along an outline those that are further than `least` from others: of a crowd its two ends.
+def _apart(arcs: np.ndarray, fixed: list[float], least: float, length: float) -> list[float]:
+    """Those of equally sharp corners, at the arc lengths `arcs`, that are further than `least` from the `fixed` ones.
 
-    Those near what is `kept` are left out; a crowd that is no wider than `least` becomes one in its middle.
+    A cluster of corners that are closer than `least` is replaced by its two ends, or its middle if it is no wider.
     """
-    apart = np.abs(places[:, None] - np.array(kept)[None])
-    s = np.sort(places[(np.minimum(apart, length - apart) > least).all(axis=1)])
+    apart = np.abs(arcs[:, None] - np.array(fixed)[None])
+    s = np.sort(arcs[(np.minimum(apart, length - apart) > least).all(axis=1)])
     gap = np.diff(s, append=s[:1] + length)  # to the next one
     last = np.flatnonzero(gap > least)
     found: list[float] = []
     for before, end in zip(np.roll(last, 1), last, strict=True):
         begin, width = s[(before + 1) % len(s)], (s[end] - s[(before + 1) % len(s)]) % length
         found += [begin, s[end]] if width > least else [(begin + 0.5 * width) % length]
-    return [float(place) for place in found]
+    return [float(arc) for arc in found]
 
 
 def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Angle from directions (k, 2) before to those after, to the left."""
+    """Angles (k,) [rad] from the directions `before` (k, 2) to those `after` (k, 2), positive to the left."""
     return np.arctan2(polygons.cross(before, after), (before * after).sum(axis=1))
 
 
 def _evenly(curve: _Curve, start: float, end: float, h: float, least: int) -> np.ndarray:
-    """Places from one end to before the other, about `h` apart as seen from h away, but no fewer than `least`."""
-    s = np.linspace(start, end, LOOKS * int(np.ceil((end - start) / h)) + 1)
+    """Arc lengths from `start` to before `end`, `h` apart along the averaged curve, but no fewer than `least`."""
+    s = np.linspace(start, end, SAMPLES * int(np.ceil((end - start) / h)) + 1)
     a, b = np.maximum(s - 0.5 * h, start), np.minimum(s + 0.5 * h, end)
     gain = np.linalg.norm(curve.mean(b) - curve.mean(a), axis=1) / (b - a)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (gain[1:] + gain[:-1]) * np.diff(s))])

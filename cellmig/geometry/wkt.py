@@ -1,4 +1,4 @@
-"""Triangles in well-known text, "TIN (((0 0, 1 0, 0 1, 0 0)), …)", in a time that goes with the length of the text."""
+"""Triangles in well-known text, "TIN (((0 0, 1 0, 0 1, 0 0)), …)", read in a time linear in the length of the text."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..case.messages import show
 
 
 def read(path: str) -> Any:
-    """The triangles of a file as a mesh of meshio's, each with three points of its own.
+    """Triangles of a file as a meshio.Mesh; each has three points of its own.
 
-    Raises ValueError, OSError and UnicodeDecodeError; the text is for the user.
+    Raises ValueError, OSError and UnicodeDecodeError; the message is for the user.
     """
     import meshio
 
@@ -33,7 +33,7 @@ def read(path: str) -> Any:
 
 
 def _corners(text: str, n: int) -> list[list[float]]:
-    """The three corners in "((x y, x y, x y, x y", the n-th triangle."""
+    """The three corners of the n-th triangle, of which `text` is "((x y, x y, x y, x y"."""
     try:
         corners = [[float(number) for number in corner.split()] for corner in text.removeprefix("((").split(",")]
     except ValueError as error:

@@ -81,7 +81,7 @@ def _crossings(s: Surfaces, x: np.ndarray) -> list[list[int]]:
     longest = float(np.linalg.norm(q - p, axis=1).max())
     pairs = cKDTree(0.5 * (p + q)).query_pairs(longest * (1.0 + 1e-9), output_type="ndarray")
     i, j = pairs[(s.after[pairs[:, 0]] != pairs[:, 1]) & (s.after[pairs[:, 1]] != pairs[:, 0])].T
-    met = polygons.meet(p[i], q[i], p[j], q[j])
+    met = polygons.intersect(p[i], q[i], p[j], q[j])
     return sorted(np.column_stack([i, j])[met].tolist())
 
 

@@ -52,7 +52,7 @@ def discretise(case: Case) -> Scene:
                                       case.particles.surface_refinement, solve))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)
-            told = f"'{name}': {error}{getattr(shape, 'doubt', '')}"
+            told = f"'{name}': {error}{getattr(shape, 'hint', '')}"
             raise CaseError([Mistake(case.path, None, "particles", told)]) from error
         material_of.append((used.index(body), used.index(nucleus or body)))
     scene = Scene(
