@@ -45,21 +45,21 @@ def snapped(X: np.ndarray, bits: int = 48) -> np.ndarray:
 
 
 def first_corner(polygon: np.ndarray) -> int:
-    """Index of the leftmost of the lowest corners of a `polygon` (k, 2): independent of where its list begins."""
+    """Index of the leftmost of the lowest corners of a `polygon` (k, 2) [µm]: the same wherever its list begins."""
     x, y = polygon.T
     low = np.flatnonzero(y <= y.min() + 1e-9 * np.ptp(polygon, axis=0).max())
     return int(low[np.argmin(x[low])])
 
 
 def counterclockwise(polygon: np.ndarray) -> np.ndarray:
-    """Indices (k,) int of the corners of a `polygon` (k, 2) of either sense, counterclockwise from `first_corner`."""
+    """Counterclockwise order (k,) int of the corners of a `polygon` (k, 2) [µm] of any sense, from its `first_corner`."""
     k = np.arange(len(polygon))
     k = k if area(polygon) > 0.0 else k[::-1]
     return np.roll(k, -first_corner(polygon[k]))
 
 
 def distinct(polygon: np.ndarray) -> np.ndarray:
-    """Indices (m,) int of the corners of a `polygon` (k, 2) that bound its area.
+    """Indices (m,) int of the corners of a `polygon` (k, 2) [µm] that bound its area.
 
     Left out are corners that coincide with the next one but for rounding, as the closing point of a curve does, and
     tips of no width, in which the polygon turns back along itself.
@@ -83,7 +83,7 @@ def area(outline: np.ndarray) -> float:
 
 
 def is_flat(polygon: np.ndarray) -> bool:
-    """Whether the area of a `polygon` (k, 2) vanishes compared with its extent squared."""
+    """Whether the area of a `polygon` (k, 2) [µm] vanishes compared with its extent squared."""
     return not abs(area(polygon)) > 1e-6 * np.ptp(polygon, axis=0).max() ** 2
 
 
@@ -103,7 +103,7 @@ def centroid(outline: np.ndarray) -> np.ndarray:
 
 
 def is_convex(outline: np.ndarray) -> bool:
-    """Whether an `outline` (k, 2) or (k, 2 ends, 2) is one loop that turns right in no corner."""
+    """Whether an `outline` (k, 2) or (k, 2 ends, 2) [µm] is one loop that turns right in no corner."""
     p, q = edges(outline)
     along = q - p
     turns = cross(along, np.roll(along, -1, axis=0)) >= -1e-9 * (along**2).sum(axis=1).max()
@@ -142,7 +142,7 @@ def depth(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
-    """First corners of two edges of a `polygon` (k, 2) that meet but are not adjacent; None if it is simple."""
+    """First corners of two edges of a `polygon` (k, 2) [µm] that meet but are not adjacent; None if it is simple."""
     n, p, q = len(polygon), polygon, np.roll(polygon, -1, axis=0)
     longest = np.linalg.norm(q - p, axis=1).max()
     near = cKDTree(0.5 * (p + q)).query_pairs(longest * (1.0 + 1e-9), output_type="ndarray")
@@ -154,7 +154,7 @@ def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
 
 
 def touch(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether any edges of the outlines a and b, (k, 2) or (k, 2 ends, 2) each, meet."""
+    """Whether any edges of the outlines a and b, (k, 2) or (k, 2 ends, 2) [µm] each, meet."""
     (p, q), (r, s) = sorted((edges(a), edges(b)), key=lambda ends: len(ends[0]))
     low, high = np.minimum(p, q).min(axis=0), np.maximum(p, q).max(axis=0)
     near = ((np.minimum(r, s) <= high) & (np.maximum(r, s) >= low)).all(axis=1)
@@ -162,7 +162,7 @@ def touch(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def intersect(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Whether the segments from a to b and from c to d, ends (n, 2) each, share a point, (n,) bool; ends count."""
+    """Whether the segments from a to b and from c to d, (n, 2) [µm] each, share a point, (n,) bool; ends count."""
     sides = [np.sign(s) for s in (cross(b - a, c - a), cross(b - a, d - a), cross(d - c, a - c), cross(d - c, b - c))]
     boxes = (np.maximum(np.minimum(a, b), np.minimum(c, d)) <= np.minimum(np.maximum(a, b), np.maximum(c, d))).all(-1)
     return boxes & (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0)
