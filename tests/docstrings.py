@@ -27,7 +27,7 @@ ARRAY, NUMBER = re.compile(r"\bndarray\b"), re.compile(r"\bfloat\b")
 CONTAINER = re.compile(r"\b(?:dict|Mapping|Callable)\[.*\]")  # what is in it has its own description
 SHAPE = re.compile(r"\([^()\[\]]*,[^()\[\]]*\)")
 DISCRETE = re.compile(SHAPE.pattern + r"(?= (?:int|bool)\b)")
-NAME = r"(?:[µkMGn]?(?:m|s|Pa|N|g|B|flop)|pN|rad|kg|min|h|K)(?![A-Za-z])"
+NAME = r"(?:[µkMGnf]?(?:m|s|Pa|N|g|B|flop)|pN|rad|kg|min|h|K)(?![A-Za-z])"
 UNIT = re.compile(rf"\[(?:-(?:, -)*|[\d/(·, ]*{NAME}(?:[\d\s/·,()²³⁴⁻¹½^-]|{NAME})*)\]|\bunits?\b")
 SOURCE = re.compile(r"Source:|[Ee]quations? \(|\(\d+[a-z]?\)|\b(?:19|20)\d\d\b|appendix", re.IGNORECASE)
 FORMULA = re.compile(r"(?<![=<>!:`]) = (?=.*[-+/*^²³√Σ∮∇]).*[A-Za-zα-ωΑ-Ω]")

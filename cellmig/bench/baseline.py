@@ -18,6 +18,7 @@ from cellmig.kernel.codegen import Translator
 from cellmig.kernel.kernel import VECTORS
 from cellmig.kernel.toolchain import loaded
 from cellmig.meshfree.body import Scene
+from cellmig.meshfree.rkpm import components
 
 _LEAST = 0.2  # s that are timed at a time
 
@@ -99,7 +100,7 @@ class Baseline:
         templates = [scene.templates[k] for k in scene.kind]
         G = sparse.block_diag([t.G for t in templates], "csr")
         G.sort_indices()
-        self.G = [sparse.csr_matrix((part, G.indices, G.indptr), G.shape) for part in (G.data.real, G.data.imag)]
+        self.G = components(G)
         self.H = [(-part.T).tocsr() for part in self.G]
         for part in self.H:
             part.sort_indices()

@@ -52,7 +52,7 @@ def first_corner(polygon: np.ndarray) -> int:
 
 
 def counterclockwise(polygon: np.ndarray) -> np.ndarray:
-    """Counterclockwise order (k,) int of the corners of a `polygon` (k, 2) [µm] of any sense, from its `first_corner`."""
+    """Counterclockwise order (k,) int of the corners of a `polygon` (k, 2) [µm] of any sense, from `first_corner`."""
     k = np.arange(len(polygon))
     k = k if area(polygon) > 0.0 else k[::-1]
     return np.roll(k, -first_corner(polygon[k]))

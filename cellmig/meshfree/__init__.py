@@ -1,1 +1,1 @@
-"""Meshfree discretisation: shapes, RKPM gradients and their adjoint, stabilisation, surfaces, the compiled kernel."""
+"""Meshfree discretisation: gradients of shape functions, stabilisation, boundary, surfaces and their contact."""

@@ -1,4 +1,4 @@
-"""Bodies: the reference configuration of the scene, one template per kind of cell, shared by all its copies."""
+"""Reference configuration: a template for each kind of cell, shared by all its copies, and the scene of all cells."""
 
 from __future__ import annotations
 
@@ -16,19 +16,27 @@ from . import rkpm
 from .recovery import recovery
 from .stabilisation import stabilisation
 
-STRIP = 3.0  # height in spacings of the strips in which particles are numbered: neighbours stay close in memory
+STRIP = 3.0  # height [spacings] of the strips in which particles are numbered, so that neighbours are close in memory
 
 
 @dataclass(frozen=True)
 class Template:
-    """Discretised kind of cell about its centre; particles are numbered by material, then in strips.
+    """A discretised cell, with its centre as origin; particles are numbered by material, then in strips.
 
-    X : (n, 2) [µm];  V : (n,) [µm²];  nucleus : (n,) bool;  surface : (m,) int -- particles of its closed loops, the
-    outer one counterclockwise, holes clockwise;  after : (m,) int -- position in `surface` of the one that follows;
-    parts : by name, where in `surface` the segments of a part of the boundary begin;
-    G : (n, n) complex CSR, ∂/∂X + i ∂/∂Y [1/µm];  S, E : (n, n) CSR, viscous and elastic stabilisation [Pa µs], [Pa];
-    R : (n, n) CSR, recovery of stress;  spacing : mean distance h [µm];
-    laws : (body, nucleus) material laws;  damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
+    Attributes
+    ----------
+    X : (n, 2) -- reference positions [µm].
+    V : (n,) -- volumes per unit thickness [µm²].
+    nucleus : (n,) bool -- whether a particle belongs to the nucleus.
+    surface : (m,) int -- surface particles along closed loops, the outer one counterclockwise, holes clockwise.
+    after : (m,) int -- index in `surface` of the next particle on the loop.
+    parts : dict of (k,) int -- by name of a part of the boundary, indices in `surface` where its segments begin.
+    G : (n, n) complex CSR -- gradients ∂/∂X + i ∂/∂Y of the shape functions at the particles [1/µm].
+    S, E : (n, n) CSR -- viscous and elastic stabilisation [Pa µs], [Pa].
+    R : (n, n) CSR -- recovery of stress [-].
+    spacing : float -- mean distance of particles h [µm].
+    laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
+    damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     """
 
     X: np.ndarray
@@ -47,17 +55,17 @@ class Template:
 
     @cached_property
     def segments(self) -> np.ndarray:
-        """Particles at the ends of the segments of the surface (m, 2) int."""
+        """Particles at both ends of the segments of the surface (m, 2) int."""
         return np.column_stack([self.surface, self.surface[self.after]])
 
     @cached_property
     def before(self) -> np.ndarray:
-        """Position in `surface` of the one that each surface particle follows (m,) int."""
+        """Index in `surface` of the previous particle on the loop (m,) int."""
         return np.argsort(self.after)
 
     @cached_property
     def loop(self) -> np.ndarray:
-        """Number of the closed loop that each surface particle is on, 0 for the outer one (m,) int."""
+        """Number of the loop of each surface particle, 0 for the outer one (m,) int."""
         return np.append(0, np.cumsum(self.after[:-1] != np.arange(1, len(self.after))))
 
     def _by_law(self, attribute: str) -> np.ndarray:
@@ -67,67 +75,66 @@ class Template:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """Lumped masses ρ0 V (n,) [fg/µm]."""
+        """Lumped masses ρ0 V (n,) [fg/µm], per unit thickness."""
         return self._by_law("density") * self.V
 
     @cached_property
     def segment_length(self) -> np.ndarray:
-        """Reference length of the surface segment from each surface particle to the next (m,) [µm]."""
+        """Reference lengths of the segments from each surface particle to the next (m,) [µm]."""
         return polygons.sides(self.X[self.segments])
 
     @cached_property
     def viscous_weight(self) -> np.ndarray:
-        """2 μ and the bulk damping (n,) [Pa µs]: what resists stretching."""
+        """Viscosity against uniaxial stretching (n,) [Pa µs]: 2 μ and the numerical bulk viscosity."""
         return 2.0 * self._by_law("viscosity") + self.damping
 
     @cached_property
     def elastic_weight(self) -> np.ndarray:
-        """Modulus of compression waves ρ c² (n,) [Pa]."""
+        """P-wave modulus ρ c² (n,) [Pa]."""
         return self._by_law("density") * self._by_law("sound_speed") ** 2
 
     @cached_property
     def bound(self) -> np.ndarray:
-        """Σ_J G⊗G/m_J, components 00, 11, 01 (n, 3) [1/(µm fg)]: local stiffness per modulus and volume."""
-        g = [abs_part(self.G, part) for part in ("real", "imag")]
+        """Components 00, 11, 01 of Σ_J G⊗G/m_J (n, 3) [1/(µm fg)]: squared frequency per volume and modulus."""
+        g = rkpm.components(self.G)
         by_mass = sparse.diags(1.0 / self.mass)
         return np.column_stack([np.asarray((a.multiply(b) @ by_mass).sum(axis=1)).ravel()
                                 for a, b in ((g[0], g[0]), (g[1], g[1]), (g[0], g[1]))])
 
     def local_bound(self, weight: np.ndarray) -> float:
-        """Largest V_I w_I λmax(Σ_J G⊗G/m_J) at rest, which the step control follows through the deformation."""
+        """Largest V_I w_I λmax(Σ_J G⊗G/m_J) at rest, for a `weight` w (n,) [Pa] in [1/µs²], or [Pa µs] in [1/µs].
+
+        The step control follows its change with the deformation.  Source: derived here, a bound on the rate of each
+        particle's own mode.
+        """
         a, b, c = self.bound.T
         return float((self.V * weight * (0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c**2))).max())
 
     @cached_property
     def diffusion(self) -> float:
-        """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: how fast a field can relax per diffusivity."""
+        """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: the fastest relaxation rate per diffusivity."""
         V, root = sparse.diags(self.V), sparse.diags(1.0 / np.sqrt(self.V))
-        parts = [abs_part(self.G, part) @ root for part in ("real", "imag")]
+        parts = [g @ root for g in rkpm.components(self.G)]
         return _largest(sum(g.T @ V @ g for g in parts), len(self.X))
 
     @cached_property
     def rates(self) -> tuple[float, float, float]:
-        """Largest damping of the stabilisation and of the viscosities [1/µs], and frequency² of the elasticity [1/µs²].
+        """Largest damping rates of the stabilisation and of the viscosities [1/µs], and largest frequency² [1/µs²].
 
-        Largest eigenvalues of M⁻¹ times the linear operators on the reference configuration, rounded up.
+        These are the largest eigenvalues, rounded up, of M⁻¹ times the operators linearised at rest.
         """
         n, root = len(self.X), 1.0 / np.sqrt(self.mass)
         scale = sparse.diags(root)
         stab = _largest(scale @ self.S @ scale, n)
-        gx, gy = abs_part(self.G, "real") @ scale, abs_part(self.G, "imag") @ scale
+        gx, gy = (g @ scale for g in rkpm.components(self.G))
         shear = self._by_law("shear_modulus")
         viscous = _largest(_strain_operator(gx, gy, self.V, self._by_law("viscosity"), self.damping), 2 * n)
         elastic = _largest(_strain_operator(gx, gy, self.V, shear, self.elastic_weight - 2.0 * shear), 2 * n)
         return stab, viscous, elastic + _largest(scale @ self.E @ scale, n)
 
 
-def abs_part(G: sparse.csr_matrix, part: str) -> sparse.csr_matrix:
-    """Real or imaginary part of a complex CSR matrix, with its sparsity."""
-    return sparse.csr_matrix((np.ascontiguousarray(getattr(G.data, part)), G.indices, G.indptr), G.shape)
-
-
 def _strain_operator(gx, gy, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
-    """V -> Σ_I V (2 shear d + volumetric tr d) ∇N: linear operator on (n, 2) fields, flattened by components."""
+    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y (2 n,)."""
     n = len(V)
 
     def apply(v: np.ndarray) -> np.ndarray:
@@ -141,9 +148,9 @@ def _strain_operator(gx, gy, V: np.ndarray, shear: np.ndarray, volumetric: np.nd
 
 
 def _largest(operator: Any, n: int) -> float:
-    """Largest eigenvalue, rounded up to three digits so that no last bit of it matters."""
+    """Largest eigenvalue of a symmetric operator (n, n), rounded up to three digits: its last bits do not matter."""
     start = np.cos(np.arange(n) ** 1.5)
-    if not (operator @ start).any():  # ARPACK differs by version in what it makes of no matrix at all
+    if not (operator @ start).any():  # versions of ARPACK differ in what they make of a zero matrix
         return 0.0
     top = eigsh(operator, 1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
     return float(f"{max(top, 0.0) * 1.01:.2e}")
@@ -151,14 +158,22 @@ def _largest(operator: Any, n: int) -> float:
 
 def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosity: float,
              refinement: float = 1.0, solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
-    """Discretise a shape with `count` particles, a support of `dilation` spacings and materials (body, nucleus).
+    """Discretise a shape.
 
-    Along the surface the particles are `refinement` times as dense as within.  `solve` : see `rkpm.consistent`.
+    Parameters
+    ----------
+    shape : law of kind shape -- gives layout and area.
+    count : int -- number of particles.
+    dilation : float -- support radius over the spacing [-].
+    laws : tuple -- material laws of body and nucleus, the latter None without one.
+    bulk_viscosity : float -- of the numerical damping, over ρ c h [-].
+    refinement : float -- density of particles along the surface over that inside [-].
+    solve : function -- as for `rkpm.consistent`.
     """
     layout = shape.particles(count, refinement)
     spacing = float(np.sqrt(shape.area / count))
     placed = polygons.snapped(layout.X)
-    x, y = np.rint(placed / (1e-6 * spacing)).T  # so that no last bit changes the order
+    x, y = np.rint(placed / (1e-6 * spacing)).T  # the order does not depend on the last bits
     strip = np.floor(y / (1e6 * STRIP) + 0.5)
     order = np.lexsort((y, x, strip, ~layout.nucleus if laws[1] is not None else strip))
     place = np.empty(count, int)
@@ -182,10 +197,15 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
 
 @dataclass(frozen=True)
 class Scene:
-    """All cells in the reference configuration.  Global ids run through the cells, as the template's numbers do.
+    """All cells in the reference configuration; global ids count the particles cell by cell, each as its template does.
 
-    templates : one per kind of cell;  kind : (cells,) -- its template;  centre : (cells, 2) [µm];
-    materials : the laws that occur;  material_of : per template, the indices (body, nucleus) into `materials`.
+    Attributes
+    ----------
+    templates : list of Template -- one for each kind of cell.
+    kind : (cells,) int -- index of the template of each cell.
+    centre : (cells, 2) -- centres of the cells [µm].
+    materials : list -- the material laws that occur.
+    material_of : list -- for each template, the indices of the laws of body and nucleus in `materials`.
     """
 
     templates: list
@@ -196,7 +216,7 @@ class Scene:
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """First global id of each cell, and the number of all particles at the end (cells + 1,)."""
+        """First global id of each cell, and at the end the number of all particles (cells + 1,) int."""
         return np.concatenate([[0], np.cumsum([len(self.templates[k].X) for k in self.kind])])
 
     @property
@@ -206,11 +226,11 @@ class Scene:
 
     @cached_property
     def cell(self) -> np.ndarray:
-        """Cell of each particle, from 0 (size,)."""
+        """Cell of each particle, from 0 (size,) int."""
         return np.repeat(np.arange(len(self.kind), dtype=np.int32), np.diff(self.offset))
 
     def field(self, attribute: str) -> np.ndarray:
-        """A template's field ("V", "mass", …) for all particles, in global-id order (size, ...)."""
+        """An `attribute` of the templates, such as "V", for all particles by global id (size, ...), in its unit."""
         return np.concatenate([getattr(self.templates[k], attribute) for k in self.kind])
 
     @cached_property
@@ -220,10 +240,10 @@ class Scene:
 
     @cached_property
     def material(self) -> np.ndarray:
-        """Index into `materials` of each particle (size,)."""
+        """Index in `materials` of the law of each particle (size,) int."""
         parts = [np.where(self.templates[k].nucleus, self.material_of[k][1], self.material_of[k][0]) for k in self.kind]
         return np.concatenate(parts).astype(np.int32)
 
     def surface(self, cell: int) -> np.ndarray:
-        """Global ids of a cell's surface particles, loop by loop (m,)."""
+        """Global ids of the surface particles of a cell, loop by loop (m,) int."""
         return self.offset[cell] + self.templates[self.kind[cell]].surface

@@ -1,4 +1,4 @@
-"""What acts on parts of the surface from outside: supports, loads and plates, and where probes look."""
+"""Supports, loads, plates and probes of a case, on the particles of its scene."""
 
 from __future__ import annotations
 
@@ -12,19 +12,29 @@ from ..case.expression import evaluate
 from . import rkpm
 from .body import Scene
 
+# Abscissas and weights of the Gauss rule of three points on [0, 1].
 GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 / 18))
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Supports, loads and plates of a scene, by global ids; factors on them are `histories`, by number.
+    """Supports, loads and plates of a scene, by global ids of particles; each has a history, a factor in time.
 
-    histories : the time laws;  names : of the supports, then of the plates, in whose columns reactions stand;
-    held : (k, 2) int -- particle and component;  held_value : (k,) [µm];  held_history, held_support : (k,) int;
-    dead : (d,) int -- particles under tractions and loads on bodies;  dead_force : (d, 2) [pN/µm];
-    dead_history : (d,) int;
-    pressed : (p, 2) int -- ends of segments under pressure;  pressure : (p,) [Pa];  pressed_history : (p,) int;
-    plate : (n, 6) -- unit normal, point [µm], displacement [µm];  plate_history : (n,) int.
+    Attributes
+    ----------
+    histories : tuple -- the different laws of kind history.
+    names : tuple of str -- of the supports, then of the plates; columns of reactions begin with them.
+    held : (k, 2) int -- prescribed degrees of freedom: particle and component.
+    held_value : (k,) -- their displacements [µm].
+    held_history, held_support : (k,) int -- numbers of their histories and supports.
+    dead : (d,) int -- particles under dead loads: tractions and body forces, which keep their direction.
+    dead_force : (d, 2) -- forces on these [pN/µm].
+    dead_history : (d,) int -- numbers of their histories.
+    pressed : (p, 2) int -- ends of the segments under pressure.
+    pressure : (p,) -- pressures on these [Pa].
+    pressed_history : (p,) int -- numbers of their histories.
+    plate : (n, 6) -- unit normal [-], point [µm] and displacement [µm] of each plate.
+    plate_history : (n,) int -- numbers of their histories.
     """
 
     histories: tuple
@@ -44,7 +54,7 @@ class Boundary:
 
     @classmethod
     def of(cls, case: Any, scene: Scene) -> Boundary:
-        """What the supports, loads and plates of a case are on a scene."""
+        """Supports, loads and plates of a case on its scene."""
         histories = histories_of(case)
 
         def number(items: Sequence) -> np.ndarray:
@@ -62,7 +72,10 @@ class Boundary:
                    np.array(plate).reshape(-1, 6), number(case.plates))
 
     def fill(self, kernel: Any, base: Any, surface: np.ndarray, capacity: int) -> None:
-        """Set the kernel's arrays of a rank with the numbering `base`; `surface` : ids of its own surface particles."""
+        """Set the arrays of a rank's kernel, for its numbering `base` and the ids `surface` (m,) int of its surface.
+
+        The kernel has room for `capacity` particles.
+        """
         at = base.local(self.held[:, 0])
         on = np.flatnonzero((at >= 0) & (at < base.n_owned))
         kernel["n_held"], kernel["held"] = len(on), 4 * at[on] + self.held[on, 1]
@@ -89,12 +102,12 @@ class Boundary:
         kernel["clock"] = np.zeros(3)
 
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
-        """The supports that hold these particles in these directions (k,) int."""
+        """Numbers of the supports (k,) int that prescribe a `component` (k,) int of the particles `ids` (k,) int."""
         return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]
 
 
 def histories_of(case: Any) -> tuple:
-    """The different time laws of a case's supports, loads and plates."""
+    """The different histories of the supports, loads and plates of a case."""
     return tuple(dict.fromkeys(item.history for item in (*case.supports, *case.loads, *case.plates)))
 
 
@@ -103,14 +116,14 @@ def _named(case: Any) -> dict[str, int]:
 
 
 def _where(item: Any, scene: Scene, cell: int) -> np.ndarray:
-    """Segments (e, 2) of a cell's surface on the parts of an item, ends by their numbers in the cell."""
+    """Segments (e, 2) of the surface of a cell on the parts of an item, by numbers of particles in the cell."""
     t = scene.templates[scene.kind[cell]]
     chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
     return t.segments[chosen]
 
 
 def _in_box(item: Any, X: np.ndarray) -> np.ndarray:
-    """Which of the places about the cell's centre (..., 2) are in the box of an item."""
+    """Whether points X (..., 2) [µm] from the cell's centre are in the box of an item (...) bool."""
     if not item.box:
         return np.ones(X.shape[:-1], bool)
     box = np.sort(np.array(item.box), axis=0)
@@ -123,19 +136,19 @@ def _cells(item: Any, who: dict[str, int]) -> list[int]:
 
 
 def particles_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
-    """Particles of a cell, by their numbers in it, on the parts and in the box of an item (k,)."""
+    """Particles of a cell on the parts and in the box of an item (k,) int, by their numbers in the cell."""
     on = np.unique(_where(item, scene, cell))
     return on[_in_box(item, scene.templates[scene.kind[cell]].X[on])]
 
 
 def segments_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
-    """Segments of a cell's surface (e, 2) on the parts and in the box of an item, ends by their numbers in the cell."""
+    """Segments of a cell's surface on the parts and in the box of an item (e, 2) int, by particles of the cell."""
     ends = _where(item, scene, cell)
     return ends[_in_box(item, scene.templates[scene.kind[cell]].X[ends]).all(axis=1)]
 
 
 def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Held particles and components (k, 2), values (k,) and supports (k,); the last support of a component counts."""
+    """Prescribed particles and components (k, 2), values (k,) and supports (k,): of several the last one counts."""
     found: dict[tuple[int, int], tuple[float, int]] = {}
     for number, support in enumerate(case.supports):
         for cell in _cells(support, who):
@@ -152,7 +165,7 @@ def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.
 
 
 def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Particles (d,), forces (d, 2) and loads (d,): tractions by their integrals along segments, bodies by V."""
+    """Particles (d,), forces (d, 2) and numbers (d,) of dead loads: integrals of tractions, or body forces times V."""
     ids, forces, loads = [], [], []
     for number, load in enumerate(case.loads):
         for cell in _cells(load, who) if load.pressure is None else ():
@@ -171,12 +184,21 @@ def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.
 
 
 def _vectors(components: tuple, X: np.ndarray) -> np.ndarray:
-    """Values (n, 2) of two numbers or formulas at places (n, 2)."""
+    """Values (n, 2) of two numbers or formulas at points X (n, 2)."""
     return np.column_stack([evaluate(c, X) for c in components])
 
 
 def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
-    """Forces (n, 2) [pN/µm] at X of tractions (…, 2) [Pa], a function of the place, along segments `ends` (e, 2)."""
+    """Forces on particles (n, 2) [pN/µm] of a traction along segments of the surface.
+
+    Parameters
+    ----------
+    X : (n, 2) -- positions [µm].
+    ends : (e, 2) int -- ends of the segments.
+    traction : function -- of points (e, 2) [µm], gives tractions (e, 2) [Pa].
+
+    Source: ∫ N t ds by a Gauss rule of three points, with shape functions N that are linear along a segment.
+    """
     force, along = np.zeros_like(X), X[ends[:, 1]] - X[ends[:, 0]]
     length = np.linalg.norm(along, axis=1)[:, None]
     for s, weight in GAUSS:
@@ -187,7 +209,7 @@ def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
 
 
 def _pressed(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments (p, 2), pressures (p,) and loads (p,)."""
+    """Segments (p, 2), pressures (p,) and numbers (p,) of pressure loads."""
     ends, values, loads = [np.zeros((0, 2), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
     for number, load in enumerate(case.loads):
         for cell in _cells(load, who) if load.pressure is not None else ():
@@ -203,9 +225,14 @@ def _pressed(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, 
 
 @dataclass(frozen=True)
 class Probes:
-    """Places whose motion is recorded: weighted means over particles.
+    """Points and parts whose motion is recorded, as weighted means over particles.
 
-    names : (p,);  cell : (p,) int;  probe, id : (k,) int, weight : (k,) -- the means, those of a probe sum to 1.
+    Attributes
+    ----------
+    names : tuple of str -- names of the p probes.
+    cell : (p,) int -- their cells.
+    probe, id : (k,) int -- probe and global id of each term of the means.
+    weight : (k,) -- of each term [-]; the weights of a probe sum to 1.
     """
 
     names: tuple
@@ -216,7 +243,7 @@ class Probes:
 
     @classmethod
     def of(cls, case: Any, scene: Scene) -> Probes:
-        """The probes of a case: at a point linear in between the particles, on a part the mean along it."""
+        """Probes of a case: a point is interpolated between particles, a part has the mean along its length."""
         who, parts = _named(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
         cells = np.array([_cells(p, who)[0] for p in case.probes], np.int64)
         for number, (item, cell) in enumerate(zip(case.probes, cells, strict=True)):

@@ -1,4 +1,4 @@
-"""Search lists of surfaces: which segments are near the substrate, which particles near another cell's surface."""
+"""Surfaces of all cells, and the search for particles that are near the surface of another cell."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ from .body import Scene
 
 @dataclass(frozen=True)
 class Surfaces:
-    """All closed polylines of the scene, one after the other; indices run through them.
+    """Surface particles of all cells, loop by loop; a segment goes by its first particle.
 
-    ids : (m,) -- global ids of the surface particles;  cell : (m,);  after, before : (m,) -- neighbours in the
-    polyline;  length : (m,) -- reference length of the segment from a particle to the next [µm];  outer : (m,) bool --
-    not in a hole, where there are no bonds and nothing protrudes.
+    Attributes
+    ----------
+    ids : (m,) int -- global ids.
+    cell : (m,) int -- cells.
+    after, before : (m,) int -- indices of the next and of the previous particle on the loop.
+    length : (m,) -- reference length of the segment from a particle to the next [µm].
+    outer : (m,) bool -- whether a particle is on the outer loop; in holes there are no bonds and no protrusion.
     """
 
     ids: np.ndarray
@@ -28,7 +32,7 @@ class Surfaces:
 
     @classmethod
     def of(cls, scene: Scene) -> Surfaces:
-        """The surfaces of a scene."""
+        """Surfaces of a scene."""
         rings = [scene.surface(c) for c in range(len(scene.kind))]
         start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
         after = np.concatenate([a + scene.templates[k].after for a, k in zip(start, scene.kind, strict=False)])
@@ -41,10 +45,14 @@ class Surfaces:
 
 @dataclass(frozen=True)
 class ContactLists:
-    """Particles near another cell's surface, by pair of cells; indices into `Surfaces`.
+    """Particles near the surface of another cell, sorted by pair of cells; indices are those of `Surfaces`.
 
-    node : (n,);  first : (n + 1,), candidate : (k,) -- the segments that may be closest, by their first particle;
-    segment : (e, 2) -- neighbours in `node`, both listed.
+    Attributes
+    ----------
+    node : (n,) int -- the particles, once for each cell that they are near.
+    first : (n + 1,) int -- where the candidates of each begin.
+    candidate : (k,) int -- segments of the other cell that may be the closest one.
+    segment : (e, 2) int -- indices in `node` of both ends of the segments whose ends are near the same cell.
     """
 
     node: np.ndarray
@@ -53,28 +61,37 @@ class ContactLists:
     segment: np.ndarray
 
     def needed(self, surfaces: Surfaces, own: np.ndarray) -> ContactLists:
-        """What acts on particles in `own` (m,) bool, in the same order; with nodes whose gaps their segments need."""
+        """The part of the lists that exerts forces on particles in `own` (m,) bool, in the same order.
+
+        Nodes whose gaps the segments of such particles need are included.
+        """
         count = np.diff(self.first)
         touched = own[self.candidate] | own[surfaces.after[self.candidate]]
         matters = own[self.node] | (np.bincount(np.repeat(np.arange(len(count)), count), touched, len(count)) > 0)
         segment = self.segment[matters[self.segment].any(axis=1)]
-        keep = matters.copy()
-        keep[segment] = True
-        number = np.cumsum(keep) - 1
-        return ContactLists(self.node[keep], np.append(0, np.cumsum(count[keep])),
-                            self.candidate[np.repeat(keep, count)], number[segment])
+        included = matters.copy()
+        included[segment] = True
+        number = np.cumsum(included) - 1
+        return ContactLists(self.node[included], np.append(0, np.cumsum(count[included])),
+                            self.candidate[np.repeat(included, count)], number[segment])
 
     def involved(self, surfaces: Surfaces) -> np.ndarray:
-        """Surface particles that the forces need or act on."""
+        """Surface particles that the contact forces depend or act on (k,) int, with repetitions."""
         ends = self.candidate, surfaces.after[self.candidate]
         return np.concatenate([self.node, *ends, surfaces.before[ends[0]], surfaces.after[ends[1]]])
 
 
 def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, among: np.ndarray) -> ContactLists:
-    """Lists for surface positions x (m, 2) [µm]: all feet of perpendiculars up to `reach` [µm] are among them.
+    """Contact lists that remain valid until a distance changes by `change`.
 
-    They hold until a distance changes by `change` [µm]: a segment further away by twice that cannot become the closest.
-    Looked at are the particles `among` (k,), of whole cells, ascending; half of the longest segment is within `reach`.
+    A segment that is further away than the closest one by more than twice `change` cannot become the closest before.
+
+    Parameters
+    ----------
+    x : (m, 2) -- positions of the surface particles [µm].
+    reach : float -- distance up to which closest points are found [µm]; it exceeds half of the longest segment.
+    change : float [µm].
+    among : (k,) int -- particles of the cells to consider, ascending.
     """
     among = among[surfaces.outer[among]]
     pairs = among[cKDTree(x[among]).query_pairs(reach, output_type="ndarray")]
@@ -85,15 +102,15 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
     unique = np.column_stack([own * n_cells + other, segments])
     unique = unique[np.lexsort(unique.T[::-1])]
-    unique = unique[_fresh(unique)]
+    unique = unique[_distinct(unique)]
     away = _distances(x[unique[:, 1]], x[unique[:, 2]], x[surfaces.after[unique[:, 2]]])
-    start = np.flatnonzero(_fresh(unique[:, :2]))
+    start = np.flatnonzero(_distinct(unique[:, :2]))
     least = np.minimum.reduceat(away, start) if len(start) else away
     unique = unique[away <= np.repeat(least, np.diff(np.append(start, len(unique)))) + 2.0 * change]
     directed, node, candidate = unique.T
-    fresh = _fresh(unique[:, :2])
-    first = np.append(np.flatnonzero(fresh), len(unique))
-    directed, node = directed[fresh], node[fresh]
+    start = np.flatnonzero(_distinct(unique[:, :2]))
+    first = np.append(start, len(unique))
+    directed, node = directed[start], node[start]
     key = directed * len(x) + node  # ascending
     following = directed * len(x) + surfaces.after[node]
     at = np.minimum(np.searchsorted(key, following), max(len(key) - 1, 0))
@@ -103,7 +120,10 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
 
 
 def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: float) -> np.ndarray:
-    """Cells, ascending, that may be within `reach` [µm] of some, `mine`; boxes are from low to high (c, 2) [µm]."""
+    """Cells that may be within `reach` [µm] of the cells `mine` (k,) int, ascending (n,) int.
+
+    `low` and `high` (c, 2) [µm] are opposite corners of the bounding boxes of all cells.
+    """
     if len(mine) in (0, len(low)):
         return mine
     centre, wide = 0.5 * (low + high), np.linalg.norm(high - low, axis=1).max()
@@ -111,13 +131,13 @@ def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: flo
     return np.flatnonzero(np.isfinite(away))
 
 
-def _fresh(listed: np.ndarray) -> np.ndarray:
-    """Which of sorted rows (k, …) are not as the one before (k,) bool."""
+def _distinct(listed: np.ndarray) -> np.ndarray:
+    """Whether each of the sorted rows (k, …) differs from the previous one (k,) bool."""
     return np.append(True, (np.diff(listed, axis=0) != 0).any(axis=1))[: len(listed)]
 
 
 def _distances(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distances (k,) of points x (k, 2) from segments a-b (k, 2) each [µm]."""
+    """Distances (k,) [µm] of points x from the segments from a to b, (k, 2) [µm] each."""
     along = b - a
     t = np.clip(((x - a) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
     return np.linalg.norm(x - a - t[:, None] * along, axis=1)

@@ -1,4 +1,4 @@
-"""Formulas of a case at the places where it needs their values: each has to be a number there."""
+"""Check of the formulas of a case: each has to have a finite value at the points where it is evaluated."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from ..case.values import LARGEST
 from .body import Scene
 from .boundary import GAUSS, particles_of, segments_of
 
-TINY = 1e-9  # of a cell's size: a place as near an axis is on it, but for rounding
-TIMES = 1001  # at which a history is looked at, from the start to the end
+TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding
+TIMES = 1001  # number of times, from the start to the end, at which a history is checked
 
 
 def check(case: Any, scene: Scene) -> None:
-    """Raise CaseError, with all of them, where formulas or histories of a case have no finite value."""
-    wrong, sound = {}, set()
-    for kind, item, key, cell, X in _asked(case, scene):
+    """Check the formulas and histories of a case.
+
+    Raises CaseError, which holds all of those that have no finite value.
+    """
+    wrong, checked = {}, set()
+    for kind, item, key, cell, X in _points(case, scene):
         given = getattr(item, key)
         for value in given if isinstance(given, tuple) else (given,):
             if isinstance(value, Expression) and (place := _undefined(value, X)) is not None:
@@ -31,16 +34,16 @@ def check(case: Any, scene: Scene) -> None:
                             f"centre of '{case.cells[cell].name}': it is {found:g} there"))
     for kind in ("supports", "loads", "plates"):
         for item in getattr(case, kind):
-            if item.history not in sound and (time := _undefined_time(item.history, case.time.end)) is not None:
+            if item.history not in checked and (time := _undefined_time(item.history, case.time.end)) is not None:
                 wrong[kind, item.name] = Mistake(case.path, None, f"{kind}.{item.name}.history",
                                                  f"has no finite value and rate at {time:.4g} us")
-            sound.add(item.history)
+            checked.add(item.history)
     if wrong:
         raise CaseError(wrong.values())
 
 
-def _asked(case: Any, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:
-    """Kind, item, key, cell, and the places about its centre (n, 2) [µm] at which the key's values are asked for."""
+def _points(case: Any, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:
+    """Kind, item, key, cell, and the points (n, 2) [µm] from its centre at which the key is evaluated."""
     seen = set()
     for number, cell in enumerate(case.cells):
         for key in ("displacement", "velocity"):
@@ -63,19 +66,19 @@ def _asked(case: Any, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.nda
 
 
 def _undefined(value: Expression, X: np.ndarray) -> tuple[float, float, float] | None:
-    """The first of the places (n, 2) at which a formula is no finite number, and what it is there."""
+    """The first of the points X (n, 2) at which a formula has no finite value, and its value there."""
     size = np.ptp(X, axis=0).max() if len(X) else 0.0
-    for places in (X, np.where(np.abs(X) < TINY * size, 0.0, X)):
-        found = evaluate(value, places)
+    for points in (X, np.where(np.abs(X) < TINY * size, 0.0, X)):
+        found = evaluate(value, points)
         bad = np.flatnonzero(~(np.abs(found) <= LARGEST))
         if len(bad):
-            return (*places[bad[0]].tolist(), float(found[bad[0]]))
+            return (*points[bad[0]].tolist(), float(found[bad[0]]))
     return None
 
 
 @np.errstate(all="ignore")
 def _undefined_time(history: Any, end: float) -> float | None:
-    """The first time at which a history or its derivatives are no finite numbers [µs]."""
+    """The first time [µs] at which a history or one of its derivatives is not finite."""
     times = np.linspace(0.0, end, TIMES)
     for t in times.tolist():
         values = [float(of(t)) for of in (history.value, history.rate, history.acceleration)]

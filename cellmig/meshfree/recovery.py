@@ -1,4 +1,4 @@
-"""Recovered stress: the noise from particle to particle is fitted away, linear fields stay."""
+"""Recovered stress: a local linear fit removes the noise from particle to particle and keeps linear fields."""
 
 from __future__ import annotations
 
@@ -11,10 +11,20 @@ from .rkpm import window
 
 
 def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, region: np.ndarray) -> sparse.csr_matrix:
-    """Matrix R (n, n): values at the particles of the window-weighted linear fits over their neighbours.
+    """Matrix that replaces values at the particles by those of window-weighted linear fits over their neighbours.
 
-    A fit stays within its own `region` (n,), as stress jumps between materials; where that leaves too few neighbours
-    for a linear one it is constant.  Rows sum to one.
+    Parameters
+    ----------
+    X : (n, 2) -- reference positions [µm].
+    pattern : (n, n) CSR -- its pattern tells the neighbours of each particle.
+    support : (n,) -- support radii [µm].
+    region : (n,) int or bool -- neighbours of another region are left out, as stress jumps between materials.
+
+    Returns
+    -------
+    (n, n) CSR [-] -- rows sum to one; with too few neighbours the fit is constant instead of linear.
+
+    Source: moving least squares (Lancaster & Salkauskas 1981).
     """
     rows = np.repeat(np.arange(len(X)), np.diff(pattern.indptr))
     d = X[pattern.indices] - X[rows]
@@ -29,10 +39,10 @@ def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, reg
 
 
 class Recovery:
-    """The matrices R of a rank's cells as one operator from its rows to its own particles, ``recovery @ values``."""
+    """The matrices `recovery` of the cells of a rank as one operator: ``Recovery(…) @ values``, in any unit."""
 
     def __init__(self, scene: Any, ids: np.ndarray, n_owned: int):
-        """`ids` : (n_rows,) global ids of the rows, those of the own particles first."""
+        """`ids` (n_rows,) int are global ids of the rank's particles, the `n_owned` owned ones first, then ghosts."""
         self.n_owned, order = n_owned, np.argsort(ids, kind="stable")
         bounds = np.searchsorted(ids[order], scene.offset)
         self._parts = []
@@ -42,7 +52,7 @@ class Recovery:
             self._parts.append((R if own.all() and len(own) == R.shape[0] else R[at[own]], rows, at, rows[own]))
 
     def __matmul__(self, values: np.ndarray) -> np.ndarray:
-        """Recovered values (n_owned, ...) of values of all rows (n_rows, ...)."""
+        """Recovered values (n_owned, ...) from `values` (n_rows, ...) of owned particles and ghosts."""
         out = np.empty((self.n_owned, *values.shape[1:]))
         for R, rows, at, own in self._parts:
             of_cell = np.zeros((R.shape[1], *values.shape[1:]))

@@ -1,4 +1,7 @@
-"""Reproducing-kernel shape functions: linear basis, cubic spline window (Liu, Li & Belytschko 1997)."""
+"""Shape functions of the reproducing kernel particle method (RKPM), with linear basis and cubic spline window.
+
+Source: Liu, Jun & Zhang (1995); Liu, Li & Belytschko (1997), whose moving least squares give the same functions.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ from ..geometry.delaunay import areas, triangles
 
 
 def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cubic spline w(q) and dw/dq for the distance q in supports, w(0) = 2/3, w(1) = 0 [-]."""
+    """Cubic spline window w(q) and its derivative dw/dq, (n,) each [-], at distances q (n,) in supports [-].
+
+    w = 2/3 - 4 q² + 4 q³ up to q = 1/2, then 4/3 (1 - q)³ up to q = 1, and 0 beyond.
+    """
     inner, s = q <= 0.5, 1.0 - q
     w = np.where(inner, 2.0 / 3.0 - 4.0 * q**2 + 4.0 * q**3, 4.0 / 3.0 * s**3)
     dw = np.where(inner, -8.0 * q + 12.0 * q**2, -4.0 * s**2)
@@ -22,18 +28,23 @@ def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median dual cells of the Delaunay triangulation of the body within its surface, the segments (m, 2 ends) int.
+    """Median dual cells of the Delaunay triangulation of a body.
+
+    Parameters
+    ----------
+    X : (n, 2) -- positions of the particles [µm].
+    segments : (m, 2) int -- ends of the segments of the surface.
 
     Returns
     -------
-    V : (n,) -- volumes per thickness [µm²];  edges : (m, 2) int -- Delaunay edges, each once, lower index first; of
-    points on one circle all diagonals.
+    V : (n,) -- volumes per unit thickness [µm²], a third of the triangles around each particle.
+    edges : (k, 2) int -- Delaunay edges, each once, lower index first; all diagonals of cocircular particles.
 
-    Raises ValueError if the particles are too coarse for their outline, so that an edge crosses it.
+    Raises ValueError if the particles are too coarse for the outline, so that an edge crosses it.
     """
     def inside(tri: np.ndarray) -> np.ndarray:
         within = np.ones(len(tri), bool)
-        between = np.flatnonzero(on[tri].all(axis=1))  # only these may lie outside, in a hollow
+        between = np.flatnonzero(on[tri].all(axis=1))  # only these may be outside, where the surface is concave
         within[between] = polygons.inside(X[tri[between]].mean(axis=1), X[segments])
         return within
 
@@ -49,7 +60,10 @@ def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
-    """Support radius of each particle (n,) [µm]: `radius`, and at least 1.15 times its longest edge."""
+    """Support radii (n,) [µm] of particles at X (n, 2) [µm]: `radius` [µm], or 1.15 times the longest of their edges.
+
+    `edges` (m, 2) int are pairs of neighbours.
+    """
     length = np.linalg.norm(X[edges[:, 0]] - X[edges[:, 1]], axis=1)
     longest = np.zeros(len(X))
     np.maximum.at(longest, edges, length[:, None])
@@ -59,9 +73,19 @@ def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
 def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None) -> sparse.csr_matrix:
     """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
 
-    Returned as a complex CSR matrix, ∂/∂X + i ∂/∂Y [1/µm]; linear fields are differentiated exactly.  The sparsity
-    is symmetric.  Rows sum to zero: the diagonal is minus the sum of the others.  No kernel reaches across a hollow of
-    the surface, the segments (m, 2 ends) int.
+    Parameters
+    ----------
+    X : (n, 2) -- positions of the particles [µm].
+    support : (n,) -- support radii [µm].
+    segments : (m, 2) int -- ends of the segments of the surface, across which no kernel reaches; None for no surface.
+
+    Returns
+    -------
+    (n, n) complex CSR [1/µm] -- ∂/∂X + i ∂/∂Y, exact for linear fields; the pattern is symmetric, rows sum to zero.
+
+    Raises ValueError if a particle has too few neighbours for a linear basis.
+
+    Source: Liu, Jun & Zhang (1995), the derivative of N_J = b(x)·p(x - X_J) w with the moment matrix M(x) b = p(0).
     """
     pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
     d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
@@ -76,20 +100,21 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
     start = np.searchsorted(I, own)
 
     bounds, parts = np.append(start, len(I)), []
-    for first in range(0, n, CHUNK):  # whose arrays stay in the cache
+    for first in range(0, n, CHUNK):
         some = bounds[first : first + CHUNK + 1]
         on = slice(some[0], some[-1])
         parts.append(_gradients_of(X[I[on]] - X[J[on]], support[J[on]], support.max(), some[:-1] - some[0]))
-    return _closed(sparse.csr_matrix((np.concatenate(parts), J, bounds), (n, n)))
+    return _zero_row_sums(sparse.csr_matrix((np.concatenate(parts), J, bounds), (n, n)))
 
 
-CHUNK = 2000  # particles
+CHUNK = 2000  # particles whose arrays fit into the processor's cache
 
 
 def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray) -> np.ndarray:
-    """Gradients by entry, from particles less neighbours d (e, 2) and supports a (e,) [µm] of the neighbours.
+    """Gradients (e,) complex [1/µm] of the entries of k particles.
 
-    `start` : (k,) -- first entry of each particle;  `scale` : one for the basis, which has to be linear over all.
+    Entry e has the vector d (e, 2) [µm] from a neighbour to the particle, and the support a (e,) [µm] of the neighbour;
+    `start` (k,) is the first entry of each particle, `scale` [µm] makes the basis dimensionless.
     """
     I = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(d))))
     z = d / a[:, None]
@@ -115,18 +140,27 @@ def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray)
     return G[:, 0] + 1j * G[:, 1]
 
 
-def _closed(G: sparse.csr_matrix) -> sparse.csr_matrix:
-    """G with its diagonal minus the sum of the other entries of the row."""
+def components(G: sparse.csr_matrix) -> list[sparse.csr_matrix]:
+    """The real matrices ∂/∂X and ∂/∂Y of gradients G, with its pattern, in its unit."""
+    return [sparse.csr_matrix((np.ascontiguousarray(part), G.indices, G.indptr), G.shape)
+            for part in (G.data.real, G.data.imag)]
+
+
+def _zero_row_sums(G: sparse.csr_matrix) -> sparse.csr_matrix:
+    """G, in place, with a diagonal that makes its rows sum to zero."""
     G.setdiag(G.diagonal() - np.asarray(G.sum(axis=1)).ravel())
     return G
 
 
 def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Particles (k,) and weights (k,) that give a field at the point x (2,), linear fields exactly."""
+    """Particles (k,) int among those at X (n, 2) [µm], and weights (k,) [-], that interpolate a field to x (2,) [µm].
+
+    Linear fields are interpolated exactly.  Source: moving least squares, as Liu, Li & Belytschko (1997).
+    """
     distance, near = cKDTree(X).query(x, min(13, len(X)))
     if distance[0] < 1e-9 * distance[-1]:
         return near[:1], np.ones(1)
-    # The last has no weight: which it is of those as far does not matter.
+    # The window vanishes at the last one: which of several equally far particles it is does not matter.
     support = distance[-1] * (1.0 if len(near) < len(X) else 1.01)
     w = window(distance / support)[0]
     p = np.column_stack([np.ones(len(near)), (X[near] - x) / support])
@@ -134,7 +168,10 @@ def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def surface_normals(X: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Integral of the outward normal times the surface shape functions (n, 2) [µm], over segments (m, 2 ends) int."""
+    """Integrals ∮ n N_J ds (n, 2) [µm] of the outward normal times shape functions that are linear along the surface.
+
+    `X` (n, 2) [µm] are the positions, `segments` (m, 2) int the ends of the segments of the surface.
+    """
     along = X[segments[:, 1]] - X[segments[:, 0]]
     half = 0.5 * np.column_stack([along[:, 1], -along[:, 0]])
     b = np.zeros_like(X)
@@ -144,18 +181,33 @@ def surface_normals(X: np.ndarray, segments: np.ndarray) -> np.ndarray:
 
 
 def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution x (n, k) of A x = b for a symmetric positive definite A (n, n)."""
+    """Solution x (n, k) of A x = b, for a symmetric positive definite A (n, n) and b (n, k), of any units."""
     return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
 
 
 def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray,
                solve: Callable[..., np.ndarray] = factorised) -> sparse.csr_matrix:
-    r"""Gradients next to G for which the divergence theorem holds: Σ_I V_I G_IJ = ∮ n N_J, with the pattern of G.
+    r"""Gradients closest to G for which nodal integration satisfies the divergence theorem, Σ_I V_I G_IJ = ∮ n N_J ds.
 
-    Nodal integration violates it, and a uniform stress then does work inside the body.  The change D is the smallest,
-    Σ D_IJ² / w_IJ with the window w, that keeps linear fields exact: D_IJ = V_I w_IJ (γ_J less its weighted linear fit
-    about I), where γ solves a symmetric system.  In the spirit of Chen, Hillman & Rüter (2013), but for trial and test
-    functions alike, so that forces have an energy.  `solve` is for symmetric positive systems.
+    Without the correction D a uniform stress causes forces inside the body.  D minimises Σ D_IJ² / w_IJ, where w is the
+    window, under the condition that linear fields remain exact: D_IJ = V_I w_IJ times the deviation of γ_J from its
+    weighted linear fit about I, where γ solves a symmetric positive definite system.
+
+    Parameters
+    ----------
+    G : (n, n) complex CSR [1/µm] -- as `gradients` returns them.
+    X : (n, 2) -- positions [µm].
+    V : (n,) -- volumes [µm²].
+    support : (n,) -- support radii [µm].
+    segments : (m, 2) int -- ends of the segments of the surface.
+    solve : function -- of A, b as `factorised`.
+
+    Returns
+    -------
+    (n, n) complex CSR [1/µm] -- with the pattern of G.
+
+    Source: derived here, as a variationally consistent integration (Chen, Hillman & Rüter 2013) in which trial and test
+    functions have the same corrected gradients, so that the forces have an energy.
     """
     n = len(X)
     rows = np.repeat(np.arange(n), np.diff(G.indptr))
@@ -167,21 +219,21 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
     Y = [sparse.csr_matrix((f, G.indices, G.indptr), G.shape) for f in fit.T]
     V2 = sparse.diags(V**2)
     A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
-    missing = surface_normals(X, segments) - np.column_stack([(V @ G).real, (V @ G).imag])
+    missing = surface_normals(X, segments) - np.column_stack([V @ g for g in components(G)])
     free = np.ones(n, bool)
-    free[_three(X, segments[:, 0])] = False  # γ is known up to a linear function, which changes nothing
+    free[_three(X, segments[:, 0])] = False  # γ is determined up to a linear function, which does not change D
     gamma = np.zeros((n, 2))
     gamma[free] = solve(A.tocsc()[free][:, free], missing[free])
     part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
     D = V[rows] * (part[:, 0] + 1j * part[:, 1])
-    return _closed(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))
+    return _zero_row_sums(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))
 
 
 def _three(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Three surface particles that are not on one line (3,) int."""
+    """Three of the particles `surface` (m,) int that are not on one line (3,) int."""
     three = surface[np.arange(3) * len(surface) // 3]
     a, b, c = X[three]
-    if abs(polygons.cross(b - a, c - a)) < 0.1 * (np.ptp(X[surface], axis=0) ** 2).min():  # as may be, with holes
+    if abs(polygons.cross(b - a, c - a)) < 0.1 * (np.ptp(X[surface], axis=0) ** 2).min():  # possible if there are holes
         second = surface[np.linalg.norm(X[surface] - a, axis=1).argmax()]
         third = surface[np.abs(polygons.cross(X[second] - a, X[surface] - a)).argmax()]
         three = np.array([three[0], second, third])

@@ -1,4 +1,4 @@
-"""Viscous stabilisation: damps what nodal integration does not see, and nothing that is linear in space."""
+"""Stabilisation: damps modes that nodal integration does not see, and no velocity field that is linear in space."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from scipy import sparse
 
 
 def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np.ndarray) -> sparse.csr_matrix:
-    r"""Symmetric positive matrix S; the force on the particles is -S v, the power lost v·S v.
+    r"""Symmetric positive semidefinite matrix S: the forces on the particles are -S v, the dissipated power is v·S v.
 
-    About each particle I, with the weights κ_IJ = V_I / (E_I |X_J - X_I|²) of its E_I edges, the velocity differences
-    v_J - v_I less their best linear fit are resisted with the viscosity μs of I.
-
-    The same matrix made with a modulus in place of the viscosity gives elastic forces -E u with the energy u·E u/2;
-    as it sees only what is not linear, it is indifferent to rotations.
+    v·S v = Σ_I μs_I Σ_J κ_IJ |w_IJ|² with w_IJ = v_J - v_I - A_I (X_J - X_I) over the E_I edges of each particle I,
+    where κ_IJ = V_I / (E_I |X_J - X_I|²) and A_I is the gradient of the κ-weighted linear fit: linear fields, such as
+    rigid motions, are not resisted.  A modulus in place of μs gives elastic forces -E u with the energy u·E u/2.
 
     Parameters
     ----------
-    X : (n, 2) -- reference positions [µm];  V : (n,) -- volumes [µm²];
-    edges : (m, 2) int -- neighbours, each pair once;  viscosity : (n,) -- μs [Pa µs].
+    X : (n, 2) -- reference positions [µm].
+    V : (n,) -- volumes per unit thickness [µm²].
+    edges : (m, 2) int -- neighbours, each pair once.
+    viscosity : (n,) -- μs [Pa µs], or a modulus [Pa].
 
     Returns
     -------
-    S : (n, n) CSR [Pa µs], zero row sums, zero on linear velocity fields.
+    (n, n) CSR [Pa µs] or [Pa] -- rows sum to zero.
+
+    Source: derived here, as a hourglass control (Flanagan & Belytschko 1981) on the edges of the particles.
     """
     n = len(X)
     if not viscosity.any():
@@ -39,7 +41,7 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
     A = np.zeros((n, 2, 2))
     np.add.at(A, I, weight[:, None, None] * d[:, :, None] * d[:, None, :])
     root = np.linalg.cholesky(A + 1e-300 * np.eye(2)) if (viscosity > 0).all() else _safe_root(A)
-    fit = np.linalg.solve(root[I], (weight[:, None] * d)[:, :, None])[:, :, 0]  # whitened least squares, per edge
+    fit = np.linalg.solve(root[I], (weight[:, None] * d)[:, :, None])[:, :, 0]  # root⁻¹ κ d, where A = root rootᵀ
     Y = [sparse.csr_matrix((fit[:, k], (I, e)), (n, len(I))) @ B for k in range(2)]
     S = B.T @ sparse.diags(weight) @ B - Y[0].T @ Y[0] - Y[1].T @ Y[1]
     S = 0.5 * (S + S.T)
@@ -48,6 +50,6 @@ def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np
 
 
 def _safe_root(A: np.ndarray) -> np.ndarray:
-    """Cholesky factors, the identity where nothing is to be stabilised."""
+    """Cholesky factors (n, 2, 2) of A (n, 2, 2), the identity where A is zero: nothing is stabilised there."""
     none = A[:, 0, 0] == 0.0
     return np.linalg.cholesky(np.where(none[:, None, None], np.eye(2), A))

@@ -1,4 +1,4 @@
-"""The terms of equation (2) that a scene has."""
+"""The terms of the momentum balance, equation (2) of Bai, Lin & Zeng (2019), that a scene has."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in
 
 @dataclass(frozen=True)
 class Terms:
-    """What a scene lacks is None, "none" or False; it is not compiled, stored or exchanged.
+    """Terms of a scene; one that is None, "none" or False is not compiled, stored or exchanged.
 
-    substrate, contact, protrusion, cortex, friction : laws or None;  director : "none", "frozen" or "relaxing";
-    active : whether ζ acts;  stabilised, bulk_damped, stiffened : the numerical viscosities and stiffness;
-    acceleration : of the body force (2,) [µm/µs²] or None;  histories : time laws of supports, loads and plates,
-    None if there are no such;  single : whether coefficients of neighbours are in single precision;
-    skipped : why a term is absent, by its name, for the log.
+    Attributes
+    ----------
+    substrate, contact, protrusion, cortex, friction : law or None -- terms of the surface.
+    director : str -- "none", "frozen" or "relaxing".
+    active : bool -- whether there is an active stress -ζ h⊗h.
+    stabilised, bulk_damped, stiffened : bool -- whether there are numerical viscosities, and a numerical stiffness.
+    acceleration : tuple or None -- of the body force (2,) [µm/µs²].
+    histories : tuple or None -- laws of kind history of supports, loads and plates.
+    single : bool -- whether the coefficients of neighbours are stored in single precision.
+    skipped : dict -- by name of an absent term, the reason for the log.
     """
 
     substrate: Any = None

@@ -19,7 +19,7 @@ from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.case.times import stops
 from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
-from cellmig.meshfree.overlap import stray, tangle
+from cellmig.meshfree.overlap import escaped, overlap
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
@@ -252,12 +252,12 @@ class Run:
             self._integrator.fail(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
-        x, strays = m.surface_positions(), []
+        x, outside = m.surface_positions(), []
         if frame:  # it takes longer than a sample does
             own = m.scene.X[m.ids] + m.state.owned[:, :2]
-            strays = self.comm.allgather(stray(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
-        found = tangle(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
-        if found := found or min(filter(None, strays), default=None):
+            outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        found = overlap(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
+        if found := found or min(filter(None, outside), default=None):
             self._integrator.fail(found.cause, found.particle, found.remedy)
 
     def _write_frame(self) -> None:

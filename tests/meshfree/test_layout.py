@@ -22,7 +22,7 @@ from cellmig.geometry.disc import Disc, Layout
 from cellmig.kernel import layout as rows
 from cellmig.meshfree import rkpm
 from cellmig.meshfree.contact import Surfaces
-from cellmig.meshfree.overlap import stray
+from cellmig.meshfree.overlap import escaped
 from cellmig.parallel.collect import decided
 from cellmig.solve.start import discretise
 
@@ -227,13 +227,13 @@ def test_a_particle_that_left_its_cell_is_noticed() -> None:
     scene = discretise(case("all_protrude"))
     surfaces, ids = Surfaces.of(scene), np.arange(scene.size)
     x, places = scene.X[surfaces.ids], scene.X.copy()
-    assert stray(surfaces, x, ids, scene.cell, places) is None
+    assert escaped(surfaces, x, ids, scene.cell, places) is None
     inner = int(np.setdiff1d(scene.surface(1)[0] + np.arange(-40, 40), surfaces.ids)[0])
     places[inner] = scene.centre[scene.cell[inner]] + [0.0, -5.3]
-    found = stray(surfaces, x, ids, scene.cell, places)
+    found = escaped(surfaces, x, ids, scene.cell, places)
     assert found.particle == inner and "a particle is 0.3 µm outside of the surface" in found.cause
     half = ids >= scene.offset[1]
-    other = stray(surfaces, x, ids[half], scene.cell[half], places[half])
+    other = escaped(surfaces, x, ids[half], scene.cell[half], places[half])
     assert (other is not None) == bool(half[inner])
 
 

@@ -18,7 +18,7 @@ from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.geometry.polygons import crossing
 from cellmig.meshfree.contact import Surfaces
-from cellmig.meshfree.overlap import tangle
+from cellmig.meshfree.overlap import overlap
 from cellmig.runs.batch import Ended, Job, run_all
 from cellmig.runs.run import Run
 from cellmig.verify import random_scenes as stress
@@ -144,18 +144,18 @@ def test_a_run_whose_energy_does_not_add_up_ends_with_exit_code_4(tmp_path: Path
 def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
     with built(case("paper")) as sim:
         s, x = Surfaces.of(sim.scene), sim.mechanics.surface_positions()
-        assert tangle(s, x, True, True) is None
+        assert overlap(s, x, True, True) is None
         apart = np.where(s.cell == 1, 0.4, 0.0)[:, None] * [1.0, 0.0]
-        found = tangle(s, x + apart, True, False)
+        found = overlap(s, x + apart, True, False)
         assert "cell 1 and cell 2 overlap by 0.3" in found.cause and "[adhesion.cells]" in found.remedy
-        assert "below the substrate" in tangle(s, x - [0.0, 0.5], True, True).cause
-        assert tangle(s, x - [0.0, 0.5], False, True) is None
+        assert "below the substrate" in overlap(s, x - [0.0, 0.5], True, True).cause
+        assert overlap(s, x - [0.0, 0.5], False, True) is None
         landed = x.copy()  # on its neighbour, as where a membrane lies down on the substrate: no fold
         landed[6] = x[5] - 1e-3 * (x[6] - x[5])
-        assert crossing(landed[s.cell == 0]) is not None and tangle(s, landed, False, True) is None
+        assert crossing(landed[s.cell == 0]) is not None and overlap(s, landed, False, True) is None
         turned = x.copy()
         turned[5] += 3.0 * (np.mean(x[s.cell == 0], axis=0) - x[5])  # through the cell and out on the other side
-        found = tangle(s, turned, False, True)
+        found = overlap(s, turned, False, True)
         assert "the outline of cell 1 crosses itself" in found.cause and sim.scene.cell[found.particle] == 0
 
 
