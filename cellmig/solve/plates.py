@@ -28,7 +28,7 @@ class PlateContact:
         self.at = k["platable"] if there else np.zeros(0, np.int64)
         self._meets = ~self._held[self.at].all(axis=1)
 
-    def _gaps(self) -> np.ndarray:
+    def gaps(self) -> np.ndarray:
         """Gaps between the surface particles and the plates (k, plates) [µm]."""
         m, plate = self.mechanics, self.mechanics.boundary.plate
         t = m.kernel["clock"][0]
@@ -39,7 +39,7 @@ class PlateContact:
 
     def _nearest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap (k,) [µm], normal (k, 2) and number (k,) of the plate nearest to each surface particle."""
-        gaps = self._gaps()
+        gaps = self.gaps()
         p = np.argmin(gaps, axis=1)
         return gaps[np.arange(len(p)), p], self.mechanics.boundary.plate[p, :2], p
 
@@ -107,7 +107,3 @@ class PlateContact:
         if len(self.at):
             out[self.at] = m.kernel["plate_force"] @ m.boundary.plate[:, :2]
         return out
-
-    def entered(self) -> float:
-        """Largest penetration of a particle of this rank into a plate [µm]."""
-        return max(0.0, -float(self._gaps().min())) if len(self.at) else 0.0

@@ -1,4 +1,4 @@
-"""Exact solutions: a disc and a drop that ring, a finite map that keeps areas, a round inclusion under shear."""
+"""Exact solutions: eigenmodes of a disc and of a drop; Poisson's ratio and stress of a law; a map that keeps areas."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.special import iv, ivp, jv, jvp
 
 from cellmig.case.pointwise import pointwise
 
-LOBES = 2  # of the mode: the disc becomes an ellipse, upright and lying in turn
+LOBES = 2  # of the mode of the disc, which becomes an ellipse
 
 
 def poisson(law: Any) -> float:
-    """Poisson's ratio at rest [-]."""
+    """Poisson's ratio in small strain [-]."""
     K, G = law.bulk_modulus, law.shear_modulus
     return (3.0 * K - 2.0 * G) / (2.0 * (3.0 * K + G))
 
@@ -33,11 +33,11 @@ def cauchy(law: Any, F: np.ndarray, Fdot: np.ndarray) -> np.ndarray:
     return stress
 
 
-# ------------------------------------------------------------------------------------------------ a disc that rings
+# ------------------------------------------------------------------------------------------------ mode of a disc
 
 
 class Ringing:
-    """Slowest mode with two lobes of a free elastic disc at rest in plane strain: potentials J2(kp r), J2(ks r)."""
+    """Slowest mode with two lobes of a free elastic disc in plane strain: potentials J2(kp r), J2(ks r)."""
 
     def __init__(self, law: Any, radius: float):
         self.G, self.lame = law.shear_modulus, law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus
@@ -48,10 +48,10 @@ class Ringing:
         self.frequency = brentq(lambda w: np.linalg.det(self._tractions(w, radius)), at[first], at[first + 1])
         t = self._tractions(self.frequency, radius)
         c = np.array([1.0, -t[0, 0] / t[0, 1]])
-        self.amplitudes = c / abs(c @ self._radial(self.frequency, radius)[0])  # the rim moves by 1 µm
+        self.amplitudes = c / abs(c @ self._radial(self.frequency, radius)[0])  # 1 µm at the rim
 
     def _radial(self, w: float, r: Any) -> np.ndarray:
-        """Of each potential, the parts of u_r, u_θ, e_rr, e_θθ, e_rθ that depend on r (5, 2, ...)."""
+        """Factors of u_r, u_θ, e_rr, e_θθ, e_rθ that depend on r, of each potential (5, 2, ...)."""
         (kp, ks), n = w / self.speeds, LOBES
         U = np.array([kp * jvp(n, kp * r), n / r * jv(n, ks * r)])
         W = np.array([-n / r * jv(n, kp * r), -ks * jvp(n, ks * r)])
@@ -60,12 +60,12 @@ class Ringing:
         return np.array([U, W, dU, (n * W + U) / r, 0.5 * (dW - (n * U + W) / r)])
 
     def _tractions(self, w: float, radius: float) -> np.ndarray:
-        """σ_rr and σ_rθ at the rim, of each potential (2, 2): no mode unless their determinant vanishes."""
+        """σ_rr and σ_rθ at the rim, of each potential (2, 2): their determinant is zero at eigenfrequencies."""
         _, _, rr, tt, rt = self._radial(w, radius)
         return np.array([self.lame * (rr + tt) + 2.0 * self.G * rr, 2.0 * self.G * rt])
 
     def fields(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement (n, 2) [µm] and stress (n, 3, 3) [Pa] where they are largest."""
+        """Amplitudes of displacement (n, 2) [µm] and stress (n, 3, 3) [Pa] at X (n, 2) [µm]."""
         r, a = np.maximum(np.hypot(*X.T), 1e-6), np.arctan2(X[:, 1], X[:, 0])
         C, S, cos, sin = np.cos(a), np.sin(a), np.cos(LOBES * a), np.sin(LOBES * a)
         U, W, rr, tt, rt = np.einsum("k,ekn->en", self.amplitudes, self._radial(self.frequency, r)) * np.array(
@@ -79,18 +79,20 @@ class Ringing:
         return np.column_stack([U * C - W * S, U * S + W * C]), stress
 
 
-# ------------------------------------------------------------------------------------------------ a drop that rings
+# ------------------------------------------------------------------------------------------------ mode of a drop
 
 
 class Drop:
-    """Mode exp(st) with n lobes of a viscous, compressible drop with line tension T, linear: s [1/µs] is complex.
+    """Linear mode exp(st) with n lobes of a viscous, compressible drop with line tension T; s [1/µs] is complex.
 
-    Displacements are those of potentials I_n(a r), I_n(q r) with a² = ρ s²/(K + 2μs), q² = ρ s/μ; at the rim
-    σ_rθ = 0 and σ_rr = -T (n² - 1) u_r/R².  Large K and small μ: s² = -n(n² - 1) T/ρR³ - 4n(n - 1) s ν/R².
+    Displacements have the potentials I_n(a r), I_n(q r) with a² = ρ s²/(K + 2μs), q² = ρ s/μ; at the rim σ_rθ = 0 and
+    σ_rr = -T (n² - 1) u_r/R².  For large K and small μ, s² = -n(n² - 1) T/ρR³ - 4n(n - 1) s ν/R².
+
+    Source: derived here; the limit is that of Lamb, Hydrodynamics (1932).
     """
 
     def __init__(self, law: Any, radius: float, lobes: int, tension: float, guess: complex):
-        """`law` has `density`, `viscosity`, `reduced_bulk_modulus`;  `guess` : about s."""
+        """`law` : with density, viscosity and reduced_bulk_modulus;  `guess` : start of the iteration for s [1/µs]."""
         self.rho, self.mu, self.K = law.density, law.viscosity, law.reduced_bulk_modulus
         self.n, self.radius, self.tension = lobes, radius, tension
         self.s = _root(self._missing, guess)
@@ -99,7 +101,7 @@ class Drop:
         self.amplitudes = self.amplitudes / (self._radial(self.s, radius)[0] @ self.amplitudes)  # u_r = 1 at the rim
 
     def _radial(self, s: complex, r: Any) -> np.ndarray:
-        """Of both potentials, the parts of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r (4, 2, ...)."""
+        """Factors of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r, of both potentials (4, 2, ...)."""
         a, q, n = np.sqrt(self.rho * s * s / (self.K + 2.0 * self.mu * s)), np.sqrt(self.rho * s / self.mu), self.n
         U = np.array([a * ivp(n, a * r), n * iv(n, q * r) / r])
         W = np.array([-n * iv(n, a * r) / r, -q * ivp(n, q * r)])
@@ -108,7 +110,7 @@ class Drop:
         return np.array([U, W, dU, dW])
 
     def _conditions(self, s: complex) -> np.ndarray:
-        """What σ_rr and σ_rθ miss at the rim, of each potential (2, 2)."""
+        """Residuals of the conditions on σ_rr and σ_rθ at the rim, of each potential (2, 2)."""
         R, n = self.radius, self.n
         U, W, dU, dW = self._radial(s, R)
         normal = self.K * (dU + (U + n * W) / R) + 2.0 * self.mu * s * dU + self.tension * (n * n - 1.0) * U / R**2
@@ -119,7 +121,7 @@ class Drop:
         return np.linalg.det(m) if self.n else m[0, 0]
 
     def displacements(self, X: np.ndarray) -> np.ndarray:
-        """Complex displacement (n, 2): its real part, times exp(st), moves the rim radially by 1 at first."""
+        """Complex amplitude of the displacement (n, 2) at X (n, 2) [µm], with radial amplitude 1 at the rim."""
         r, at = np.maximum(np.hypot(*X.T), 1e-6), np.arctan2(X[:, 1], X[:, 0])
         U, W = np.einsum("k,ekn->en", self.amplitudes, self._radial(self.s, r)[:2])
         U, W = U * np.cos(self.n * at), W * np.sin(self.n * at)
@@ -127,7 +129,7 @@ class Drop:
 
 
 def _root(function: Callable[[complex], complex], guess: complex) -> complex:
-    """Zero of an analytic function, by the secant method."""
+    """Zero of an analytic function by the secant method."""
     a, b = guess, guess * (1.0 + 1e-4)
     fa, fb = function(a), function(b)
     for _ in range(60):
@@ -142,45 +144,9 @@ def _root(function: Callable[[complex], complex], guess: complex) -> complex:
 
 
 def sheared(X: np.ndarray, amplitude: float, wave: float) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n, 2) and F (2, 2, n) of two wavy shears, one after the other: det F = 1, strains of finite size."""
+    """Positions (n, 2) [µm] and F (2, 2, n) [-] of X (n, 2) under two wavy shears in turn: finite strain, det F = 1."""
     x = X[:, 0] + amplitude * np.sin(wave * X[:, 1] + 0.4)
     c = amplitude * wave * np.cos(wave * X[:, 1] + 0.4)
     d = amplitude * wave * np.cos(wave * x)
     return np.column_stack([x, X[:, 1] + amplitude * np.sin(wave * x)]), np.array([[np.ones_like(c), c],
                                                                                   [d, 1.0 + d * c]])
-
-
-def divergence(stress: Callable[[np.ndarray], np.ndarray], X: np.ndarray, h: float = 1e-3) -> np.ndarray:
-    """Divergence over the second index of a smooth field (n, 2, 2) at X (n, 2), by differences of fourth order."""
-    total = np.zeros_like(X)
-    for j in range(2):
-        e = h * np.eye(2)[j]
-        total += (8 * (stress(X + e) - stress(X - e)) - stress(X + 2 * e) + stress(X - 2 * e))[:, :, j] / (12 * h)
-    return total
-
-
-# ------------------------------------------------------------------------------------------------ a round inclusion
-
-
-def inclusion(X: np.ndarray, radius: float, moduli: tuple[float, float], ratios: tuple[float, float]
-              ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (n, 2) and stress (n, 3, 3) about a round inclusion, under σ11 = -σ22 = 1 far away (Muskhelishvili).
-
-    `moduli` and Poisson's `ratios` are of the inclusion and of what surrounds it.  The stress inside is uniform.
-    """
-    (G1, G2), k = moduli, 3.0 - 4.0 * ratios[1]
-    a = (G2 - G1) / (k * G1 + G2)
-    z = X[:, 0] + 1j * X[:, 1]
-    inside = np.abs(z) < radius
-    z = np.where(inside, radius, z) / radius
-    # Kolosov's potentials outside, φ = a/z and ψ = -z + a/z³, with lengths in radii
-    around = radius * (k * a / z + z * (a / z**2).conj() + (z - a / z**3).conj()) / (2.0 * G2)
-    within = (1.0 - a) * (X[:, 0] - 1j * X[:, 1]) / (2.0 * G1)
-    u = np.where(inside, within, around)
-    trace = np.where(inside, 0.0, -4.0 * (a / z**2).real)
-    q = np.where(inside, -2.0 * (1.0 - a), 2.0 * (2.0 * z.conj() * a / z**3 - 1.0 - 3.0 * a / z**4))
-    stress = np.zeros((len(X), 3, 3))
-    stress[:, 0, 0], stress[:, 1, 1] = 0.5 * (trace - q.real), 0.5 * (trace + q.real)
-    stress[:, 0, 1] = stress[:, 1, 0] = 0.5 * q.imag
-    stress[:, 2, 2] = np.where(inside, *ratios) * trace
-    return np.column_stack([u.real, u.imag]), stress

@@ -1,4 +1,4 @@
-"""Random scenes: what users might do, and some of what they should not."""
+"""Random case files: valid ones of many kinds, and some that a check has to refuse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Tables = dict[str, Any]
 
 
 def scene(seed: int, number: int) -> Tables:
-    """Tables of the scene of a number in the set of a seed; it does not depend on how many scenes are drawn."""
+    """Tables of scene `number` of the set of a seed; they do not depend on the other scenes."""
     rng = np.random.default_rng([seed, number])
     cells = _cells(rng)
     names = [cell["name"] for cell in cells]
@@ -34,7 +34,7 @@ def scene(seed: int, number: int) -> Tables:
 
 
 def launch(seed: int, number: int) -> tuple[int, tuple[str, ...]]:
-    """On how many ranks the scene of a number is run, and with which options of PETSc's."""
+    """Number of ranks and PETSc options of scene `number` of the set of a seed."""
     rng = np.random.default_rng([seed, number, 1])
     ranks = int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))
     given = rng.choice(["", "-ts_type rk -ts_rk_type 4", "-ts_type rk -ts_rk_type 5dp -ts_adapt_type basic",
@@ -43,7 +43,7 @@ def launch(seed: int, number: int) -> tuple[int, tuple[str, ...]]:
 
 
 def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
-    """Nested tables as TOML; the values may be text, numbers, true, false and lists of those."""
+    """Nested tables as TOML; values are text, numbers, booleans and lists of these."""
     plain = {k: v for k, v in tables.items() if not isinstance(v, Mapping) and not _is_tables(v)}
     lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
     head = [f"[{'.'.join(path)}]"] if path and lines else []
@@ -64,7 +64,7 @@ def _is_tables(value: Any) -> bool:
 
 
 def _decades(rng: np.random.Generator, low: float, high: float) -> float:
-    """10 to a power between two, evenly."""
+    """10 to a uniformly distributed power."""
     return float(10.0 ** rng.uniform(low, high))
 
 
@@ -80,7 +80,7 @@ def _time(rng: np.random.Generator) -> Tables:
 
 def _particles(rng: np.random.Generator, cells: list[Tables]) -> Tables:
     found: Tables = {"dilation": float(rng.uniform(1.6, 3.0))}
-    if rng.random() < 0.3:  # the same spacing for all: small cells beside large ones are coarse
+    if rng.random() < 0.3:  # one spacing for all cells: small ones are coarse
         size = float(np.sqrt(np.mean([_shape(cell).area for cell in cells]) / rng.uniform(60, 300)))
         return found | {"spacing": _text(size, "um")}
     return found | {"per_cell": int(rng.integers(60, 601))}
@@ -96,7 +96,7 @@ def _materials(rng: np.random.Generator) -> Tables:
 
 
 def _add(rng: np.random.Generator, tables: Tables) -> None:
-    """What most cases leave out: a director that is not uniform, activity, a network, cortex, friction, force."""
+    """Add terms that most cases lack: director gradients, activity, a network, cortex, friction, body force."""
     plasm = tables["materials"]["cytoplasm"]
     if rng.random() < 0.35:
         plasm["eta"] = _text(rng.choice([0.0, _decades(rng, 0, 3), 5e4, _decades(rng, 5, 9)], p=[0.1, 0.6, 0.15, 0.15]),
@@ -117,7 +117,7 @@ def _add(rng: np.random.Generator, tables: Tables) -> None:
 
 
 def _director(rng: np.random.Generator) -> Tables:
-    """How the director starts, and whether it relaxes and is anchored."""
+    """Initial director, relaxation and anchoring."""
     start = {"start": str(rng.choice(["uniform", "radial", "tangential"])), "angle": _text(rng.uniform(-4, 4), "rad")}
     if rng.random() < 0.4:
         return {"law": "frozen", **start}
@@ -126,13 +126,13 @@ def _director(rng: np.random.Generator) -> Tables:
 
 
 def _bonds(rng: np.random.Generator) -> Tables:
-    """Work of adhesion from 0.3 pN/um to 3 nN/um, over 5 to 100 nm."""
+    """Bonds with work of adhesion from 0.3 pN/um to 3 nN/um and range from 5 to 100 nm."""
     return {"bonds": _text(_decades(rng, 1, 5), "/um^2"), "energy": "0.03 pN um",
             "range": _text(_decades(rng, np.log10(5), 2), "nm")}
 
 
 def _cells(rng: np.random.Generator) -> list[Tables]:
-    """1 to 9 cells, in a row or in rows of three, apart by 0 to 1 um; a few overlap a little."""
+    """1 to 9 cells, in a row or in rows of three, with gaps from 0 to 1 um; in a tenth of the scenes they overlap."""
     count, size = int(rng.integers(1, 10)), _decades(rng, np.log10(2), np.log10(20))
     gap = rng.choice([0.01, rng.uniform(0, 1), -rng.uniform(0, 0.02)], p=[0.4, 0.5, 0.1])
     height = rng.choice([0.01, rng.uniform(0, 2), 0.0], p=[0.5, 0.4, 0.1])
@@ -154,7 +154,7 @@ def _cells(rng: np.random.Generator) -> list[Tables]:
 
 
 def _drawn_shape(rng: np.random.Generator, size: float) -> Tables:
-    """Disc, ellipse or polygon of a size [um]; of the polygons a few cross themselves."""
+    """Disc, ellipse or polygon of a size [um]; a tenth of the polygons may cross themselves."""
     kind = rng.choice(["disc", "ellipse", "polygon"])
     core = {"nucleus_ratio": float(rng.uniform(0.2, 0.6))} if rng.random() < 0.6 else {}
     if kind == "disc":
@@ -171,14 +171,14 @@ def _drawn_shape(rng: np.random.Generator, size: float) -> Tables:
 
 
 def _outline(kind: Tables) -> np.ndarray:
-    """Points of the outline (n, 2) [um], also of one that crosses itself."""
+    """Points of the outline (n, 2) [um], which may cross itself."""
     if kind["shape"] == "polygon":
         return np.array([[float(x.split()[0]) for x in corner] for corner in kind["corners"]])
     return _shape(kind).outline(720)
 
 
 def _shape(kind: Tables) -> Any:
-    """The shape of a cell's table; of a polygon its convex hull, of which no other shape is larger."""
+    """The shape of a cell's table; for a polygon, the ellipse in its bounding box."""
     def number(key: str) -> float:
         return float(kind[key].split()[0])
 

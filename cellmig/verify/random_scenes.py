@@ -1,4 +1,4 @@
-"""The stress set: random scenes must end stable, stop with a message, or be refused; nothing else."""
+"""Robustness: each random scene must run stably, stop with a clear message, or be refused."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from cellmig.solve.start import discretise
 
 from .random_cases import launch, scene, toml
 
-VOLUME = 0.1  # how far J of a particle may be from 1, beside what the softness of the case makes of it
-SOFT = 0.4  # most that softness may make of it: J from 0.5 to 1.5
-AREA = 0.1  # share of that by which the area of a cell may have changed beyond what J of its particles says: 1 to 5 %
-STEPS, LIMIT = 3000, 240.0  # steps of a run at most, and wall seconds
-# What a clean stop says: when, where, why, and what to do about it.
+VOLUME = 0.1  # largest |J - 1| of a particle besides the softness of the case
+SOFT = 0.4  # largest allowance for softness: J from 0.5 to 1.5
+AREA = 0.1  # largest relative change of a cell's area beyond that by J, over the largest |J - 1|: 1 to 5 %
+STEPS, LIMIT = 3000, 240.0  # limits of a run: steps, wall time [s]
+# A clear message names time, cause, particle and remedy.
 CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a scene ended: "stable", "stopped" with a message, "refused" with a message, or what must not be: "bad".
+    """How a scene ended: "stable", "stopped" or "refused" with a clear message, or else "bad".
 
-    why : the message, or what is wrong;  command : reproduces it;  numbers : what was measured.
+    why : the message, or what is wrong;  command : reproduces the run;  numbers : what was measured.
     """
 
     name: str
@@ -53,9 +53,9 @@ class Verdict:
 
 
 def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: Sequence[str] = ()) -> int:
-    """Draw `count` scenes, run each a while and judge; returns the exit code, DIFFERENT if any ended badly.
+    """Draw `count` scenes, run each for a limited time and judge; returns the exit code, DIFFERENT if any is bad.
 
-    `sets` : "KEY=VALUE", changes to all scenes.
+    sets : "KEY=VALUE", changes to all scenes;  at_once : runs at a time, by default one for each core.
     """
     register()
     jobs = [prepare(out, seed, number, tuple(sets)) for number in range(count)]
@@ -87,7 +87,7 @@ def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = ()) -> Jo
 
 
 def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
-    """Numbers of a run to its end, and the outlines of its cells in the last frame; nothing of others."""
+    """Numbers of a complete run, and the outlines of its cells (n, 2) [um] in the last frame; else nothing."""
     if ended.code:
         return {}, []
     directory = ended.job.directory
@@ -100,7 +100,7 @@ def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
 
 
 def area_missed(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
-    """Largest change of a cell's area to the end beyond what J of its particles says, relative to the start [-]."""
+    """Largest relative change of a cell's area beyond the change of its particles' volumes [-]."""
     area = np.array([history["area_um2"][history["cell"] == c][[0, -1]] for c in np.unique(fields["cell"])])
     V, cell = discretise(case).field("V")[fields["id"]], fields["cell"] - 1
     ratio = np.bincount(cell, V * fields["J"]) / np.bincount(cell, V)
@@ -109,12 +109,12 @@ def area_missed(case: Case, history: dict[str, np.ndarray], fields: dict[str, np
 
 
 def softness(case: Case) -> float:
-    """Largest load of a case over the least bulk modulus: how far J may be from 1 [-]."""
+    """Largest load of a case over the smallest bulk modulus, an estimate of the largest |J - 1| [-]."""
     used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
     spacing = min(np.sqrt(cell.shape.area / particle_count(case, cell.shape)) for cell in case.cells)
     loads = [law.work / law.range for law in (case.substrate, case.contact) if law is not None]
     floor, push, turned = case.substrate, case.protrusion, case.director
-    if floor is not None and any(c.centre[1] + c.shape.lowest() < floor.cap for c in case.cells):  # it starts pressed
+    if floor is not None and any(c.centre[1] + c.shape.lowest() < floor.cap for c in case.cells):  # compressed at first
         loads.append(floor.bonds * (floor.cap_curvature * floor.cap - floor.cap_slope))
     if floor is not None and push is not None:
         loads.append(push.strength * floor.work / push.height)
@@ -130,7 +130,7 @@ def softness(case: Case) -> float:
 
 
 def judge(ended: Ended, numbers: dict[str, Any], outlines: Sequence[np.ndarray]) -> Verdict:
-    """What to say of a run, from how it ended and, if it went to its end, from what it left."""
+    """The verdict on a run by its exit code, its message, and for a complete run `measure`."""
     def say(how: str, why: str) -> Verdict:
         return Verdict(ended.job.name, how, ended.code, why, ended.job.command(), numbers)
 
@@ -175,7 +175,7 @@ def _outlines_wrong(outlines: Sequence[np.ndarray]) -> list[str]:
 
 
 def table(verdicts: Sequence[Verdict]) -> list[str]:
-    """How many of each, and those that ended badly, each with the command that reproduces it."""
+    """Number of scenes by verdict, and each bad one with the command that reproduces it."""
     lines = [f"{how:8} {sum(v.ended == how for v in verdicts):4}" for how in ("stable", "stopped", "refused", "bad")]
     stable = [v.numbers for v in verdicts if v.ended == "stable"]
     if stable:

@@ -1,4 +1,4 @@
-"""What a reference is: a function of the resolution with errors to expect, and the verdict on what it measured."""
+"""References: functions of the resolution with expected errors, and verdicts on what they measured."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from typing import Any
 
 import numpy as np
 
-SHORTFALL = 0.2  # by which an observed order may miss the expected one
-MARGIN = 0.2  # by which an error may be above what was measured before, where no order can be asked
-TRIED = 0.5  # share of a target's particles from which on it has been tried: coarser ones cannot miss it
+SHORTFALL = 0.2  # largest difference of an observed order below the expected one
+MARGIN = 0.2  # largest growth of an error since it was recorded, where resolutions are too coarse for an order
+TRIED = 0.5  # a target applies to runs with at least this share of its particles
 
 HOLDS, FAILS = "holds", "does not hold"
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What theory says of one error, before it is measured.
+    """What theory predicts for one error.
 
-    order : in the size h, None where the error is one of rounding;  why : one line of reasoning, or where to read it;
-    tolerance : most that an error of rounding may be;  within : {particles: error} -- the finest resolution with at
-    most so many particles has at most this error;  floor : how exactly the exact value is known, or what else is in
-    the error: below it no order is asked.
+    order : power of the size h, None for an error of rounding;  why : one line of reasoning, or a citation;
+    tolerance : largest error of rounding;  within : {particles: error} -- bound on the error of the finest resolution
+    with at most so many particles;  floor : uncertainty of the exact value: an error below it has no order.
     """
 
     order: float | None
@@ -34,12 +33,12 @@ class Expected:
 
 
 def converges(order: float, why: str, within: Mapping[int, float] | None = None, floor: float = 0.0) -> Expected:
-    """An error that falls with an order of the size."""
+    """An error that is proportional to a power of the size."""
     return Expected(order, why, within=within or {}, floor=floor)
 
 
 def exact(tolerance: float, why: str) -> Expected:
-    """An error near rounding at any size."""
+    """An error of rounding at any size."""
     return Expected(None, why, tolerance)
 
 
@@ -47,7 +46,7 @@ def exact(tolerance: float, why: str) -> Expected:
 class Measured:
     """What a reference measured at one resolution.
 
-    size : h of the order, in the reference's unit;  errors : by name, not negative;  particles : 0 if there are none.
+    size : h in the unit of the reference;  errors : by name, not negative;  particles : 0 if there are none.
     """
 
     size: float
@@ -57,11 +56,11 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A reference: `measure(resolution)` returns a Measured, which has the errors that are `expected`.
+    """A reference: `measure(resolution)` returns a Measured with the errors named in `expected`.
 
-    group : physics it belongs to;  shows, source : one line each;  unit : of the size;  at, quick : resolutions, from
-    coarse to fine;  seconds : that the finest one of `at` takes on one core, about;  coarse : of the errors for whose
-    order `quick` is too coarse, what was measured at the finest of it.
+    group : kind of physics;  shows, source : a line each;  unit : of the size;  at, quick : resolutions from coarse to
+    fine;  seconds : estimated time of the finest of `at` on one core;  coarse : recorded errors at the finest of
+    `quick`, for those errors whose order `quick` is too coarse to show.
     """
 
     name: str
@@ -83,7 +82,10 @@ REFERENCES: dict[str, Reference] = {}
 def reference(name: str, *, shows: str, source: str, expected: dict[str, Expected], at: Sequence[Any],
               quick: Sequence[Any] = (), unit: str = "um", seconds: float = 1.0,
               coarse: Mapping[str, float] | None = None) -> Callable[..., Any]:
-    """Register a function of the resolution as the reference `name`; by default `quick` are its three coarsest."""
+    """Register a function of the resolution as the reference `name`; `quick` are by default the three coarsest of `at`.
+
+    Raises ValueError where two modules use one name.
+    """
 
     def register(measure: Callable[[Any], Measured]) -> Callable[[Any], Measured]:
         group = measure.__module__.rpartition(".")[2]
@@ -98,10 +100,10 @@ def reference(name: str, *, shows: str, source: str, expected: dict[str, Expecte
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one error of a reference.
+    """The verdict on one error of a reference.
 
-    sizes, errors, particles : from coarse to fine;  pairwise : order between the two finest;  fitted : over all, by
-    least squares;  verdict : HOLDS or FAILS;  why : what is wrong, empty if nothing is.
+    sizes, errors, particles : from coarse to fine;  pairwise : order of the two finest;  fitted : order of all, by
+    least squares;  why : reasons of a failure, empty if the error is as expected.
     """
 
     reference: str
@@ -116,18 +118,18 @@ class Verdict:
 
     @property
     def verdict(self) -> str:
-        """Whether it is as expected."""
+        """HOLDS or FAILS."""
         return FAILS if self.why else HOLDS
 
     @property
     def below_floor(self) -> bool:
-        """Whether no order was asked because the finest error is as small as it can be known."""
+        """Whether the finest error is below the uncertainty of the exact value."""
         floor = self.expected.floor
         return self.expected.order is not None and floor > 0.0 and bool(self.errors) and self.errors[-1] <= floor
 
 
 def orders(sizes: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
-    """Observed order between the two finest sizes, and over all by least squares; nan where an error is zero."""
+    """Observed orders, of the two finest sizes and of all by least squares; nan where an error is zero."""
     h, e = np.asarray(sizes, float), np.asarray(errors, float)
     if len(h) < 2 or not (np.isfinite(e).all() and (e > 0.0).all()):
         return math.nan, math.nan
@@ -139,8 +141,8 @@ def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], 
           coarse: float = 0.0) -> Verdict:
     """The verdict on one error, measured at resolutions in any order.
 
-    `failed` : why others could not be measured;  `coarse` : where resolutions are too coarse for the order, the error
-    that was measured at the finest of them: it may be larger by a fifth, and no order is asked.
+    failed : why other resolutions could not be measured;  coarse : recorded error at the finest resolution, where they
+    are too coarse for an order: then the error may exceed it by a fifth.
     """
     found = sorted(found, key=lambda m: -m.size)
     sizes, errors = tuple(m.size for m in found), tuple(m.errors[error] for m in found)
@@ -155,7 +157,7 @@ def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], 
     elif coarse:
         if errors[-1] > (1.0 + MARGIN) * coarse:
             why.append(f"{errors[-1]:.2g} is above {coarse:.2g}, measured before, by more than a fifth")
-    elif errors[-1] > expected.floor:  # else it is zero or as good as the exact value is known
+    elif errors[-1] > expected.floor:  # else it is zero or within the uncertainty of the exact value
         why += [f"order {order:.2f} {how} is below {expected.order - SHORTFALL:.3g}"
                 for how, order in (("of the two finest", pairwise), ("over all", fitted))
                 if not order >= expected.order - SHORTFALL]
@@ -164,7 +166,7 @@ def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], 
 
 
 def _missed(expected: Expected, particles: Sequence[int], errors: Sequence[float]) -> list[str]:
-    """Targets for the error itself that have been tried and missed."""
+    """Messages about targets for the error itself that apply and are missed."""
     missed = []
     for most, target in expected.within.items():
         tried = [(n, e) for n, e in zip(particles, errors, strict=True) if n <= most]

@@ -1,4 +1,4 @@
-"""`cellmig verify --sensitivity`: how far what is measured depends on choices that are none of the model's."""
+"""`cellmig verify --sensitivity`: dependence of results on numerical choices, which are no part of the model."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from cellmig.runs.collect import collect
 from cellmig.runs.outcome import Outcome
 from cellmig.runs.run import stop_requests
 
-LATE, PERCENTILE = 0.25, 99  # the peak stress is looked for in the last quarter of a run
-START, STEP = 20.0, 0.05  # of a plateau: begins this late [us], ends with this growth [um]
+LATE, PERCENTILE = 0.25, 99  # the peak stress is the 99th percentile in the last quarter of a run
+START, STEP = 20.0, 0.05  # plateaus: earliest begin [us], growth that ends them [um]
 _SPACINGS, _QUICK_SPACINGS = (331, 631, 1485), (150, 331, 631)
 _SETS, _QUICK = ("time.frames=40",), ("time.samples=100", "time.end=100 us")
 MEASURED = {"displacement_um": "displacement [µm]", "substrate_contact_um": "on the substrate [µm]",
@@ -34,11 +34,10 @@ MEASURED = {"displacement_um": "displacement [µm]", "substrate_contact_um": "on
 
 @dataclass(frozen=True)
 class Choice:
-    """One thing that is varied.
+    """A numerical choice that is varied.
 
-    name : str -- of directories and in the CSV;  what : str -- in the tables, with its unit;
-    values : tuple of float -- the default among them or not;  default : value of a case;
-    sets : what `--set` takes to give a case a value.
+    name : in directories and in the CSV;  what : in tables, with its unit;  values : which may include the default;
+    default : value of a case;  sets : changes, as of `--set`, that give a case a value.
     """
 
     name: str
@@ -48,12 +47,12 @@ class Choice:
     sets: Callable[[Case, float], tuple[str, ...]]
 
     def others(self, case: Case) -> tuple[float, ...]:
-        """The values that are not the default of a case."""
+        """The values but the default of a case."""
         return tuple(v for v in self.values if not np.isclose(v, self.default(case), rtol=1e-9))
 
 
 def choices(quick: bool, seed: int) -> list[Choice]:
-    """All that is varied; `seed` : the default one."""
+    """All choices; `seed` : the default one."""
 
     def key(text: str) -> Callable[[Case, float], tuple[str, ...]]:
         return lambda case, value: (text.format(value),)
@@ -75,7 +74,7 @@ def choices(quick: bool, seed: int) -> list[Choice]:
                lambda case: case.materials["nucleus"].stiffening, key("materials.nucleus.stiffening={:g}")),
         Choice("bulk_viscosity", "bulk viscosity", (0.05, 0.2),
                lambda case: case.numerics.bulk_viscosity, key("numerics.bulk_viscosity={:g}")),
-        # The yardstick: what chance alone changes.
+        # The seed shows how much chance alone changes.
         Choice("seed", "seed of the random numbers", (seed, seed + 1, seed + 2), lambda case: case.seed,
                key("seed={:g}")),
         Choice("ranks", "ranks", (1, 2), lambda case: 1, lambda case, value: ()),
@@ -83,7 +82,7 @@ def choices(quick: bool, seed: int) -> list[Choice]:
 
 
 def _ranged(case: Case, nanometres: float) -> tuple[str, ...]:
-    """Both potentials of another range, their work of adhesion as it is; the cells start at the new equilibrium."""
+    """Changes of the range of both adhesions, at the same work; the cells start at the new equilibrium."""
     wider = 1e-3 * nanometres - np.array([case.contact.range, case.substrate.range])
     (x, y), pitch = case.cells[0].centre + wider, case.cells[1].centre[0] - case.cells[0].centre[0] - wider[0]
     return (f"adhesion.substrate.range={nanometres:g} nm", f"adhesion.cells.range={nanometres:g} nm",
@@ -91,7 +90,7 @@ def _ranged(case: Case, nanometres: float) -> tuple[str, ...]:
 
 
 def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> int:
-    """Run what is missing, print how results depend on each choice, write it as CSV and Markdown.
+    """Run what is missing, print how results depend on each choice, write them as CSV and Markdown.
 
     Parameters
     ----------
@@ -124,7 +123,7 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
 
 
 def plan(out: Path, quick: bool) -> dict[tuple[str, str], Job]:
-    """All runs, by choice and value: the default once, the others with one thing changed, and cells that spread."""
+    """All runs by choice and value: the default, one change each, and single cells that spread."""
     main, alone = FOLDER / "all_protrude.toml", FOLDER / "one_cell.toml"
     spacings, runs = _QUICK_SPACINGS if quick else _SPACINGS, out / "runs"
     sets = (*_SETS, *(_QUICK if quick else ()), f"particles.per_cell={spacings[-1]}")
@@ -147,12 +146,11 @@ def plan(out: Path, quick: bool) -> dict[tuple[str, str], Job]:
 
 
 def measure(outcome: Outcome) -> dict[str, float]:
-    """What is asked of a run of the main scene, by the names of MEASURED.
+    """Results of a run of the main scene, by the names of MEASURED.
 
-    Mean displacement along x and both lengths of contact of the aggregate are those at the end.  Where a contact line
-    advances the stress peaks for less than a microsecond, and a single frame shows chance: the peak stress is the
-    median over the frames of the last quarter of the 99th percentile of the recovered effective stress in the
-    cytoplasm.
+    Mean displacement along x and both lengths of contact of the aggregate are those at the end.  The peak stress is the
+    99th percentile of the recovered effective stress in the cytoplasm, median over the frames of the last quarter: a
+    single frame would depend on the peaks of less than a microsecond where a contact line advances.
     """
     end = outcome.series("ux_um")[0][-1]
     late = [frame.read() for frame in outcome.frames if frame.time >= (1.0 - LATE) * end]
@@ -162,7 +160,7 @@ def measure(outcome: Outcome) -> dict[str, float]:
 
 
 class Plateau(NamedTuple):
-    """start, length : [us];  ended : bool -- whether the growth went on before the curve ended."""
+    """start, length : [us];  ended : whether the contact grew on before the end of the curve."""
 
     start: float
     length: float
@@ -172,7 +170,7 @@ class Plateau(NamedTuple):
 def plateau(time: np.ndarray, contact: np.ndarray, start: float = START, step: float = STEP) -> Plateau:
     """The longest time [us] after `start` in which a length of contact [um] grows by less than `step`.
 
-    The end is where the growth since its beginning, linear between samples, reaches `step`.
+    It ends where the growth since its beginning, interpolated between samples, reaches `step`.
     """
     time, contact = time[time >= start], contact[time >= start]
     longest = Plateau(float(time[0]), 0.0, True)
@@ -189,7 +187,7 @@ def plateau(time: np.ndarray, contact: np.ndarray, start: float = START, step: f
 
 
 def compare(results: Mapping[str, Mapping[str, Outcome]], listed: list[Choice], case: Case) -> list[dict[str, Any]]:
-    """One row a run of the main scene: what is varied, its value, what came out, the change relative to the default."""
+    """A row for each run of the main scene: choice, value, results, relative changes from the default."""
     default = results.get("default", {}).get("")
     first = measure(default) if default else {}
     rows = [_row("default", "", default, {})] if default else []
@@ -210,7 +208,7 @@ def _row(name: str, value: str, outcome: Outcome, first: Mapping[str, float]) ->
 
 
 def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, Any]]:
-    """One row a spacing, also with a denser surface: plateau and largest step of a cell that spreads."""
+    """A row for each spacing, also with a denser surface: plateau and largest step of a spreading cell."""
     rows = []
     for value, outcome in results.get("spreading", {}).items():
         time, contact = outcome.series("substrate_contact_um")
@@ -226,7 +224,7 @@ def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, An
 
 
 def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) -> list[str]:
-    """Both tables in Markdown, aligned so that they can be read as they are."""
+    """Both tables in aligned Markdown."""
     what = {choice.name: choice.what for choice in choices(False, case.seed)}
     lines = [[f"{what[row['varied']]} ({row['default']:g})" if row["default"] != "" else "default",
               row["value"] + {"yes": ", same bits", "no": ", OTHER BITS"}.get(row["same_bits"], ""),

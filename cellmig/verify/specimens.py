@@ -1,4 +1,4 @@
-"""Elastic test pieces in equilibrium as cases, and their exact solutions in small and in finite strain."""
+"""Elastic test pieces as cases, and their exact equilibria in small and in finite strain."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ RAMP = {"law": "ramp", "duration": "1 us"}
 
 def piece(cell: dict, count: int, samples: int = 1, time: dict | None = None, material: dict | None = None,
           **tables: Any) -> Case:
-    """A case of one body of the nucleus's law, its centre in the origin; static unless `time` says otherwise.
+    """A case of one body of the nucleus's law at the origin, static unless `time` has another integrator.
 
-    `cell`, `time`, `material` : what is to be said besides, or instead;  loads of RAMP are there in full at 1 µs.
+    cell, time, material, tables : further keys, or other values;  loads with the history RAMP are complete at 1 µs.
     """
     body = {"name": "Body", "centre": ["0 um", "0 um"], "material": "nucleus", **cell}
     clock = {"end": "1 us", "samples": samples, "frames": 1, "integrator": "static"} | (time or {})
@@ -32,18 +32,18 @@ def piece(cell: dict, count: int, samples: int = 1, time: dict | None = None, ma
 
 
 def rectangle(width: float, height: float, **more: Any) -> dict:
-    """A rectangle about its centre [µm]."""
+    """Keys of a rectangle [µm]."""
     return {"shape": "rectangle", "width": f"{width} um", "height": f"{height} um", **more}
 
 
 def support(name: str, parts: list[str], x: str, y: str, **more: Any) -> dict:
-    """Parts that are held at displacements [µm], formulas or "free"."""
+    """A support of parts with displacements x, y: formulas [µm] or "free"."""
     return {"name": name, "parts": parts, "displacement": [v if v == "free" else f"{v} um" for v in (x, y)],
             "history": RAMP, **more}
 
 
 def traction(name: str, parts: list[str], x: str, y: str) -> dict:
-    """A traction on parts [Pa], formulas."""
+    """A load on parts with tractions x, y: formulas [Pa]."""
     return {"name": name, "parts": parts, "traction": [f"{v} Pa" for v in (x, y)], "history": RAMP}
 
 
@@ -51,13 +51,15 @@ def traction(name: str, parts: list[str], x: str, y: str) -> dict:
 
 
 class Cantilever:
-    """Beam of length L and depth D under a shear force F at its end, in plane strain (Timoshenko & Goodier, §21).
+    """Beam of length L and depth D under a shear force F at its end, in plane strain.
 
-    It is at its exact displacement where x = -L/2 and bears the parabolic traction of the solution at x = L/2.
+    The exact displacement is prescribed at x = -L/2, the parabolic traction of the solution acts at x = L/2.
+
+    Source: Timoshenko & Goodier, Theory of Elasticity (1951), §21.
     """
 
     def __init__(self, law: Any, length: float, depth: float, strain: float):
-        """`strain` : at the clamped end, at the surface."""
+        """`strain` : at the surface of the clamped end [-]."""
         nu = poisson(law)
         self.length, self.depth, self.nu = length, depth, nu / (1.0 - nu)
         self.modulus = 2.0 * law.shear_modulus * (1.0 + nu) / (1.0 - nu**2)
@@ -65,13 +67,13 @@ class Cantilever:
         self.force = strain * self.modulus * self.inertia / (length * 0.5 * depth)
 
     def formulas(self) -> tuple[str, str]:
-        """Displacements of the end x = -L/2 [µm]."""
+        """Formulas of the displacements of the end x = -L/2 [µm]."""
         c = self.force / (6.0 * self.modulus * self.inertia)
         x = f"{c * (2.0 + self.nu)}*y*(y**2 - {0.25 * self.depth**2})"
         return x, f"{-3.0 * c * self.nu * self.length}*y**2"
 
     def shear(self) -> str:
-        """Traction along y of the end x = L/2 [Pa]."""
+        """Formula of the traction along y of the end x = L/2 [Pa]."""
         return f"{-0.5 * self.force / self.inertia}*({0.25 * self.depth**2} - y**2)"
 
     def displacement(self, X: np.ndarray) -> np.ndarray:
@@ -84,16 +86,16 @@ class Cantilever:
 
 
 class Kirsch:
-    """Round hole of radius R in a plate that is pulled along x by σ far away, in plane strain (Kirsch 1898)."""
+    """Round hole of radius R in a plate under the tension σ along x at infinity, in plane strain (Kirsch 1898)."""
 
     def __init__(self, law: Any, radius: float, strain: float):
-        """`strain` : σ over the shear modulus."""
+        """`strain` : σ over the shear modulus [-]."""
         nu = poisson(law)
         self.radius, self.kappa, self.pull = radius, 3.0 - 4.0 * nu, strain * law.shear_modulus
         self._c, self._even = 0.25 * strain, 1.0 - 2.0 * nu
 
     def formulas(self) -> tuple[str, str]:
-        """Displacements [µm]."""
+        """Formulas of the displacements [µm]."""
         R, c = self.radius, self._c
         even = f"({self._even}*r + {R**2}/r)"
         first, third = f"({self.kappa * R**2}/r + r)", f"({R**2}/r - {R**4}/r**3)"
@@ -101,7 +103,7 @@ class Kirsch:
                 f"{c}*({even}*y/r - {first}*y/r + {third}*sin(3*atan2(y, x)))")
 
     def tractions(self) -> tuple[str, str]:
-        """σxy and σyy [Pa], what pulls at a side with its normal along y."""
+        """Formulas of σxy and σyy [Pa], the tractions of a side with its normal along y."""
         t, q = "atan2(y, x)", f"({self.radius**2}/r**2)"
         return (f"{self.pull}*(-{q}*(0.5*sin(2*{t}) + sin(4*{t})) + 1.5*{q}**2*sin(4*{t}))",
                 f"{self.pull}*(-{q}*(0.5*cos(2*{t}) - cos(4*{t})) - 1.5*{q}**2*cos(4*{t}))")
@@ -128,7 +130,7 @@ class Kirsch:
 
 
 def principal(law: Any, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First Piola-Kirchhoff stresses along the axes, of stretches a and b along them [Pa]."""
+    """First Piola-Kirchhoff stresses along the axes (n,) [Pa], of stretches a and b (n,) [-] along them."""
     F = np.zeros((2, 2, np.size(a)))
     F[0, 0], F[1, 1] = a, b
     P = np.array(pointwise(law, "stress", {"F": F}))
@@ -136,10 +138,10 @@ def principal(law: Any, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 class Flexure:
-    """A block bent into a sector, without forces on its long sides (Rivlin 1949, here for a compressible solid).
+    """A block bent into a sector, with free long sides (Rivlin 1949, here for a compressible solid).
 
-    The point (X, Y) goes to the radius r(X) and the angle κY.  Equilibrium is dP1/dX = κ P2 with the stretches r' and
-    κr, and P1 = 0 at both sides X = ±W/2: solved numerically, to 1e-9.
+    The point (X, Y) moves to the radius r(X) and the angle κY.  The equilibrium dP1/dX = κ P2 with stretches r' and κr,
+    and P1 = 0 at both sides X = ±W/2, is solved numerically, to 1e-9.
     """
 
     def __init__(self, law: Any, width: float, curvature: float):
@@ -165,18 +167,18 @@ class Flexure:
         self._series = np.polynomial.Polynomial.fit(x, found.sol(x)[0], 12).convert()
 
     def displacement(self, X: np.ndarray) -> np.ndarray:
-        """Exact displacements (n, 2) [µm]; the middle of the block stays where it is."""
+        """Exact displacements (n, 2) [µm], zero in the middle of the block."""
         r, at = self._series(X[:, 0]), self.curvature * X[:, 1]
         return np.column_stack([r * np.cos(at) - self._series(0.0) - X[:, 0], r * np.sin(at) - X[:, 1]])
 
     def formulas(self) -> tuple[str, str]:
-        """Displacements [µm]."""
+        """Formulas of the displacements [µm]."""
         k, r = self.curvature, " + ".join(f"({c})*x**{n}" for n, c in enumerate(self._series.coef))
         return f"({r})*cos({k}*y) - {self._series(0.0)} - x", f"({r})*sin({k}*y) - y"
 
 
 class Column:
-    """A column between smooth walls that stands on its foot and bears its own weight b [Pa/µm], in finite strain."""
+    """A column between smooth walls, supported at its foot, under its own weight b [Pa/µm], in finite strain."""
 
     def __init__(self, law: Any, height: float, weight: float):
         depth = np.polynomial.chebyshev.chebpts2(33)[::-1] * 0.5 * height

@@ -1,4 +1,4 @@
-"""`cellmig verify`: every reference at three resolutions or more; error, order, expected order and verdict.
+"""`cellmig verify`: errors, observed and expected orders of every reference, at three resolutions or more.
 
 How to add a reference: write one function of the resolution in a module of `cellmig/verify/references`,
 
@@ -10,9 +10,9 @@ How to add a reference: write one function of the resolution in a module of `cel
         …
         return Measured(spacing, {"deflection": abs(found / 6.8522 - 1.0)}, count)
 
-`at` are resolutions as the function takes them, `quick` those of `--quick`; `exact(1e-12, why)` in place of
-`converges` is an error of rounding at all of them; targets for the error itself are by number of particles.  Modules
-are found by themselves.  `python -m cellmig verify --only cook` runs it; a function is measured on one process.
+`at` are the resolutions, which are arguments of the function, `quick` those of `--quick`.  `exact(1e-12, why)` in place
+of `converges` expects an error of rounding at every resolution.  Targets for the error itself are given by number of
+particles.  Modules are discovered.  `python -m cellmig verify --only cook` runs the reference, on one process.
 """
 
 from __future__ import annotations
@@ -53,27 +53,27 @@ class Point:
 
     @property
     def name(self) -> str:
-        """As it is told of."""
+        """Name in messages."""
         return f"{self.reference.name} at {self.resolution:g}"
 
     @property
     def seconds(self) -> float:
-        """What it takes on one core, about: where there are more particles, steps are shorter, too."""
+        """Estimated wall time on one core [s]: with more particles steps are shorter, too."""
         finest = max(self.reference.at)
         share = self.resolution / finest if isinstance(finest, int) else 1.0
         return self.reference.seconds * share**1.5
 
 
 def load_references() -> dict[str, Reference]:
-    """All references, by name, in the order of their modules."""
+    """All references by name, in the order of their modules."""
     discover(references)
     return REFERENCES
 
 
 def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: int | None = None) -> int:
-    """Measure references at their resolutions, judge, write the numbers; returns the exit code.
+    """Measure references at their resolutions, print verdicts, write them to `out`; returns the exit code.
 
-    `only` : names of references or of groups, by default all;  `quick` : coarse;  `at_once` : processes at a time.
+    only : names of references or groups, by default all;  quick : coarse resolutions;  at_once : number of processes.
     """
     chosen = select(only)
     points = [Point(r, n) for r in chosen for n in (r.quick if quick else r.at)]
@@ -97,7 +97,7 @@ def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: in
 
 
 def select(only: Sequence[str]) -> list[Reference]:
-    """References by name or by group; KeyError with one that there is not."""
+    """References by name or by group; raises KeyError with an unknown name."""
     known = load_references()
     groups = {r.group for r in known.values()}
     if unknown := [name for name in only if name not in known and name not in groups]:
@@ -106,7 +106,7 @@ def select(only: Sequence[str]) -> list[Reference]:
 
 
 def judged(reference: Reference, answers: dict[Any, Measured | str], quick: bool) -> list[Verdict]:
-    """A verdict on each error of a reference; a resolution that failed makes none of them hold."""
+    """A verdict on each error of a reference; where a resolution failed, none holds."""
     measured = [a for a in answers.values() if isinstance(a, Measured)]
     failed = [f"at {n:g}: {a}" for n, a in answers.items() if isinstance(a, str)]
     coarse = reference.coarse if quick else {}
@@ -118,13 +118,13 @@ def judged(reference: Reference, answers: dict[Any, Measured | str], quick: bool
 
 
 class Worker:
-    """A process that measures points one after the other; one that dies is replaced."""
+    """A process that measures points one after the other; it is started again if it ended."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen | None = None
 
     def measure(self, point: Point) -> Measured | str:
-        """What a point measured, or why it failed."""
+        """Measure a point; a text says why it failed."""
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen([*PYTHON, "-m", references.__name__], encoding="utf-8",
                                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -150,7 +150,7 @@ class Worker:
 
 def measure_all(points: Sequence[Point], at_once: int, asked: Sequence[int] = ()
                 ) -> Iterator[tuple[Point, Measured | str]]:
-    """Measure points in processes, the longest first; yield each with its answer until `asked` is not empty."""
+    """Measure points in processes, the longest first; yield each with its answer, until `asked` holds a signal."""
     waiting = deque(sorted(points, key=lambda point: -point.seconds))
     answers: queue.Queue[tuple[Point, Measured | str]] = queue.Queue()
     workers = [Worker() for _ in range(min(at_once, len(points)))]
@@ -184,7 +184,7 @@ def measure_all(points: Sequence[Point], at_once: int, asked: Sequence[int] = ()
 
 
 def table(verdicts: Sequence[Verdict]) -> list[str]:
-    """Reference, error, order and verdict, a line each; what does not hold says why."""
+    """Lines of a table of errors, orders and verdicts, with the reason of each failure."""
     lines = [_line("reference", "error", "errors from coarse to fine", "order", "fitted", "expected", "verdict"),
              "-" * 160]
     for v in verdicts:
@@ -200,7 +200,7 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
 
 
 def errors_of(v: Verdict) -> str:
-    """The errors, from coarse to fine."""
+    """Errors from coarse to fine, as text."""
     return " ".join(f"{e:.2g}" for e in v.errors)
 
 
@@ -213,7 +213,7 @@ def _order(value: float) -> str:
 
 
 def listing(only: Sequence[str] = ()) -> list[str]:
-    """What there is: each reference, its source, and what is expected and why."""
+    """Lines that list each reference, its source, and what is expected and why."""
     lines = []
     for r in select(only):
         lines.append(f"{r.name} ({r.group}): {r.shows} [{r.source}]")
@@ -224,7 +224,7 @@ def listing(only: Sequence[str] = ()) -> list[str]:
 
 
 def markdown(chosen: Sequence[Reference], verdicts: Sequence[Verdict]) -> list[str]:
-    """Lines of docs/data/verify.md: what each reference is, and a row for each of its errors."""
+    """Lines of docs/data/verify.md: a description of each reference, and a row for each error."""
     lines: list[str] = []
     for r in chosen:
         lines += ["", f"## {r.name} ({r.group})", "", f"{r.shows[0].upper()}{r.shows[1:]}.  Exact: {r.source}.", "",
@@ -246,7 +246,7 @@ def _row(v: Verdict) -> str:
 
 
 def write(out: Path, chosen: Sequence[Reference], verdicts: Sequence[Verdict], quick: bool) -> None:
-    """All numbers as JSON and CSV, and as tables for the docs."""
+    """Write all numbers as JSON and CSV, and as tables for the docs."""
     made = environment(MPI.COMM_SELF)
     rows = [_entries(r, v) for r in chosen for v in verdicts if v.reference == r.name]
     write_rows(out / "verify.csv", [row | {name: " ".join(map(repr, row[name])) for name in row
