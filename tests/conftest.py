@@ -71,6 +71,12 @@ def on_ranks(outside_mpi: dict[str, str]) -> Callable[..., subprocess.CompletedP
     return start
 
 
+@pytest.fixture(scope="session")
+def cellmig(on_ranks: Callable[..., subprocess.CompletedProcess[str]]) -> Callable[..., object]:
+    """`cellmig(2, "resume", …)`: the program on some ranks."""
+    return lambda ranks, *words, **more: on_ranks(ranks, "-m", "cellmig", *words, timeout=60, **more)
+
+
 # ------------------------------------------------------------------------------------------------ what is selected
 
 

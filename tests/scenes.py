@@ -17,10 +17,11 @@ from cellmig.case.schema import Case
 from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
-from cellmig.verify import specimens as pieces
+from cellmig.verify import specimens
 
 DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
-CASES = {path.stem: path for path in sorted((Path(__file__).resolve().parent.parent / "cases").glob("*.toml"))}
+ROOT = Path(__file__).resolve().parent.parent
+CASES = {path.stem: path for path in sorted((ROOT / "cases").glob("*.toml"))}
 
 # What stands in for a parameter without a default, or whose default of zero would make a test say nothing.
 EXAMPLES = {"": 0.5, "kg/m^3": 1000.0, "Pa": 2000.0, "Pa s": 1e-3, "pN": 100.0, "pN um": 0.03, "1/um^2": 8000.0,
@@ -88,16 +89,37 @@ def smooth(X: np.ndarray, seed: int, size: float, waves: int = 3, shortest: floa
     return size * field / np.sqrt(0.5 * waves)
 
 
+LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]  # boxes around its ends
+BAR = {"name": "Bar", "shape": "polygon", "material": "nucleus", "centre": ["0 um", "0 um"],
+       "corners": [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]}
+DISC = {"name": "Disc", "shape": "disc", "radius": "1.415 um"}
+
+
 def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", integrator: str = "leapfrog",
           step: str = "auto", cell: dict | None = None, **sections: Any) -> Case:
     """A test piece of nucleus: a bar of 4 by 2 µm unless told otherwise, with what holds and loads it."""
-    corners = [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]
-    shapes = {"polygon": {"shape": "polygon", "corners": corners}, "disc": {"shape": "disc", "radius": "2 um"},
+    shapes = {"polygon": {"shape": "polygon", "corners": BAR["corners"]}, "disc": {"shape": "disc", "radius": "2 um"},
               "plate with a hole": {"shape": "rectangle", "width": "4 um", "height": "2 um",
                                     "holes": [["0.5 um", "0 um", "0.4 um"]]}}
     body = {"name": "Piece", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
-    return pieces.piece(body, per_cell, time={"end": end, "integrator": integrator, "step": step},
+    return specimens.piece(body, per_cell, time={"end": end, "integrator": integrator, "step": step},
                         material={"lame": "17 kPa"}, **sections)
 
 
-LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]  # boxes around its ends
+def plate(name: str, height: float, normal: float, moves: float) -> dict:
+    """A level plate at a height, that moves [µm]."""
+    return {"name": name, "point": ["0 um", f"{height} um"], "normal": [0, normal],
+            "displacement": ["0 um", f"{moves} um"], "history": specimens.RAMP}
+
+
+def squeezed(count: int, by: float = 0.2, samples: int = 2, **more: Any) -> Case:
+    """The disc between two plates, its diameter reduced by a share."""
+    move = 1.415 * by
+    plates = [plate("top", 1.415, -1.0, -move), plate("bottom", -1.415, 1.0, move)]
+    return specimens.piece(DISC, count, samples, plates=plates, **more)
+
+
+def bent(count: int, pull: float = 200.0, samples: int = 2, **more: Any) -> Case:
+    """The bar, held on the left and pulled up on the right by a traction [Pa]."""
+    load = {"name": "up", "box": RIGHT, "traction": ["0 Pa", f"{pull} Pa"], "history": specimens.RAMP}
+    return specimens.piece(BAR, count, samples, supports=[{"name": "left", "box": LEFT}], loads=[load], **more)

@@ -12,12 +12,12 @@ import time
 from pathlib import Path
 
 import pytest
+from scenes import CASES, ROOT
 
 import cellmig
 
 pytestmark = pytest.mark.serial
 
-ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = sorted((ROOT / "cluster").glob("*.sh"))
 STAND_IN = "#!/bin/bash\necho \"$(basename \"$0\"): $*\"\nexit ${CODE-0}\n"
 
@@ -106,7 +106,7 @@ def test_the_script_for_paraview_compiles(tmp_path: Path) -> None:
 @pytest.mark.skipif(not (shutil.which("pvpython") and shutil.which("xvfb-run")),
                     reason="no ParaView here: apt install python3-paraview xvfb")
 def test_paraview_draws_a_run(tmp_path: Path) -> None:
-    case = cellmig.change(cellmig.load(ROOT / "cases/one_cell.toml"), {
+    case = cellmig.change(cellmig.load(CASES["one_cell"]), {
         "particles.per_cell": 100, "time.end": "2 us", "time.frames": 2})
     cellmig.run(case, out=tmp_path / "run", quiet=True)
     words = ["xvfb-run", "-a", "pvpython", ROOT / "docs/paraview/open_run.py", tmp_path / "run"]

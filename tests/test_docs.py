@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from scenes import ROOT
 
 pytestmark = pytest.mark.serial
 
-ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.glob("*.md"), ROOT / "README.md"])
 BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -12,10 +12,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from scenes import ROOT
 
 pytestmark = pytest.mark.serial
-
-ROOT = Path(__file__).resolve().parent.parent
 
 # Answers what the launcher asks of the venv's Python, and tells what else it was started with.
 PYTHON = r"""#!/bin/bash
@@ -219,6 +218,7 @@ def test_the_tests_fail_when_either_run_of_them_does(ready: Launcher, serial: in
 
 PROBE = """
 import pytest
+from scenes import ROOT
 
 def test_one_rank_fails(comm):
     assert comm.rank != 1

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import CASES, ROOT
 
 import cellmig
 from cellmig.case.messages import CaseError
 from cellmig.output.directory import OutputError
 from cellmig.plot.plot import plot
 
-ROOT = Path(__file__).resolve().parent.parent
 COARSE = {"particles.per_cell": 100, "time.end": "4 us", "time.frames": 2, "time.samples": 8}
 
 
 @pytest.fixture
 def case():
-    return cellmig.change(cellmig.load(ROOT / "cases/one_cell.toml"), COARSE)
+    return cellmig.change(cellmig.load(CASES["one_cell"]), COARSE)
 
 
 def test_a_changed_case_is_another_and_the_old_one_stays(case):
@@ -72,7 +72,7 @@ def test_without_pandas_the_message_says_what_to_do(case, shared_tmp, monkeypatc
 
 @pytest.mark.serial
 def test_forces_on_the_substrate_and_between_cells_are_drawn_of_scenes_that_have_them(tmp_path):
-    case = cellmig.change(cellmig.load(ROOT / "cases/all_protrude.toml"), COARSE)
+    case = cellmig.change(cellmig.load(CASES["all_protrude"]), COARSE)
     made = plot(cellmig.run(case, out=tmp_path, quiet=True).directory, formats=("png",))
     assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between"]
 

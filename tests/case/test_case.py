@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import CASES
 
 from cellmig.case import registry, units
 from cellmig.case.json_schema import json_schema
@@ -25,7 +26,6 @@ pytestmark = pytest.mark.serial
 register()
 
 MATERIALS = ", ".join(f"'{name}'" for name in sorted(registry.laws("material")))
-CASES = sorted((Path(__file__).resolve().parents[2] / "cases").glob("*.toml"))
 
 SOUND = """\
 title = "Two cells"
@@ -100,13 +100,13 @@ def line_of(text: str, part: str) -> int:
 # ------------------------------------------------------------------------------------------------- what is read
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", CASES.values(), ids=CASES)
 def test_every_case_of_the_collection_loads_and_has_a_title(path: Path) -> None:
     case = load(path)
     assert case.title and case.cells and case.name == path.stem
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", CASES.values(), ids=CASES)
 def test_a_resolved_case_written_as_json_loads_to_an_equal_case(path: Path) -> None:
     case = load(path)
     again = from_dict(json.loads(json.dumps(case.resolved(), allow_nan=False)))
@@ -115,7 +115,7 @@ def test_a_resolved_case_written_as_json_loads_to_an_equal_case(path: Path) -> N
 
 
 def test_the_papers_scene_has_the_numbers_of_the_paper() -> None:
-    case = load(next(path for path in CASES if path.stem == "all_protrude"))
+    case = load(CASES["all_protrude"])
     assert [cell.name for cell in case.cells] == ["Cell-1", "Cell-2", "Cell-3"]
     assert [cell.centre for cell in case.cells] == [(10.01, 5.01), (0.0, 5.01), (-10.01, 5.01)]
     assert all(cell.shape.radius == 5.0 and cell.shape.nucleus_ratio == 0.283 for cell in case.cells)
@@ -130,7 +130,7 @@ def test_the_papers_scene_has_the_numbers_of_the_paper() -> None:
 @pytest.mark.parametrize("name, who", [("all_protrude", (1, 2, 3)), ("one_three", (1, 3)), ("two_three", (2, 3)),
                                        ("three_only", (3,)), ("paper", ())])
 def test_the_four_cases_of_the_paper_differ_in_title_and_in_who_protrudes(name: str, who: tuple[int, ...]) -> None:
-    paper, case = ({path.stem: load(path) for path in CASES}[stem].resolved() for stem in ("paper", name))
+    paper, case = (load(CASES[stem]).resolved() for stem in ("paper", name))
     assert case["protrusion"].pop("cells") == [f"Cell-{i}" for i in who]
     del paper["protrusion"]["cells"], paper["title"], case["title"]
     assert case == paper

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import CASES
+from scenes import CASES, ROOT
 
 from cellmig.case import own_laws, registry
 from cellmig.case.handbook import handbook
@@ -20,19 +20,13 @@ from cellmig.output.tables import read_table
 
 pytestmark = pytest.mark.serial
 
-LAW = Path(__file__).resolve().parents[2] / "examples/cortex_law.py"
+LAW = ROOT / "examples/cortex_law.py"
 CORTEX = 'cortex={law="stiffening", modulus="500 pN/um", rate=2}'
 SHORT = ("--set", "particles.per_cell=60", "--set", "time.samples=4", "--set", "time.frames=1", "--until", "0.4 us",
          "--set", CORTEX)
 RUN = (CASES["one_cell"], *SHORT)
 
 Ended = subprocess.CompletedProcess
-
-
-@pytest.fixture(scope="module")
-def cellmig(on_ranks: Callable[..., Ended]) -> Callable[..., Ended]:
-    """`cellmig(2, "resume", …)`: the program on some ranks."""
-    return lambda ranks, *words, **more: on_ranks(ranks, "-m", "cellmig", *words, timeout=60, **more)
 
 
 @pytest.fixture(scope="module")

@@ -1,31 +1,23 @@
-"""Laws: stress is the gradient of energy, no frame is preferred, exact values hold, and C computes what Python says.
+"""Laws: stress is the gradient of energy, no frame is preferred, and exact values hold.
 
 Every registered law is tested; `scenes.example` gives it parameters.
 """
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
-import inspect
-from math import pi
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy import arctan, cbrt, cos, cosh, exp, log, maximum, minimum, sin, sinh, sqrt, tan, tanh, where
-from scenes import example
+from samples import assert_close, deformations, determinant, distances, rates, rotations, slope, vectors
+from scenes import ROOT, example
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
-from cellmig.kernel.codegen import SHAPES, LawError, Translator
-from cellmig.kernel.kernel import VECTORS
-from cellmig.kernel.toolchain import compiled
 from cellmig.model.director import STARTS, start_angle
-from cellmig.solve.tangent import derivative
 
 MATERIALS, ADHESIONS, PROTRUSIONS = (list(laws(kind)) for kind in ("material", "adhesion", "protrusion"))
 
@@ -35,28 +27,6 @@ def with_method(method: str) -> list[str]:
     found = [name for name in MATERIALS if hasattr(laws("material")[name], method)]
     assert found, f"no material has '{method}'"
     return found
-
-
-def deformations(n: int = 200) -> np.ndarray:
-    """Random F (2, 2, n) with stretch, shear and rotation: 0.3 < J, turns up to half a circle."""
-    rng = np.random.default_rng(1)
-    F = np.eye(2)[:, :, None] + 0.35 * rng.standard_normal((2, 2, 3 * n))
-    F = F[:, :, F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] > 0.3][:, :, :n]
-    assert F.shape[2] == n
-    return np.einsum("ijn,jkn->ikn", rotations(n), F)
-
-
-def rotations(n: int, seed: int = 2) -> np.ndarray:
-    a = np.random.default_rng(seed).uniform(-np.pi, np.pi, n)
-    return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
-
-
-def rates(n: int = 200) -> np.ndarray:
-    return np.random.default_rng(3).standard_normal((2, 2, n))
-
-
-def vectors(n: int = 200) -> np.ndarray:
-    return np.random.default_rng(4).standard_normal((2, n))
 
 
 def stress(law: Any, F: np.ndarray, Fdot: np.ndarray | None = None) -> np.ndarray:
@@ -69,18 +39,8 @@ def viscous(law: Any, F: np.ndarray, Fdot: np.ndarray) -> np.ndarray:
     return np.array(pointwise(law, "viscous_stress", {"F": F, "Fdot": Fdot}))
 
 
-def determinant(F: np.ndarray) -> np.ndarray:
-    return F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-
-
 def cauchy(P: np.ndarray, F: np.ndarray) -> np.ndarray:
     return np.einsum("ikn,jkn->ijn", P, F) / determinant(F)
-
-
-def slope(function: Any, x: np.ndarray, step: float) -> np.ndarray:
-    """Derivative to fourth order in the step."""
-    near, far = function(x + step) - function(x - step), function(x + 2 * step) - function(x - 2 * step)
-    return (8 * near - far) / (12 * step)
 
 
 def gradient(function: Any, A: np.ndarray, step: float = 3e-4) -> np.ndarray:
@@ -91,13 +51,6 @@ def gradient(function: Any, A: np.ndarray, step: float = 3e-4) -> np.ndarray:
         direction[i] = 1.0
         out[i] = slope(lambda s, d=direction: function(A + s * d), 0.0, step)
     return out
-
-
-def assert_close(a: Any, b: Any, tolerance: float) -> None:
-    """Equal to `tolerance` of the largest value, which is not zero."""
-    scale = np.abs(b).max()
-    assert scale > 0.0
-    assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
 
 
 # ---------------------------------------------------------------------------------------------------- any material
@@ -149,7 +102,7 @@ def test_energy_is_least_at_rest(name: str) -> None:
     """By as much as its moduli say: an energy of nothing would not do."""
     law, F = example("material", name), deformations()
     assert abs(law.energy(np.eye(2)[:, :, None])[0]) < 1e-9 * law.density  # measured 0
-    J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    J = determinant(F)
     modulus = getattr(law, "reduced_bulk_modulus", law.bulk_modulus)
     shape = (F**2).sum(axis=(0, 1)) / J - 2.0
     sheared = law.energy(F / np.sqrt(J))
@@ -162,7 +115,7 @@ def test_the_pressure_of_the_fluid_is_that_of_the_page_of_the_model() -> None:
     F = np.sqrt(J) * np.eye(2)[:, :, None]
     k, p = law.reduced_bulk_modulus, -stress(law, F)[0, 0] / np.sqrt(J)  # P = -J p F⁻ᵀ
     assert np.abs(p + 0.5 * k * (J - 1.0 / J)).max() < 1e-12 * k  # measured 1e-16
-    page = (Path(__file__).resolve().parents[2] / "docs/model.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/model.md").read_text(encoding="utf-8")
     assert "p = −k (J − 1/J) / 2" in page and "K ln J" not in page
 
 
@@ -267,13 +220,6 @@ def test_nucleus_stretched_in_plane_strain_carries_the_exact_force(nucleus: Any,
 
 
 # ------------------------------------------------------------------------------------------------------- adhesion
-
-
-def distances(law: Any) -> np.ndarray:
-    """Through cap and well to past the cutoff, without those two points."""
-    far = np.geomspace(3.01 * law.range, 1.5 * law.cutoff)
-    r = np.concatenate([np.linspace(-0.5, 3.0, 701) * law.range + 1.7e-6, far])
-    return r[(abs(r - law.cap) > 1e-4 * law.range) & (abs(r - law.cutoff) > 1e-3 * law.range)]
 
 
 @pytest.mark.parametrize("name", ADHESIONS)
@@ -390,183 +336,3 @@ def test_director_starts_as_its_name_says(start: str) -> None:
     along, across = (h * r).sum(axis=0), h[1] * r[0] - h[0] * r[1]
     expected = {"radial": along - 1.0, "tangential": across - 1.0, "uniform": theta - 0.7}[start]
     assert np.abs(expected).max() < 1e-14
-
-
-# ------------------------------------------------------------------------------------------------- translated to C
-
-
-def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray]) -> np.ndarray:
-    """Results of the C function of a method, for arguments (..., n) with n a multiple of four."""
-    translator = Translator(law, number)
-    function = translator.function(method, "translated")
-    shapes = {a: SHAPES.get(a, ()) for a in arguments}
-    result = np.asarray(getattr(law, method)(*arguments.values()))
-    out, n = np.zeros_like(result), result.shape[-1]
-    lanes = 4 if number == "v4" else 1
-    passed, lines = [], []
-    for name, shape in shapes.items():
-        lines.append(f"{number} {name}{''.join(f'[{k}]' for k in shape)};")
-        lines.append(f"memcpy(&{name}, in_{name} + i * {int(np.prod(shape))}, sizeof {name});")
-        # groups of four (or one) values, component by component
-        passed.append(np.ascontiguousarray(np.moveaxis(arguments[name].reshape(*shape, -1, lanes), -2, 0)))
-    call = ", ".join(["p", *[f"(const {number} (*)[2]){a}" if len(s) == 2 else a for a, s in shapes.items()]])
-    many = result.ndim - 1
-    size = int(np.prod(result.shape[:-1]))
-    lines.append(f"{number} result{''.join(f'[{k}]' for k in result.shape[:-1])};")
-    lines.append(f"translated({call}, result);" if many else f"result = translated({call});")
-    lines.append(f"memcpy(out + i * {size}, &result, sizeof result);")
-    signature = ", ".join(f"const double *in_{a}" for a in shapes)
-    source = "\n".join([
-        VECTORS.read_text(encoding="utf-8"), function,
-        f"void run(long n, const double *p, {signature}, double *out) {{",
-        f"    for (long i = 0; i < n; i += {lanes}) {{", *["        " + line for line in lines], "    }\n}\n"])
-    raw = np.zeros((n // lanes, *result.shape[:-1], lanes))
-    p = np.array(translator.vector() or [0.0])
-    addresses = [ctypes.c_void_p(a.ctypes.data) for a in (p, *passed, raw)]
-    ctypes.CDLL(str(compiled(source))).run(ctypes.c_long(n), *addresses)
-    out[:] = np.moveaxis(raw, 0, -2).reshape(result.shape)
-    return out
-
-
-LIMIT = 0.25
-
-
-class Formulas:
-    """What a law's formula may have, one method for each; F and the rest are arguments as the translator knows them."""
-
-    rate, least, whole = 0.7, 0.2, 3
-
-    def exponential(self, r):
-        return exp(-self.rate * r) + np.exp(-900.0 * r * r)
-
-    def circular(self, r):
-        return sin(r) + cos(2.0 * r) * tan(0.1 * r) - arctan(r)
-
-    def hyperbolic(self, r):
-        return tanh(r) + sinh(0.1 * r) / cosh(r)
-
-    def powers(self, r):
-        a = abs(r) + self.least
-        return a**0.5 + a**-1.5 + a**3 + a**self.rate + 2.0**r + a**self.whole + r**2.0
-
-    def chosen(self, r):
-        return where(r > 0.0, exp(r), 1.0) + maximum(r, 0.0) * minimum(r, self.least) + where(self.rate < 1.0, r, 7.0)
-
-    def constant(self, r):
-        a = self.rate * 2.0
-        return a + exp(self.rate) + pi + LIMIT
-
-    def other(self, r):
-        a, b = r, self.powers(r)
-        return a * log(b) - sqrt(cbrt(b))
-
-
-@pytest.mark.serial
-@pytest.mark.parametrize("number", ["double", "v4"])
-@pytest.mark.parametrize("method", [name for name in vars(Formulas) if inspect.isfunction(getattr(Formulas, name))])
-def test_every_function_that_a_formula_may_have_is_the_same_in_c(method: str, number: str) -> None:
-    r = np.linspace(-2.0, 2.0, 400)
-    expected = getattr(Formulas(), method)(r) + np.zeros_like(r)
-    translator = Translator(Formulas(), number)
-    lanes = 4 if number == "v4" else 1
-    source = "\n".join([VECTORS.read_text(encoding="utf-8"), translator.function(method, "translated"), f"""
-        void run(long n, const double *p, const double *r, double *out) {{
-            for (long i = 0; i < n; i += {lanes}) {{
-                {number} x; memcpy(&x, r + i, sizeof x); x = translated(p, x); memcpy(out + i, &x, sizeof x); }} }}"""])
-    out, p = np.zeros_like(r), np.array(translator.vector() or [0.0])
-    addresses = [ctypes.c_void_p(a.ctypes.data) for a in (p, r, out)]
-    ctypes.CDLL(str(compiled(source))).run(ctypes.c_long(len(r)), *addresses)
-    assert np.abs(out - expected).max() <= 3e-15 * np.abs(expected).max()  # measured 1.3e-15, of v4_log
-
-
-@pytest.mark.parametrize("method", [name for name in vars(Formulas) if inspect.isfunction(getattr(Formulas, name))])
-def test_every_function_that_a_formula_may_have_has_its_derivative(method: str) -> None:
-    r, function = np.linspace(-1.9, 1.93, 50), getattr(Formulas(), method)
-    value, found = derivative(function, r)
-    expected = slope(lambda x: function(x) + 0.0 * x, r, 1e-4)
-    assert np.abs(found[0] - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())  # measured 6e-11, of differences
-    assert np.abs(value - function(r)).max() <= 1e-15 * np.abs(value).max()
-
-
-class Wrong:
-    """Formulas that are none."""
-
-    rate, words = 1.0, "many"
-
-    def unknown(self, r):
-        return exp2(r)  # noqa: F821
-
-    def loop(self, r):
-        for _ in range(3):
-            r = r * 2.0
-        return r
-
-    def wordy(self, r):
-        return r * self.words
-
-    def missing(self, r):
-        return r * self.nothing
-
-    def twice(self, r):
-        return where(r > 0.0, r)
-
-    def between(self, r):
-        return where(0.0 < r < 1.0, r, 0.0)
-
-    def endless(self, r):
-        return self.endless(r)
-
-    def silent(self, r):
-        r = r * 2.0
-
-    def name(self, r):
-        return r * undefined  # noqa: F821
-
-    def whole(self, r):
-        return r // 2.0
-
-
-@pytest.mark.parametrize(("method", "line", "what"), [
-    ("unknown", 1, "'exp2(r)' is not translated to C; a formula has numbers"), ("loop", 1, "is no assignment"),
-    ("wordy", 1, "'self.words' is no number"), ("missing", 1, "'self.nothing' is no number"),
-    ("twice", 1, "where takes 3"), ("between", 1, "'0.0 < r < 1.0' is not translated"), ("endless", 0, "calls itself"),
-    ("silent", 0, "returns nothing"), ("name", 1, "'undefined' is not translated"), ("whole", 1, "is not translated")])
-def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(method: str, line: int, what: str) -> None:
-    with pytest.raises(LawError) as error:
-        Translator(Wrong(), "v4").function(method, "translated")
-    number = inspect.getsourcelines(getattr(Wrong, method))[1] + line
-    assert f"test_laws.py:{number}: Wrong.{method}: " in str(error.value) and what in str(error.value)
-
-
-def pointwise_methods(kind: str) -> list[tuple[str, str]]:
-    """(law, method) for all methods of formulas: those with arguments that the translator knows."""
-    known = {"material": set(SHAPES), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
-    functions = [(name, method, set(inspect.signature(f).parameters) - {"self"}) for name, cls in laws(kind).items()
-                 for method, f in inspect.getmembers(cls, inspect.isfunction) if not method.startswith(("_", "pair"))]
-    return [(name, method) for name, method, arguments in functions if arguments and arguments <= known]
-
-
-@pytest.mark.serial
-@pytest.mark.parametrize(("name", "method"), pointwise_methods("material"))
-def test_material_is_the_same_in_c(name: str, method: str) -> None:
-    law, F, a = example("material", name), deformations(), np.linspace(0, 3, 200)
-    given = {"F": F, "Fdot": rates(), "gradient": vectors(), "director": np.array([np.cos(a), np.sin(a)])}
-    arguments = {k: given[k] for k in list(inspect.signature(getattr(type(law), method)).parameters)[1:]}
-    expected = np.asarray(getattr(law, method)(*arguments.values()))
-    assert_close(in_c(law, method, "v4", arguments), expected, 1e-13)  # measured 0; log and cbrt may round otherwise
-
-
-@pytest.mark.serial
-@pytest.mark.parametrize(("name", "method"), pointwise_methods("adhesion"))
-def test_adhesion_is_the_same_in_c(name: str, method: str) -> None:
-    law = example("adhesion", name)
-    r = distances(law)
-    assert_close(in_c(law, method, "double", {"r": r}), getattr(law, method)(r), 1e-14)  # measured 0
-
-
-@pytest.mark.serial
-@pytest.mark.parametrize(("name", "method"), pointwise_methods("protrusion"))
-def test_protrusion_is_the_same_in_c(name: str, method: str) -> None:
-    law = example("protrusion", name)
-    g = np.linspace(-0.5, 1.5, 400) * law.height
-    assert_close(in_c(law, method, "double", {"g": g}), getattr(law, method)(g), 1e-14)  # measured 0

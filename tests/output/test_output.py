@@ -16,6 +16,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from scenes import ROOT
 
 from mpi4py import MPI
 
@@ -26,7 +27,6 @@ from cellmig.output.tables import HISTORY, LEDGER, History, Ledger, read_table
 from cellmig.output.xdmf import Frames, frames
 
 COMM = MPI.COMM_WORLD
-ROOT = Path(__file__).resolve().parents[2]
 FIELDS = {"id": "", "X": "um", "u": "um", "stress": "Pa", "effective_stress": "Pa"}
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from scenes import CASES
+from scenes import CASES, ROOT
 
 from cellmig import usage
 from cellmig.output.manifest import read_manifest
@@ -20,7 +20,6 @@ from cellmig.parallel.launch import outside_mpi
 
 pytestmark = pytest.mark.serial
 
-ROOT = Path(__file__).resolve().parents[2]
 SMALL = ("--set", "particles.per_cell=60", "--until", "0.1 us", "--quiet")
 RULE = "-" * 74
 # What Open MPI 4 says of a program that ends with another code than 0, and 5 of one that it cannot start.

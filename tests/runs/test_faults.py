@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from scenes import CASES
+from scenes import CASES, ROOT
 
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
@@ -25,7 +25,6 @@ from cellmig.parallel.launch import on_ranks
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]
 
-ROOT = Path(__file__).resolve().parents[2]
 CASE = (CASES["all_protrude"], "--set", "particles.per_cell=150", "--set", "time.frames=400", "--quiet")
 PATIENCE = 20.0  # seconds from the fault to the end of all ranks, at most
 CAN_MOUNT = subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode == 0

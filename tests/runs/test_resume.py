@@ -9,12 +9,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import CASES
+from scenes import CASES, ROOT
 
 from mpi4py import MPI
 
@@ -32,12 +31,6 @@ SQUEEZED = (CASES["squeezed_disc"], "--set", "particles.per_cell=300", "--set", 
 A_BATCH = ("--wall-time", "1 s")  # less than is kept back for the end: it stops after the first steps
 
 Ended = subprocess.CompletedProcess
-
-
-@pytest.fixture(scope="module")
-def cellmig(on_ranks: Callable[..., Ended]) -> Callable[..., Ended]:
-    """`cellmig(2, "resume", …)`: the program on some ranks."""
-    return lambda ranks, *words, **more: on_ranks(ranks, "-m", "cellmig", *words, timeout=60, **more)
 
 
 def ended(done: Ended, code: int, *parts: str) -> None:
@@ -177,7 +170,7 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(cellmig, whole, co
 def test_a_checkpoint_of_another_version_is_refused(cellmig, copy, tmp_path):
     other = tmp_path / "sitecustomize.py"
     other.write_text("import cellmig\ncellmig.__version__ = '99.0'\n")
-    paths = f"{tmp_path}:{Path(__file__).resolve().parents[2]}"
+    paths = f"{tmp_path}:{ROOT}"
     done = cellmig(1, "resume", copy, "--quiet", env={"PYTHONPATH": paths})
     ended(done, 5, "the run that is there is of cellmig 0.", "this is 99.0")
 
@@ -286,7 +279,7 @@ def test_times_that_are_none_are_refused(cellmig, tmp_path, option, text, said):
 def test_two_runs_do_not_write_in_one_directory(cellmig, copy, tmp_path):
     other = tmp_path / "sitecustomize.py"  # less patience
     other.write_text("import cellmig.output.directory\ncellmig.output.directory.PATIENCE = 0.2\n")
-    env = {"PYTHONPATH": f"{tmp_path}:{Path(__file__).resolve().parents[2]}"}
+    env = {"PYTHONPATH": f"{tmp_path}:{ROOT}"}
     before = sorted(copy.rglob("*"))
     claim = Claim(copy, MPI.COMM_SELF)
     for words in (("resume", copy), (*PAPER, "--out", copy), (*PAPER, "--out", copy, "--resume", "auto")):

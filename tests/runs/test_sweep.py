@@ -13,6 +13,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from scenes import CASES
 
 from cellmig.__main__ import sweep as command
 from cellmig.__main__ import validate
@@ -25,7 +26,7 @@ from cellmig.version import __version__
 
 pytestmark = pytest.mark.serial
 
-ONE = Path(__file__).resolve().parents[2] / "cases/one_cell.toml"
+ONE = CASES["one_cell"]
 COARSE = ("particles.per_cell=60", "time.end=1 us", "time.samples=2", "time.frames=1")
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pieces import BAR, RAMP
-from scenes import DAMPED, LEFT, RIGHT, built, case, everywhere
+from scenes import BAR, DAMPED, LEFT, RIGHT, built, case, everywhere
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -19,7 +18,7 @@ from cellmig.parallel.options import IMPLICIT
 from cellmig.runs.trial import choose
 from cellmig.simulation import Simulation
 from cellmig.solve.implicit import SETTLED
-from cellmig.verify.specimens import piece
+from cellmig.verify.specimens import RAMP, piece
 
 SOFT_BONDS = ('adhesion.substrate.range="40 nm"', 'cells.0.centre=["0 um", "5.04 um"]')
 

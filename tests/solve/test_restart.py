@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from pieces import bent, plate, squeezed
-from scenes import LEFT, RIGHT, built, case, piece
+from scenes import LEFT, RIGHT, bent, built, case, piece, plate, squeezed
 
 from mpi4py import MPI
 

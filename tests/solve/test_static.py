@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pieces import BAR, DISC, bent, squeezed
-from scenes import LEFT, RIGHT, built, everywhere
+from scenes import BAR, DISC, LEFT, RIGHT, bent, built, everywhere, squeezed
 
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pieces import DISC
-from scenes import built, case, everywhere, example, forces, smooth
+from samples import assert_close, deformations, rates, slope, vectors
+from scenes import DISC, built, case, everywhere, example, forces, smooth
 from test_forces import NO_ETA, SCENES, SOFT, approach, deform
-from test_laws import deformations, rates, slope, vectors
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
@@ -22,13 +21,6 @@ from cellmig.verify.specimens import RAMP, piece
 METHODS = ("stress", "viscous_stress", "director_stress", "active_stress")
 MATERIALS = [(name, method, by) for name, law in laws("material").items() for method in METHODS
              if hasattr(law, method) for by in ("F", "Fdot")[: 1 + (method == "viscous_stress")]]
-
-
-def assert_close(a: Any, b: Any, tolerance: float) -> None:
-    """Equal to `tolerance` of the largest value, which is not zero."""
-    scale = np.abs(b).max()
-    assert scale > 0.0
-    assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
 
 
 # ------------------------------------------------------------------------------------------------------ pointwise

@@ -1,0 +1,53 @@
+"""Arguments for formulas of laws, derivatives by differences, and equality to rounding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def deformations(n: int = 200) -> np.ndarray:
+    """Random F (2, 2, n) with stretch, shear and rotation: 0.3 < J, turns up to half a circle."""
+    rng = np.random.default_rng(1)
+    F = np.eye(2)[:, :, None] + 0.35 * rng.standard_normal((2, 2, 3 * n))
+    F = F[:, :, determinant(F) > 0.3][:, :, :n]
+    assert F.shape[2] == n
+    return np.einsum("ijn,jkn->ikn", rotations(n), F)
+
+
+def rotations(n: int, seed: int = 2) -> np.ndarray:
+    a = np.random.default_rng(seed).uniform(-np.pi, np.pi, n)
+    return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+
+
+def rates(n: int = 200) -> np.ndarray:
+    return np.random.default_rng(3).standard_normal((2, 2, n))
+
+
+def vectors(n: int = 200) -> np.ndarray:
+    return np.random.default_rng(4).standard_normal((2, n))
+
+
+def distances(law: Any) -> np.ndarray:
+    """Through cap and well to past the cutoff, without those two points."""
+    far = np.geomspace(3.01 * law.range, 1.5 * law.cutoff)
+    r = np.concatenate([np.linspace(-0.5, 3.0, 701) * law.range + 1.7e-6, far])
+    return r[(abs(r - law.cap) > 1e-4 * law.range) & (abs(r - law.cutoff) > 1e-3 * law.range)]
+
+
+def determinant(F: np.ndarray) -> np.ndarray:
+    return F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+
+
+def slope(function: Any, x: np.ndarray, step: float) -> np.ndarray:
+    """Derivative to fourth order in the step."""
+    near, far = function(x + step) - function(x - step), function(x + 2 * step) - function(x - 2 * step)
+    return (8 * near - far) / (12 * step)
+
+
+def assert_close(a: Any, b: Any, tolerance: float) -> None:
+    """Equal to `tolerance` of the largest value, which is not zero."""
+    scale = np.abs(b).max()
+    assert scale > 0.0
+    assert np.abs(np.asarray(a) - b).max() <= tolerance * scale, f"{np.abs(np.asarray(a) - b).max() / scale:.2e}"
