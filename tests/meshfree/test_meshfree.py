@@ -13,6 +13,9 @@ from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
 from cellmig.meshfree import rkpm
 from cellmig.meshfree.body import Template, template
+from cellmig.meshfree.contact import Surfaces
+from cellmig.meshfree.overlap import escaped
+from cellmig.solve.start import discretise
 
 RADIUS, RATIO = 5.0, 0.283
 COUNTS = [7, 19, 91, 150, 200, 331, 631, 1485]
@@ -243,3 +246,17 @@ def test_zigzag_that_the_gradient_hardly_sees_is_damped() -> None:
     v = np.random.default_rng(3).choice([-1.0, 1.0], (1485, 2))
     stress, stabilisation = dissipation(t, v)
     assert stabilisation > 2.0 * stress  # measured 7.6
+
+
+def test_a_particle_that_left_its_cell_is_noticed() -> None:
+    scene = discretise(case("all_protrude"))
+    surfaces, ids = Surfaces.of(scene), np.arange(scene.size)
+    x, places = scene.X[surfaces.ids], scene.X.copy()
+    assert escaped(surfaces, x, ids, scene.cell, places) is None
+    inner = int(np.setdiff1d(scene.surface(1)[0] + np.arange(-40, 40), surfaces.ids)[0])
+    places[inner] = scene.centre[scene.cell[inner]] + [0.0, -5.3]
+    found = escaped(surfaces, x, ids, scene.cell, places)
+    assert found.particle == inner and "a particle is 0.3 µm outside of the surface" in found.cause
+    half = ids >= scene.offset[1]
+    other = escaped(surfaces, x, ids[half], scene.cell[half], places[half])
+    assert (other is not None) == bool(half[inner])

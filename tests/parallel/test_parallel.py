@@ -13,9 +13,12 @@ from scenes import built, case
 
 from mpi4py import MPI
 
+from cellmig.case.messages import CaseError, Mistake
+from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.meshfree.contact import Surfaces, contact_lists
 from cellmig.parallel import shared
+from cellmig.parallel.collect import decided
 from cellmig.parallel.ghosts import GhostedField
 from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
@@ -140,7 +143,24 @@ def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
     assert all(np.array_equal(a, b) for b in comm.allgather(a))
 
 
-# ------------------------------------------------------------------------------------------------ swarm and ghosts
+# ------------------------------------------------------------------------------------- decisions, swarm and ghosts
+
+
+def test_what_rank_0_decides_is_the_same_bits_everywhere(comm: MPI.Comm) -> None:
+    law = laws("shape")["disc"](radius=3.0)
+    value = decided(comm, lambda: {"a": np.arange(10.0) + comm.rank, "law": law, "empty": np.zeros((0, 2)),
+                                   "turned": np.ones((3, 4)).T * comm.rank})
+    assert np.array_equal(value["a"], np.arange(10.0)) and value["law"] == law and value["empty"].shape == (0, 2)
+    assert not value["turned"].any()
+    value["a"] += 1.0  # it is this rank's own
+
+
+def test_what_fails_on_rank_0_fails_everywhere(comm: MPI.Comm) -> None:
+    def fail() -> None:
+        raise CaseError([Mistake("case.toml", None, "particles", f"rank {comm.rank}")])
+
+    with pytest.raises(CaseError, match=r"case\.toml: particles: rank 0"):
+        decided(comm, fail)
 
 
 def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:

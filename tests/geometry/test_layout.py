@@ -14,16 +14,11 @@ from scipy.spatial import Delaunay, cKDTree
 from mpi4py import MPI
 
 from cellmig.case.load import from_dict
-from cellmig.case.messages import CaseError, Mistake
 from cellmig.case.registry import laws
 from cellmig.geometry import polygons
 from cellmig.geometry.delaunay import areas, triangles
 from cellmig.geometry.disc import Disc, Layout
-from cellmig.kernel import layout as rows
 from cellmig.meshfree import rkpm
-from cellmig.meshfree.contact import Surfaces
-from cellmig.meshfree.overlap import escaped
-from cellmig.parallel.collect import decided
 from cellmig.solve.start import discretise
 
 MIRROR = np.array([-1.0, 1.0])
@@ -208,53 +203,7 @@ def test_points_of_a_circle_are_exact_mirror_images_from_the_lowest_one() -> Non
         assert np.abs(np.hypot(*p.T) - 1.0).max() < 1e-14  # measured 1e-15
 
 
-# --------------------------------------------------------------------------------------- what is there and what is not
-
-
-def test_neighbours_whose_gradients_are_zero_are_read_all_the_same() -> None:
-    scene = discretise(case("all_protrude"))
-    owned = np.flatnonzero(scene.X[:, 1] < 4.9)
-    expected = rows.number(scene, owned, owned[:0])
-    for t in scene.templates:
-        off = t.G.indices != np.repeat(np.arange(len(t.X)), np.diff(t.G.indptr))
-        t.G.data[off & (np.arange(t.G.nnz) % 3 > 0)] = 0.0
-    found = rows.number(scene, owned, owned[:0])
-    assert np.array_equal(found.ids, expected.ids) and found.n_rows == expected.n_rows
-    assert np.array_equal(found.shared, expected.shared)
-
-
-def test_a_particle_that_left_its_cell_is_noticed() -> None:
-    scene = discretise(case("all_protrude"))
-    surfaces, ids = Surfaces.of(scene), np.arange(scene.size)
-    x, places = scene.X[surfaces.ids], scene.X.copy()
-    assert escaped(surfaces, x, ids, scene.cell, places) is None
-    inner = int(np.setdiff1d(scene.surface(1)[0] + np.arange(-40, 40), surfaces.ids)[0])
-    places[inner] = scene.centre[scene.cell[inner]] + [0.0, -5.3]
-    found = escaped(surfaces, x, ids, scene.cell, places)
-    assert found.particle == inner and "a particle is 0.3 µm outside of the surface" in found.cause
-    half = ids >= scene.offset[1]
-    other = escaped(surfaces, x, ids[half], scene.cell[half], places[half])
-    assert (other is not None) == bool(half[inner])
-
-
 # ----------------------------------------------------------------------------------------- ranks, processors and orders
-
-
-def test_what_rank_0_decides_is_the_same_bits_everywhere(comm: MPI.Comm) -> None:
-    law = laws("shape")["disc"](radius=3.0)
-    value = decided(comm, lambda: {"a": np.arange(10.0) + comm.rank, "law": law, "empty": np.zeros((0, 2)),
-                                   "turned": np.ones((3, 4)).T * comm.rank})
-    assert np.array_equal(value["a"], np.arange(10.0)) and value["law"] == law and value["empty"].shape == (0, 2)
-    assert not value["turned"].any()
-    value["a"] += 1.0  # it is this rank's own
-
-
-def test_what_fails_on_rank_0_fails_everywhere(comm: MPI.Comm) -> None:
-    def fail() -> None:
-        raise CaseError([Mistake("case.toml", None, "particles", f"rank {comm.rank}")])
-
-    with pytest.raises(CaseError, match=r"case\.toml: particles: rank 0"):
-        decided(comm, fail)
 
 
 @pytest.mark.parametrize("name", ["all_protrude", "director_radial"])
