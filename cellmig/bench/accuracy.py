@@ -1,13 +1,11 @@
-"""`cellmig bench --error`: run time against error over what the method leaves to choose."""
+"""`cellmig bench --error`: run time against error for all numerical choices."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import random
 from collections.abc import Sequence
-from datetime import date
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -19,34 +17,34 @@ from mpi4py import MPI
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
-from cellmig.output.manifest import environment, page
 from cellmig.runs.run import stop_requests
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
 from . import modulus
 from .pareto import Point, draw, gains, levelled, pareto, time_at, verdict
-from .problems import PROBLEMS, Problem, Seen, Setting
+from .problems import PROBLEMS, Problem, Seen, Setting, columns
+from .speed import as_json, keep
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
          "cell": (150, 331, 631, 1485, 3000)}
 QUICK = {"disc": (91, 331, 631, 1485), "drop": (91, 331, 631, 1485), "cell": (91, 150, 331)}
-FINEST, QUICK_FINEST = 12000, 1485  # particles of the cell's own references
-# One thing changed at a time, at two sizes.
+FINEST, QUICK_FINEST = 12000, 1485  # particles of the reference runs of the cell
+# Single changes, at two sizes.
 SINGLE = {"dilation": (1.4, 1.6, 2.0, 2.6, 3.0), "step_factor": (0.4, 0.6, 0.95), "stabilisation": (0.0, 0.5, 2.0),
           "stiffening": (0.0, 0.25, 1.0, 2.0), "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2),
           "integrator": ("rk", "ssp", "bdf")}
-# All combinations, at all sizes: what may be picked for an accuracy, and the stabilisation, which matters most.
+# All combinations at all sizes: choices from which an accuracy is picked, and the stabilisation, which matters most.
 CROSSED = {"dilation": (1.8, 2.2), "step_factor": (0.8, 0.95), "modulus": (1.25, 5.0)}
 ALSO = {"dilation": (1.8, 2.2), "stabilisation": (0.25, 1.0), "stiffening": (0.5, 1.0)}
-SLOW_INTEGRATORS = 400  # particles of the cell above which PETSc's types are not run: minutes each
-PROBE = 1e6  # particle-steps that are timed after a run
+SLOW_INTEGRATORS = 400  # largest number of particles of the cell with PETSc's types, which take minutes
+PROBE = 1e6  # particle-steps of a time measurement
 
 
 class Stopwatch:
-    """CPU time per particle-step on a core as calm as it ever was: other programs slow memory and caches down.
+    """CPU time per particle-step, corrected for other programs that slow down memory and caches.
 
-    A yardstick, always the same scene, is timed beside each run; what it then took more than at its best is taken off.
+    A standard scene is timed beside each run; times are divided by its slowdown relative to its fastest measurement.
     """
 
     def __init__(self) -> None:
@@ -54,18 +52,18 @@ class Stopwatch:
         self.best = min(_probe(self._yardstick) for _ in range(20))
 
     def calm(self, sim: Simulation) -> float:
-        """Nanoseconds per particle-step of a scene, in the unit of the calmest moment."""
+        """Corrected nanoseconds per particle-step of a scene."""
         pairs = [(_probe(sim), _probe(self._yardstick)) for _ in range(3)]
         self.best = min(self.best, *(known for _, known in pairs))
         return min(ns * self.best / known for ns, known in pairs)
 
     def close(self) -> None:
-        """Free the yardstick."""
+        """Free the standard scene."""
         self._yardstick.destroy()
 
 
 def _probe(sim: Simulation) -> float:
-    """Nanoseconds of CPU per particle-step, in steps that move nothing."""
+    """Nanoseconds of CPU time per particle-step, in steps too short to change the state."""
     n = max(10, round(PROBE / sim.scene.size))
     begin = process_time()
     sim.mechanics.advance(n, 1e-12)
@@ -73,7 +71,7 @@ def _probe(sim: Simulation) -> float:
 
 
 def watch(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Point, Seen]:
-    """Run a problem under a setting; the point has no error yet.  Raises NumericsError."""
+    """Run a problem with a setting; the error of the point is not yet known.  Raises NumericsError."""
     sim = Simulation(problem.case(setting), MPI.COMM_SELF)
     try:
         problem.place(sim)
@@ -84,19 +82,15 @@ def watch(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Poi
             cpu += process_time() - begin
             seen.append(problem.watch(sim))
         n, steps = sim.scene.size, sim.integrator.steps + sim.integrator.redone
-        # PETSc's types take several evaluations a step and time in Python: theirs is what the run took.
+        # Steps of PETSc's types have several evaluations and parts in Python: the time of the run counts.
         ns = stopwatch.calm(sim) if sim.integrator.leapfrog else 1e9 * cpu / steps / n
-        return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), _columns(seen)
+        return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), columns(seen)
     finally:
         sim.destroy()
 
 
-def _columns(rows: Sequence[dict[str, float]]) -> Seen:
-    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
-
-
 def plan(quick: bool) -> list[tuple[Problem, Setting]]:
-    """All that is run, each once, in an order in which like runs do not follow each other."""
+    """All runs, each once, in random order, so that slow moments of the machine do not bias one setting."""
     found: dict[tuple[str, Setting], None] = {}
     for name, sizes in (QUICK if quick else SIZES).items():
         problem = PROBLEMS[name]
@@ -117,10 +111,10 @@ def plan(quick: bool) -> list[tuple[Problem, Setting]]:
 
 
 def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Seen], dict[str, float]]:
-    """Of problems that nobody knows the answer of: what their finest run saw, and how far it is known.
+    """Measurements of the finest run of problems without an exact solution, and their uncertainty [-].
 
-    The stabilisation is an error that goes with the spacing: the finest run has a quarter of the default's, and what
-    the default's changes at the same spacing is how far it is known.
+    Its stabilisation is a quarter of the default, whose error falls with the spacing; the uncertainty is the
+    difference from a run with the default.
     """
     found, uncertain = {}, {}
     finest = QUICK_FINEST if quick else FINEST
@@ -133,16 +127,16 @@ def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Seen], dict
 
 
 def bench_error(out: Path, quick: bool = False) -> int:
-    """Measure all, print the Pareto sets and what the defaults should be; write error.json, error.md and error.png.
+    """Measure all, print the Pareto sets and a verdict on the defaults; write error.json, error.md and error.png.
 
     Parameters
     ----------
     out : Path -- directory of the results.
-    quick : bool -- coarse particles, to try it out.
+    quick : bool -- coarse particles.
 
     Returns
     -------
-    int -- exit code: 0, or 75 if it was asked to stop.
+    int -- exit code: 0, or 75 after a signal to stop.
     """
     begin, stopwatch, points, failed = perf_counter(), Stopwatch(), [], []
     listed = plan(quick)
@@ -167,36 +161,33 @@ def bench_error(out: Path, quick: bool = False) -> int:
     stopwatch.close()
     points = levelled(points)
     reduced = modulus.continuation(quick)
-    text = "\n".join([*said(points, failed, uncertain), "", *modulus.said(reduced)])
-    print(f"\n{text}\n\n{clock(perf_counter() - begin)} in all")
-    write(out, points, failed, uncertain, reduced, text, quick)
+    write(out, points, failed, uncertain, reduced, quick)
+    print(f"{clock(perf_counter() - begin)} in all")
     return DONE
 
 
 def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float],
-          reduced: Sequence[modulus.Row], text: str, quick: bool) -> None:
-    """All points as JSON, what was said as Markdown, the picture, and what accuracies are picked from."""
-    out.mkdir(parents=True, exist_ok=True)
-    origin = {"command": f"cellmig bench --error{' --quick' * quick}", "date": date.today().isoformat(),
-              **environment(MPI.COMM_SELF)}
+          reduced: Sequence[modulus.Row], quick: bool) -> None:
+    """Print and write the tables, all points as JSON, the picture, and the menu of accuracies."""
     fronts = {name: pareto([p for p in points if p.problem == name]) for name in PROBLEMS}
     rows = [{"problem": p.problem, **dataclasses.asdict(p.setting), "steps": p.steps, "ns_per_particle_step": p.ns,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}
             for p in sorted(points, key=lambda p: (p.problem, p.cost))]
-    replace(out / "error.json", _json({"origin": origin, "reference_known_to": uncertain, "failed": failed,
-                                       "reduced_modulus": [dataclasses.asdict(row) for row in reduced],
-                                       "points": rows}))
-    replace(out / "accuracy.json", _json({"origin": origin, "points": menu(points, uncertain)}))
-    replace(out / "error.md", page("Run time against error: every Pareto set", origin["command"], origin, [text]))
+    found = {"reference_known_to": uncertain, "failed": failed,
+             "reduced_modulus": [dataclasses.asdict(row) for row in reduced], "points": rows}
+    command = f"cellmig bench --error{' --quick' * quick}"
+    origin = keep(out / "error", "Run time against error: every Pareto set", command, found, [
+        *said(points, failed, uncertain), "", *modulus.said(reduced)])
+    replace(out / "accuracy.json", as_json({"origin": origin, "points": menu(points, uncertain)}))
     draw(points, out / "error.png", uncertain)
-    print(*(out / name for name in ("error.json", "error.md", "error.png", "accuracy.json")), sep="\n")
+    print(out / "error.png", out / "accuracy.json", sep="\n")
 
 
 def menu(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str, Any]]:
-    """What an accuracy picks from: by kind the front of the points that change nothing but what it may change.
+    """The menu of accuracies: by kind of problem, the Pareto set of the points that change permitted choices only.
 
-    Below what the reference is known to an error says nothing: such points are held for no better than that.  Cells
-    that protrude break with a smaller dilation, which the problem that stands for them does not show.
+    Errors are at least the uncertainty of the reference.  Cells keep the default dilation, as protruding ones fail with
+    a smaller one, which this problem does not show.
     """
     rows = []
     for name, problem in PROBLEMS.items():
@@ -211,7 +202,7 @@ def menu(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str,
 
 
 def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> list[str]:
-    """The tables in Markdown, and the sentence on the defaults."""
+    """The tables in Markdown, and the verdict on the defaults."""
     lines = []
     for name, problem in PROBLEMS.items():
         own = [p for p in points if p.problem == name]
@@ -235,7 +226,3 @@ def _line(p: Point, default: Sequence[Point]) -> list[str]:
     parts = [f"{value:.2g}" for value in p.parts.values()]
     return [str(p.particles), p.setting.said, str(p.steps), f"{p.ns:.0f}", f"{p.cost:.3g}", f"{100 * p.error:.2f}",
             *parts, f"{time_at(default, p.error):.3g}"]
-
-
-def _json(tree: Any) -> str:
-    return json.dumps(tree, indent=1, ensure_ascii=False) + "\n"

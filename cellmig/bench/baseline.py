@@ -1,18 +1,19 @@
-"""What others would write: the internal force over CSR rows, in numpy and as a plain loop in C; and this core's limits.
+"""Plain implementations of the internal force over CSR rows, in numpy and as a loop in C, and the limits of a core.
 
-Both take the scene's own laws, neighbours and coefficients, in one precision, particle by particle; neither keeps
-accounts, damps compression nor knows surfaces.  They are what a ratio can be quoted against from any machine.
+Both have the laws, neighbours and coefficients of the scene, in double precision, without accounts, bulk damping and
+surfaces.  Ratios to their times can be compared between machines.
 """
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 from scipy import sparse
+
+from mpi4py import MPI
 
 from cellmig.kernel.codegen import Translator
 from cellmig.kernel.kernel import VECTORS
@@ -20,10 +21,10 @@ from cellmig.kernel.toolchain import loaded
 from cellmig.meshfree.body import Scene
 from cellmig.meshfree.rkpm import components
 
-_LEAST = 0.2  # s that are timed at a time
+from .timing import STILL, Watch
 
 _LOOP = """
-/* F += dt Ḟ, then V P, and -S v. */
+/* F += dt Ḟ, Q = V P(F, Ḟ), f = -S v. */
 void stress(long n, const long *first, const int *column, const double *G, const long *first_s,
             const int *column_s, const double *S, const double *V, const int *material, const double *const *p,
             const double *v, double dt, double *F, double *Q, double *f)
@@ -49,7 +50,7 @@ void stress(long n, const long *first, const int *column, const double *G, const
     }
 }
 
-/* f -= Gᵀ V P, H being -Gᵀ on the same pattern; then v and u. */
+/* f += H Q with H = -Gᵀ on the same pattern; v += dt f/m, u += dt v. */
 void kick(long n, const long *first, const int *column, const double *H, const double *Q, const double *inverse_mass,
           double dt, double *f, double *u, double *v)
 {
@@ -71,13 +72,13 @@ void kick(long n, const long *first, const int *column, const double *H, const d
 """
 
 _LIMITS = """
-/* a = b + s c, three times n doubles: 24 n bytes, 32 n with the line that is fetched before it is written. */
+/* a = b + s c with n doubles each: 24 n bytes, 32 n with the cache lines of a that are read before they are written. */
 void triad(long n, double *a, const double *b, const double *c)
 {
     for (long i = 0; i < n; i++) a[i] = b[i] + 3.0 * c[i];
 }
 
-/* 12 chains of n products and sums on vectors of four: 96 n operations. */
+/* 12 independent chains of n multiply-adds on vectors of four: 96 n operations. */
 double multiply_add(long n, double x)
 {
     v4 a[12], s = {0};
@@ -92,10 +93,10 @@ double multiply_add(long n, double x)
 
 
 class Baseline:
-    """The scene's internal force as CSR over all its particles."""
+    """The internal force of a scene over CSR rows of all its particles."""
 
     def __init__(self, scene: Scene):
-        """Prepare both."""
+        """Prepare both implementations."""
         self.materials, self.size = scene.materials, scene.size
         templates = [scene.templates[k] for k in scene.kind]
         G = sparse.block_diag([t.G for t in templates], "csr")
@@ -133,7 +134,7 @@ class Baseline:
         self._inverse_mass = 1.0 / self.mass
 
     def numpy_step(self, dt: float) -> None:
-        """One step in numpy and scipy."""
+        """A step [µs] in numpy and scipy."""
         Gx, Gy = self.G
         rate = np.stack([Gx @ self.v, Gy @ self.v], axis=-1)  # [i, component, direction]
         self.F += dt * rate
@@ -149,7 +150,7 @@ class Baseline:
         self.u += dt * self.v
 
     def loop_step(self, dt: float) -> None:
-        """One step in C."""
+        """A step [µs] in C."""
         p, n, step = _address, ctypes.c_long(self.size), ctypes.c_double(dt)
         self.library.stress(n, p(self._first), p(self._column), p(self._G), *map(p, self._stabilisation),
                             p(self.V), p(self.material), p(self._parameters), p(self.v), step, p(self.F), p(self.Q),
@@ -158,36 +159,20 @@ class Baseline:
                           p(self.force), p(self.u), p(self.v))
 
     def nanoseconds(self, step: Callable[[float], None], repeats: int) -> list[float]:
-        """Of a particle-step that moves nothing, measurement by measurement."""
-        return [1e9 * s / self.size for s in _seconds(lambda: step(1e-12), repeats)]
+        """Wall time of a particle-step [ns], by measurement, in steps too short to change the state."""
+        return Watch(MPI.COMM_SELF, self.size, repeats)(lambda n: [step(STILL) for _ in range(n)])["wall"]
 
     def limits(self, repeats: int) -> dict[str, list[float]]:
-        """Memory bandwidth of one core [GB/s] and operations that it can do [GFlop/s], measurement by measurement."""
-        n = 8_000_000
-        a, b, c = (np.ones(n) for _ in range(3))
+        """Memory bandwidth [GB/s] and floating-point rate [GFlop/s] of one core, by measurement."""
+        size, length, watch = 8_000_000, 1_000_000, Watch(MPI.COMM_SELF, 1, repeats)
+        arrays = [np.ones(size) for _ in range(3)]
         self.library.multiply_add.restype = ctypes.c_double
-        triad = _seconds(lambda: self.library.triad(ctypes.c_long(n), *map(_address, (a, b, c))), repeats)
-        many = 1_000_000
-        chains = _seconds(lambda: self.library.multiply_add(ctypes.c_long(many), ctypes.c_double(0.5)), repeats)
-        return {"bandwidth": [32e-9 * n / t for t in triad], "arithmetic": [96e-9 * many / t for t in chains]}
+        triad, _ = watch.seconds(lambda n: [self.library.triad(ctypes.c_long(size), *map(_address, arrays))
+                                            for _ in range(n)])
+        chains, _ = watch.seconds(lambda n: [self.library.multiply_add(ctypes.c_long(length), ctypes.c_double(0.5))
+                                             for _ in range(n)])
+        return {"bandwidth": [32e-9 * size / t for t in triad], "arithmetic": [96e-9 * length / t for t in chains]}
 
 
 def _address(a: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(a.ctypes.data)
-
-
-def _seconds(work: Callable[[], Any], repeats: int) -> list[float]:
-    """Wall seconds of one call."""
-    n, found = 1, []
-    while (spent := _time(work, n)) < _LEAST:
-        n = max(2 * n, round(1.2 * n * _LEAST / max(spent, 1e-6)))
-    for _ in range(repeats):
-        found.append(_time(work, n) / n)
-    return found
-
-
-def _time(work: Callable[[], Any], n: int) -> float:
-    begin = perf_counter()
-    for _ in range(n):
-        work()
-    return perf_counter() - begin

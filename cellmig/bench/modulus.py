@@ -1,7 +1,7 @@
-"""What the reduced bulk modulus of the fluid costs in accuracy: several moduli, extrapolated to one without bound.
+"""Error of the reduced bulk modulus k of the fluid, by Richardson extrapolation to the incompressible limit.
 
-In theory J - 1 = -p/k, and flow and shape miss the incompressible ones by a share of 1/k: order 1, and twice the result
-of 2k less that of k has none of it.  A modulus that took no part in this checks it.
+As J - 1 = -p/k, the error of flow and shape is of first order in 1/k: twice the result of 2k less that of k is free of
+it.  A run with another, larger modulus checks the extrapolation.
 """
 
 from __future__ import annotations
@@ -17,23 +17,22 @@ from mpi4py import MPI
 from cellmig.output.log import table
 from cellmig.simulation import Simulation
 
-from .problems import PROBLEMS, Problem, Seen, Setting
+from .problems import PROBLEMS, Problem, Seen, Setting, columns, rms
 
-MODULI, CHECK = (2.5, 5.0, 10.0, 20.0), 80.0  # MPa: each twice the one before, and that which checks
-ORDER = 1.0  # of 1/k, in theory
+MODULI, CHECK = (2.5, 5.0, 10.0, 20.0), 80.0  # [MPa]: each twice the one before; that of the check
+ORDER = 1.0  # expected, in 1/k
 SIZE, QUICK_SIZE = 1485, 331  # particles
 NAMES = ("drop", "cell")
-PEAKS = ("stress", "pressure")  # Pa; with peaks of less than a microsecond where a contact line advances
+PEAKS = ("stress", "pressure")  # [Pa], with short peaks where a contact line advances
 
 
 @dataclass(frozen=True)
 class Row:
-    """What the default modulus costs one quantity of a problem.
+    """Error of one quantity of a problem with the default modulus.
 
-    problem, quantity : str;  particles : int;  end, limit : at the end, with the default modulus and extrapolated [µm
-    or Pa];  orders : in 1/k, of each three moduli in a row;  error : of the default against what is extrapolated;
-    known : what is extrapolated against the modulus that checks.  The last two are root mean squares over time (of what
-    has peaks: medians), over that of the change since the start.
+    end, limit : values at the end, with the default modulus and extrapolated [µm or Pa];  orders : observed in 1/k, of
+    three consecutive moduli;  error : of the default, against the limit;  known : error of the extrapolation at the
+    modulus of the check.  Errors are root mean squares over time, medians for PEAKS, over those of the change [-].
     """
 
     problem: str
@@ -47,7 +46,7 @@ class Row:
 
 
 def continuation(quick: bool = False) -> list[Row]:
-    """Run the problems under all moduli; one row a quantity.  Raises NumericsError."""
+    """Run the problems with all moduli; a row for each quantity.  Raises NumericsError."""
     size = QUICK_SIZE if quick else SIZE
     return [row for name in NAMES
             for row in judge(PROBLEMS[name], size, {k: watch(PROBLEMS[name], Setting(size, modulus=k))
@@ -55,7 +54,7 @@ def continuation(quick: bool = False) -> list[Row]:
 
 
 def watch(problem: Problem, setting: Setting) -> Seen:
-    """What is seen of a problem at the start and at all its times, with mean effective stress and pressure [Pa]."""
+    """Measurements of a problem at the start and at all its times, with effective stress and pressure [Pa]."""
     sim = Simulation(problem.case(setting), MPI.COMM_SELF)
     try:
         problem.place(sim)
@@ -63,37 +62,37 @@ def watch(problem: Problem, setting: Setting) -> Seen:
         for time in problem.times:
             sim.go(time)
             rows.append(_look(problem, sim))
-        return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+        return columns(rows)
     finally:
         sim.destroy()
 
 
 def _look(problem: Problem, sim: Simulation) -> dict[str, float]:
-    """The pressure is its root mean square over the volume: its mean is that of the surface alone."""
+    """Measurements now; the pressure is a root mean square, as its mean depends on surface forces alone."""
     stress = sim.sample()[0][1]["effective_stress_pa"]
     pressure = np.average(sim.sampler.stresses()["pressure"] ** 2, weights=sim.sampler.V)
     return problem.watch(sim) | {"stress": stress, "pressure": float(np.sqrt(pressure))}
 
 
 def extrapolated(at: Mapping[float, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Limit of values at several moduli, and what 1/k multiplies, from the two largest moduli."""
+    """Limit of values for infinite k, and their slope in 1/k, from the two largest moduli."""
     less, most = sorted(at)[-2:]
     slope = (at[less] - at[most]) / (1.0 / less - 1.0 / most)
     return at[most] - slope / most, slope
 
 
 def orders(at: Mapping[float, np.ndarray], size: Callable[[np.ndarray], float]) -> tuple[float, ...]:
-    """Orders in 1/k that the sizes of differences from modulus to modulus, each twice the last, show."""
+    """Observed orders in 1/k, from the sizes of the differences between consecutive moduli."""
     moduli = sorted(at)
     steps = [size(at[a] - at[b]) for a, b in pairwise(moduli)]
     return tuple(float(np.log2(a / b)) if a * b else float("nan") for a, b in pairwise(steps))
 
 
 def judge(problem: Problem, particles: int, seen: Mapping[float, Seen]) -> list[Row]:
-    """One row a quantity, of what was seen under each modulus and under that which checks."""
+    """A row for each quantity, from measurements `seen` with each modulus."""
     default, rows = Setting().modulus, []
     for quantity in seen[default]:
-        size = _median if quantity in PEAKS else _rms
+        size = _median if quantity in PEAKS else rms
         at = {k: seen[k][quantity] for k in MODULI}
         limit, slope = extrapolated(at)
         change = size(limit - limit[0])
@@ -103,16 +102,12 @@ def judge(problem: Problem, particles: int, seen: Mapping[float, Seen]) -> list[
     return rows
 
 
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))
-
-
 def _median(x: np.ndarray) -> float:
     return float(np.median(np.abs(x)))
 
 
 def said(rows: Sequence[Row]) -> list[str]:
-    """The table in Markdown, and what it means."""
+    """The table in Markdown, and its largest error."""
     lines = [[row.problem, row.quantity, f"{row.end:.6g} {'Pa' if row.quantity in PEAKS else 'µm'}",
               f"{row.limit:.6g}", ", ".join(f"{p:.2f}" for p in row.orders), f"{100 * row.error:.2g}",
               f"{100 * row.known:.2g}"] for row in rows]

@@ -1,4 +1,4 @@
-"""Time against error: which points no other beats, what a setting gains over the defaults, and the picture."""
+"""Run time against error: Pareto sets, gains over the defaults, and the picture."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from cellmig.plot.style import COLOURS, STYLE, save
 
 from .problems import PROBLEMS, Setting
 
-# Nanoseconds of CPU per particle and evaluation of forces of other codes, at 4,500 particles in 2D on one core.
+# CPU time [ns] per particle and evaluation of forces of other codes, with 4,500 particles in 2D on one core.
 PEERS = {"SPHinXsys": 504.0, "mfree_iwf": 4800.0}
-PAYS = 1.1  # a gain below is as small as times scatter, and not worth that every run has other bits
-# Changes that gain here and lose on whole scenes or in what is not looked at here: docs/error.md has the measurements.
+PAYS = 1.1  # smaller gains are within the scatter of times, and do not justify other results of every run
+# Changes that gain on these problems, but lose on whole scenes or in other quantities (docs/error.md).
 UNFIT = {"stabilisation": "with less, scenes at three times the protrusion break", "dilation": "the same",
          "stiffening": "with more, bending is too stiff", "step_factor": "with more, less of the energy adds up"}
 
 
 @dataclass(frozen=True)
 class Point:
-    """One run that was timed.
+    """A timed run.
 
-    problem : str;  setting : what was chosen;  particles, steps : int;  ns : CPU time per particle-step on a calm
-    core;  cpu : seconds of all steps as they were;  error : [-];  parts : of the error, by name.
+    setting : numerical choices;  ns : corrected CPU time per particle-step [ns];  cpu : measured time of all steps [s];
+    error : [-];  parts : of the error, by name.
     """
 
     problem: str
@@ -45,12 +45,12 @@ class Point:
 
     @property
     def cost(self) -> float:
-        """Seconds of one core: steps x particles x time of each."""
+        """CPU time on one core [s]: steps × particles × time of each."""
         return 1e-9 * self.steps * self.particles * self.ns
 
 
 def pareto(points: Sequence[Any]) -> list[Any]:
-    """The points that no other beats in both cost and error, by cost; of equals the first."""
+    """The points for which no other has both smaller cost and smaller error, ordered by cost."""
     best: list[Any] = []
     for point in sorted(points, key=lambda p: (p.cost, p.error)):
         if not best or point.error < best[-1].error:
@@ -59,9 +59,9 @@ def pareto(points: Sequence[Any]) -> list[Any]:
 
 
 def time_at(curve: Sequence[Any], error: float) -> float:
-    """Time [s] that a curve of points takes to an error, linear in the logarithms and on beyond its ends.
+    """Time [s] to an error, by linear inter- and extrapolation of the logarithms along the Pareto set of a curve.
 
-    Of a curve that is not monotonic the front counts; nan with fewer than two points.
+    It is nan with fewer than two points.
     """
     front = pareto(curve)
     if len(front) < 2:
@@ -73,16 +73,16 @@ def time_at(curve: Sequence[Any], error: float) -> float:
 
 
 def gain(points: Sequence[Point], changes: dict[str, Any]) -> float:
-    """How many times as long the defaults take to the same error, median over the sizes measured; nan if none is."""
+    """Time of the defaults to the same error over that with changes, median over sizes; nan without points."""
     default = [p for p in points if not p.setting.changes]
     found = [time_at(default, p.error) / p.cost for p in points if p.setting.changes == changes]
     return float(np.median(found)) if found else float("nan")
 
 
 def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float]]]:
-    """For each change of the defaults the gain by problem, best first: that of the worst problem counts.
+    """Gain by problem of each change of the defaults, ordered by the smallest gain of all problems, best first.
 
-    A choice that means nothing for a problem is left out of the change there.
+    Choices that do not apply to a problem are left out of the change there.
     """
     changes = {repr(p.setting.changes): p.setting.changes for p in points if p.setting.changes}
     rows = []
@@ -98,9 +98,9 @@ def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float
 
 
 def levelled(points: Sequence[Point]) -> list[Point]:
-    """The points with one time per particle-step for all whose steps do the same work: the median, as times scatter.
+    """The points, with the median time per particle-step of all points whose steps do the same work, as times scatter.
 
-    Problem, size, dilation and integrator make that work, and terms that are left out because their factor is zero.
+    Problem, size, dilation and integrator determine the work, and terms that are absent because their factor is zero.
     """
     def work(p: Point) -> tuple:
         s = p.setting
@@ -114,7 +114,7 @@ def levelled(points: Sequence[Point]) -> list[Point]:
 
 
 def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
-    """What is best by the numbers, and the sentence that names the setting which the defaults should be."""
+    """Sentences that name the best setting by these numbers, and the one which should be the default."""
     paying = [row for row in rows if min(row[1].values()) >= PAYS]
     fit = [row for row in paying if not set(row[0]) & set(UNFIT)]
     told = "The defaults should stay: no change of them that was measured gains time on every problem."
@@ -134,7 +134,7 @@ def _gained(row: tuple[dict[str, Any], dict[str, float]]) -> str:
 
 
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
-    """Log time against log error of each problem: all points, the front, the defaults, other codes."""
+    """Draw error against time of each problem: all points, Pareto set, defaults, other codes."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10.5, 4.6), layout="constrained")
         axes = figure.subplots(1, len(PROBLEMS))
@@ -153,7 +153,7 @@ def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> No
 
 
 def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
-    """The front is a staircase: between its points nothing that was measured is as good as a line would promise."""
+    """Draw a problem; the Pareto set is a staircase, since lines between its points would claim too much."""
     front, default = pareto(points), sorted((p for p in points if not p.setting.changes), key=lambda p: p.cost)
     implicit = [p for p in points if p.setting.integrator in IMPLICIT]
     for some, style in ((points, {"marker": ".", "ls": "", "color": "0.65", "mew": 0, "label": "all settings"}),
@@ -176,7 +176,7 @@ def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
 
 
 def _peers(ax: Axes, default: Sequence[Point]) -> None:
-    """Our default discretisations at what a particle costs other codes: an offset in time, no run of theirs."""
+    """Draw the defaults with the times per particle of other codes: an offset in time, not runs of these codes."""
     curve = sorted(default, key=lambda p: p.cost)
     for (name, ns), colour, dashes in zip(PEERS.items(), COLOURS[2:], ("--", "-."), strict=False):
         ax.plot([1e-9 * ns * p.steps * p.particles for p in curve], [100.0 * p.error for p in curve], ls=dashes, lw=1.0,

@@ -1,8 +1,8 @@
-"""Problems with a known answer, on which run time is weighed against error: elastic, fluid, a cell on its substrate."""
+"""Problems whose solution is known, for measurements of run time against error: elastic, fluid, a spreading cell."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -14,7 +14,7 @@ from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.case.values import declared
 from cellmig.laws import register
-from cellmig.runs.cases import FOLDER
+from cellmig.runs.cases import FOLDER, fluid_drop
 from cellmig.simulation import Simulation
 
 CELL = 5.0  # radius [µm]
@@ -23,10 +23,10 @@ Seen = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Setting:
-    """What the method leaves to choose.
+    """Numerical choices.
 
-    per_cell : particles;  dilation : of the kernel;  integrator : "leapfrog" or a type of PETSc's TS;  step_factor : of
-    the stable step;  stabilisation : its viscosity over the default of the law;  stiffening : of the nucleus, over G;
+    per_cell : particles;  dilation : of the kernel;  integrator : "leapfrog" or a type of PETSc's TS;  step_factor :
+    step over the stable one;  stabilisation : its viscosity over the default of the law;  stiffening : of the nucleus;
     modulus : reduced bulk modulus [MPa];  bulk_viscosity : over ρ c h.
     """
 
@@ -41,7 +41,7 @@ class Setting:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What differs from the defaults, but for the number of particles."""
+        """Choices other than the defaults, without the number of particles."""
         return {f.name: getattr(self, f.name) for f in fields(self)[1:] if getattr(self, f.name) != f.default}
 
     @property
@@ -52,12 +52,11 @@ class Setting:
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem.
+    """A problem.
 
-    name, kind, title : str;  tree : () -> tables of its case;  times : when it is looked at [µs];
-    watch : what is seen of a simulation, by name;  judge : the error [-] and its parts, of what was seen at all times
-    and, where nobody knows the answer, of what the finest run saw;  start : displacement gradient at the start;
-    without : choices that mean nothing for it.
+    tree : returns the tables of its case;  times : of measurements [µs];  watch : measures quantities of a simulation,
+    by name;  judge : error [-] and its parts, from the times, the measurements and those of the finest run, which are
+    the reference where `own`;  start : initial displacement gradient;  without : choices that do not apply.
     """
 
     name: str
@@ -72,7 +71,7 @@ class Problem:
     own: bool = False
 
     def case(self, setting: Setting) -> Case:
-        """Its case under a setting."""
+        """The case with a setting."""
         tree = self.tree()
         tree["time"] |= {"end": f"{self.times[-1]:.9g} us", "integrator": setting.integrator,
                          "step_factor": setting.step_factor}
@@ -88,7 +87,7 @@ class Problem:
         return from_dict(tree, f"{self.name}.toml")
 
     def place(self, sim: Simulation) -> None:
-        """Give the particles their displacement at the start."""
+        """Set the initial displacements."""
         if self.start is not None:
             m = sim.mechanics
             centre = sim.scene.centre[0]
@@ -104,20 +103,16 @@ def _resolved(name: str) -> dict:
 
 
 def _disc() -> dict:
-    """The nucleus, alone and at rest."""
+    """The nucleus alone, at rest."""
     tree = _resolved("nucleus")
     tree["cells"][0].pop("velocity_gradient")
     return tree
 
 
 def _drop() -> dict:
-    """The cytoplasm, alone."""
-    tree = _resolved("one_cell")
-    for key in ("adhesion", "protrusion"):
-        tree.pop(key, None)
-    del tree["materials"]["nucleus"], tree["cells"][0]["nucleus"], tree["cells"][0]["nucleus_ratio"]
-    stretching = [["0.02 /us", "0 /us"], ["0 /us", "-0.02 /us"]]
-    tree["cells"][0] |= {"centre": ["0 um", "0 um"], "velocity_gradient": stretching}
+    """A drop of the cytoplasm that stretches."""
+    tree = fluid_drop(_resolved("one_cell"))
+    tree["cells"][0]["velocity_gradient"] = [["0.02 /us", "0 /us"], ["0 /us", "-0.02 /us"]]
     return tree
 
 
@@ -127,7 +122,7 @@ def _cell() -> dict:
 
 
 def semi_axes(sim: Simulation) -> dict[str, float]:
-    """Half the width and the height of a disc by the material points at 0 and 90 degrees, interpolated [µm]."""
+    """Semi-axes a and b of a disc [µm], from the displacements of the points of its rim at 0 and 90 degrees."""
     m, surface = sim.mechanics, sim.scene.surface(0)
     at = np.argsort(m.ids)[surface]
     X = sim.scene.X[surface] - sim.scene.centre[0]
@@ -137,28 +132,28 @@ def semi_axes(sim: Simulation) -> dict[str, float]:
 
 
 def _at(angle: np.ndarray, values: np.ndarray, where: float) -> float:
-    """Values at even angles, interpolated by the trigonometric polynomial through them."""
+    """Trigonometric interpolation of values at equally spaced angles."""
     c = np.fft.fft(values) / len(values)
     k = np.fft.fftfreq(len(values), 1.0 / len(values))
     return float(np.real(c @ np.exp(1j * k * (where - angle[0]))))
 
 
 def spreading(sim: Simulation) -> dict[str, float]:
-    """Length of contact with the substrate, height, and height of the centre of a cell [µm]."""
+    """Contact length with the substrate, height and height of the centre of mass of a cell [µm]."""
     row = sim.sample()[0][1]
     y = sim.mechanics.surface_positions()[:, 1]
     return {"contact": row["substrate_contact_um"], "height": float(np.ptp(y)), "centre": row["y_um"]}
 
 
 def ringing(t: np.ndarray) -> np.ndarray:
-    """a2(t) of the released nucleus [µm], by high-order finite elements, to 2e-4."""
+    """Half of a - b [µm] of the released nucleus at times t (n,) [µs]: finite elements of high order, to 2e-4."""
     return 3.8e-5 + 0.06368 * np.cos(3.5659 * t) + 0.00637 * np.cos(7.2372 * t) + 3.4e-4 * np.cos(12.32 * t)
 
 
 def judge_disc(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
-    """Root mean square over time of what a2 misses, over that of a2; the error of its first mode by a fit.
+    """Root mean square error over time of half of a - b, over that of the exact solution.
 
-    `amplitude` and `frequency` are relative; `decay` [1/µs] should be zero.
+    Parts are the relative errors of amplitude and frequency of the fitted first mode, and its decay [1/µs].
     """
     a2, exact = 0.5 * (seen["a"] - seen["b"]), ringing(t)
 
@@ -166,27 +161,33 @@ def judge_disc(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
         return np.exp(-p[2] * t) * (p[0] * np.cos(p[1] * t) + 0.00637 * np.cos(2.0296 * p[1] * t)) - a2
 
     amplitude, frequency, decay = least_squares(missed, (0.06368, 3.5659, 0.0)).x
-    return {"error": _rms(a2 - exact) / _rms(exact), "amplitude": float(amplitude / 0.06368 - 1.0),
+    return {"error": rms(a2 - exact) / rms(exact), "amplitude": float(amplitude / 0.06368 - 1.0),
             "frequency": float(frequency / 3.5659 - 1.0), "decay": float(decay)}
 
 
 def judge_drop(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
-    """Largest error of each semi-axis at 1, 2 and 5 µs over the displacement at the end; the error is the larger."""
-    exact = {"a": (5.08760, 5.15571, 5.28614), "b": (4.91357, 4.84742, 4.72173)}  # to 1e-5, high-order finite elements
+    """Largest error of both semi-axes at 1, 2 and 5 µs, over the displacement at the end."""
+    exact = {"a": (5.08760, 5.15571, 5.28614), "b": (4.91357, 4.84742, 4.72173)}  # finite elements, to 1e-5
     parts = {name: float(np.abs(seen[name] - exact[name]).max()) / 0.28614 for name in exact}
     return {"error": max(parts.values()), **parts}
 
 
 def judge_cell(t: np.ndarray, seen: Seen, finest: Seen | None) -> dict[str, float]:
-    """Root mean square over time of what each misses, over that of its change; the error is their mean."""
+    """Mean of the relative errors of all quantities: root mean squares over time, over those of their change."""
     if finest is None:
         return {"error": float("nan")}
     first = {"contact": 0.0, "height": 2.0 * CELL, "centre": CELL + 0.01}
-    parts = {name: _rms(seen[name] - finest[name]) / _rms(finest[name] - first[name]) for name in first}
+    parts = {name: rms(seen[name] - finest[name]) / rms(finest[name] - first[name]) for name in first}
     return {"error": float(np.mean(list(parts.values()))), **parts}
 
 
-def _rms(x: np.ndarray) -> float:
+def columns(rows: Sequence[dict[str, float]]) -> Seen:
+    """Measurements at several times, as an array for each quantity."""
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+def rms(x: np.ndarray) -> float:
+    """Root mean square of x (n,), in its unit."""
     return float(np.sqrt(np.mean(np.square(x))))
 
 

@@ -1,14 +1,14 @@
-"""`cellmig bench --scaling`: a model of what a step costs on many ranks, its constants measured here, what it says.
+"""`cellmig bench --scaling`: a model of the cost of a step on many ranks, its constants, its predictions.
 
-A step of a rank with m own particles of N takes, in nanoseconds,
+The time of a step of a rank with m of N particles is, in nanoseconds,
 
-    row(m) (m + extra) + surface(m)                     compute: the own rows, and those that are computed twice
-    + latency + byte x 32 copies                        copies of others' particles, once a step
-    + [look m + hop log2 P] / LOOK                      step control: extremes of F and gaps over all ranks
-    + [near S_own + far S] / RENEW                      search lists: own surfaces, and the places of all S
+    row(m) (m + extra) + surface(m)                     compute: own rows, and rows computed on two ranks
+    + latency + byte x 32 copies                        exchange of ghosts, once a step
+    + [look m + hop log2 P] / LOOK                      step control: reductions of F and gaps
+    + [near S_own + far S] / RENEW                      search lists: own and all surface particles
 
-Cells stay whole while a rank has one or more; smaller parts have rows and copies along their cuts.  Cells of a kind
-share their coefficients: few large bodies, whose coefficients stream from memory, are not what this is of.
+Cells stay whole while a rank has one or more; smaller parts have common rows and ghosts along their cuts.  The model
+is for many cells that share coefficients, not for few large bodies, whose coefficients stream from memory.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from .timing import SURFACE, Scene
 PER_CELL = 1500
 ROWS = tuple(Scene(cells, PER_CELL) for cells in (1, 3, 12, 67))  # whole cells, each also on 2 and 4 ranks
 CUT = (Scene(1, 6000), Scene(1, 24_000))
-LARGE = Scene(335, PER_CELL)  # beyond all caches
-LOOK, RENEW = 200, 555  # steps between two looks at the step and two renewals of lists, in the paper's main scene
-BYTES = 32  # of a copy
-NETWORK = (2.0e3, 1.0)  # assumed between nodes: latency [ns], and ns per byte of a rank when all ranks of a node send
+LARGE = Scene(335, PER_CELL)  # larger than all caches
+LOOK, RENEW = 200, 555  # steps per step control and per renewal of search lists, in the paper's main scene
+BYTES = 32  # of a ghost
+NETWORK = (2.0e3, 1.0)  # assumed between nodes: latency [ns], and [ns per byte] of a rank while all ranks send
 RANKS = (1, 16, 64, 256, 1024, 10_000)  # of predictions
 NODE = 64  # assumed: ranks of a node
-MEMORY = 4e9  # assumed: bytes for each rank
-SIDE = 25.0  # copies where two cells touch, of cells of 1,500 particles (what probes of cells in a row find)
+MEMORY = 4e9  # assumed: memory of each rank [B]
+SIDE = 25.0  # ghosts where two cells of 1,500 particles touch, measured for cells in a row
 
 
 @dataclasses.dataclass(frozen=True)
 class Constants:
-    """What was measured: `row` [ns] by `size` [particles of a rank]; `extra`, `copies` per particle along a cut.
+    """Measured constants: `row` [ns] by `size` [particles of a rank]; `extra`, `copies` per particle along a cut.
 
     surface [ns per own surface particle];  latency [ns], byte [ns per byte] of messages on this machine;  look [ns per
-    own particle], hop [ns per doubling of ranks];  near, far [ns per surface particle];  own_bytes, all_bytes : memory
-    of a rank per own particle and per particle of the scene, base_bytes : that of the program.
+    own particle], hop [ns per doubling of ranks];  near, far [ns per own surface particle, per surface particle of the
+    scene];  own_bytes, all_bytes, base_bytes : memory of a rank per own particle, per particle of the scene, and fixed.
     """
 
     size: tuple[float, ...]
@@ -69,10 +69,10 @@ class Constants:
 
 
 def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
-    """Constants by least squares, none negative, over probes on 1, 2 and 4 ranks.
+    """Constants by nonnegative least squares over probes on 1, 2 and 4 ranks.
 
-    Compute is CPU time, as it is the same where ranks share a core; exchange, looks and lists are wall time, of probes
-    whose ranks have a core each.
+    Compute is CPU time, which does not depend on whether ranks share a core; the others are wall times of probes whose
+    ranks have a core each.
     """
     alone = sorted((p for p in probes if p["ranks"] == 1), key=lambda p: p["particles"])
     row = [median(p["ns"]["stress"]["cpu"]) + median(p["ns"]["divergence"]["cpu"]) for p in alone]
@@ -96,7 +96,7 @@ def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
 
 
 def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
-    """Factors that are not negative, of columns weighted so that each value counts by its ratio."""
+    """Nonnegative factors of columns that minimise relative errors."""
     from scipy.optimize import nnls
 
     a, b = np.array(rows, float), np.array(values, float)
@@ -104,16 +104,16 @@ def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> 
 
 
 def _cuts(particles: float, parts: float) -> float:
-    """Particles along the cuts of one part of a disc: of slices that are thick enough, else of squares."""
+    """Particles along the cuts of a part of a disc: the smaller number of slices and of squares."""
     across = 2.0 * math.sqrt(particles / math.pi)
     return min(2.0 * (parts - 1.0) / parts * across, 4.0 * math.sqrt(particles / parts))
 
 
 def predicted(c: Constants, particles: float, ranks: float, per_cell: float = PER_CELL,
               network: tuple[float, float] | None = None) -> dict[str, float]:
-    """Nanoseconds of a step by part, and bytes of memory of a rank; `network` : latency [ns] and ns per byte.
+    """Time of a step by part [ns], and memory of a rank [B].
 
-    Where it is not given, that of this machine up to a node's ranks, and the one assumed between nodes beyond.
+    network : latency [ns] and [ns per byte], by default those of this machine within a node, else NETWORK.
     """
     own, whole = particles / ranks, particles / ranks >= per_cell
     cut = 0.0 if whole or ranks == 1 else _cuts(per_cell, per_cell / own)
@@ -181,13 +181,13 @@ def _compared(c: Constants, p: dict[str, Any]) -> list[str]:
     step = 1e-3 * median(p["ns"]["step"]["wall"]) * p["particles"]
     near = 1e3 * median(p["us"]["exchange"]) if p["ranks"] > 1 else 0.0
     parts = predicted(c, p["particles"], p["ranks"], p["per_body"], (near, 0.0))
-    model = 1e-3 * (parts["compute"] + parts["exchange"])  # a step alone: without looks and lists
+    model = 1e-3 * (parts["compute"] + parts["exchange"])  # probes have neither step control nor search lists
     return [str(p["particles"]), str(p["bodies"]), str(p["ranks"]), f"{step:.0f}", f"{model:.0f}",
             f"{model / step:.2f}"]
 
 
 def _prediction(c: Constants, particles: float, ranks: float, ideal: float) -> list[str]:
-    """A line of the tables; `ideal` : the step if nothing were lost to one rank [ns]."""
+    """A line of the tables; `ideal` : time of the step at perfect efficiency [ns]."""
     many = predicted(c, particles, ranks)
     share = [f"{100.0 * many[part] / many['step']:.2g} %" for part in ("exchange", "control", "lists")]
     fits = "" if many["bytes"] < MEMORY else " (more than there is)"

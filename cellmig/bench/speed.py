@@ -1,4 +1,4 @@
-"""`cellmig bench`: what a step costs, term by term, against what others would write and what the machine can do."""
+"""`cellmig bench`: cost of a step by term, against plain implementations and the limits of the machine."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ PAPER = Scene(3, 1485)
 SCENES = ((PAPER, (1, 2)), (Scene(3, 6700), (1, 2)), (Scene(1, 100_000, False), (1, 2)),
           (Scene(1, 100_000, True), (1, 2)), (Scene(67, 1500), (1, 2)), (Scene(670, 1500), (1, 2)))
 REPEATS = 7
-OPERATIONS = 20.0  # of a neighbour in the internal force: eight products and sums for F and f, two for S
+OPERATIONS = 20.0  # floating-point operations of a neighbour in the internal force: 8 each for F and f, 4 for S
 TERMS = ("stress", "divergence", "substrate", "contact", "protrusion")
 
 
 def bench_speed(out: Path, quick: bool = False) -> int:
-    """Measure, print the tables, write speed.json and speed.md; each scene in processes of its own.
+    """Measure each scene in processes of its own, print the tables, write speed.json and speed.md.
 
     Parameters
     ----------
@@ -59,19 +59,25 @@ def bench_speed(out: Path, quick: bool = False) -> int:
     return DONE
 
 
-def keep(place: Path, title: str, command: str, found: dict[str, Any], lines: Sequence[str]) -> None:
-    """Print what is said, and write it as a page of tables, and what a command found as JSON, to `place`.md, .json."""
+def keep(place: Path, title: str, command: str, found: dict[str, Any], lines: Sequence[str]) -> dict[str, Any]:
+    """Print the lines of tables; write them to `place`.md and all numbers to `place`.json; returns their origin."""
     origin = {"command": command, "date": date.today().isoformat(), **environment(MPI.COMM_SELF)}
     data, text = place.with_suffix(".json"), place.with_suffix(".md")
     print("", *lines, sep="\n")
     place.parent.mkdir(parents=True, exist_ok=True)
-    replace(data, json.dumps({"origin": origin} | found, indent=1, ensure_ascii=False) + "\n")
+    replace(data, as_json({"origin": origin} | found))
     replace(text, page(title, command, origin, lines))
     print(data, text, sep="\n")
+    return origin
+
+
+def as_json(tree: Any) -> str:
+    """Text of a JSON file."""
+    return json.dumps(tree, indent=1, ensure_ascii=False) + "\n"
 
 
 def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = False) -> dict[str, Any]:
-    """What `probe` finds of a scene on some ranks, in processes of its own."""
+    """Result of `probe` for a scene, in processes of its own."""
     asked = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
     command = [*PYTHON, "-m", "cellmig.bench.timing", asked]
     if ranks > 1:
@@ -80,7 +86,7 @@ def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = Fa
 
 
 def starts() -> dict[str, float]:
-    """Wall seconds of a first run that takes no step to speak of, which compiles, and of a second."""
+    """Wall time [s] of a run of 1 ns that compiles the kernel, and of a second one."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         command = [*PYTHON, "-m", "cellmig", "run", str(FOLDER / "all_protrude.toml"), "--until", "1 ns",
@@ -101,7 +107,7 @@ def _done(command: Sequence[str], more: dict[str, str] | None = None) -> str:
 
 
 def said(found: dict[str, Any]) -> list[str]:
-    """The tables in Markdown: medians, and how far quarters of the measurements lie apart."""
+    """The tables in Markdown: medians and interquartile ranges."""
     probes, first = found["probes"], found["probes"][0]
     lines = [f"{processor()}; medians of {REPEATS}; ns per particle-step of wall time unless said", "",
              *table(["particles", "bodies", "coefficients", "ranks", "step", "CPU, all ranks", "internal force", *TERMS,
@@ -125,7 +131,7 @@ def said(found: dict[str, Any]) -> list[str]:
 
 
 def internal(probe: dict[str, Any], time: str = "wall") -> float:
-    """Nanoseconds of the internal force per particle-step."""
+    """Median nanoseconds of the internal force per particle-step; `time` : "wall" or "cpu"."""
     return median(probe["ns"]["stress"][time]) + median(probe["ns"]["divergence"][time])
 
 
@@ -140,7 +146,7 @@ def _line(p: dict[str, Any]) -> list[str]:
 
 
 def _scaling(probes: Sequence[dict[str, Any]]) -> str:
-    """How much of twice the speed two ranks reach."""
+    """Parallel efficiency of two ranks."""
     alone = {(p["bodies"], p["per_body"], p["single"]): median(p["ns"]["step"]["wall"]) for p in probes
              if p["ranks"] == 1}
     parts = [f"{p['particles']} in {p['bodies']} ({'single' if p['single'] else 'double'}): "

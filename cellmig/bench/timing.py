@@ -1,4 +1,4 @@
-"""One scene timed: its step, its terms, exchange and output.  A process of `cellmig bench`, on ranks of its own.
+"""Timing of one scene: step, terms, exchange and output, as a process of `cellmig bench` with its own ranks.
 
 ``mpiexec -n 2 python -m cellmig.bench.timing '{"bodies": 3, "per_body": 1485}'`` prints one line of JSON.
 """
@@ -30,16 +30,16 @@ from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import binding
 
-STILL = 1e-12  # µs: a step that moves nothing
-LEAST = 0.05  # s that are timed at a time, at least
+STILL = 1e-12  # a step too short to change the state [µs]
+LEAST = 0.05  # shortest measurement [s]
 SURFACE = {"substrate": "substrate_adhesion", "contact": "cell_adhesion"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """Cells of the paper in a row, all of which protrude.
+    """A row of the paper's cells, which all protrude.
 
-    bodies, per_body : int;  single : whether coefficients are in single precision, None as a run would choose.
+    bodies : cells;  per_body : particles of each;  single : of coefficients in single precision, None as in runs.
     """
 
     bodies: int
@@ -48,11 +48,11 @@ class Scene:
 
     @property
     def particles(self) -> int:
-        """How many, but for a few."""
+        """Nominal number of particles."""
         return self.bodies * self.per_body
 
     def case(self) -> Case:
-        """Its case."""
+        """The case."""
         register()
         tree = load(FOLDER / "paper.toml", (f"particles.per_cell={self.per_body}",)).resolved()
         cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": [self.bodies], "pitch": [["-10.01 um", "0 um"]]}
@@ -62,13 +62,13 @@ class Scene:
 
 
 class Watch:
-    """Wall time of the slowest rank and CPU time of all ranks per particle-step [ns], of things done many times."""
+    """Measures wall time of the slowest rank and CPU time of all ranks, of work that is repeated."""
 
     def __init__(self, comm: MPI.Comm, particles: int, repeats: int):
         self.comm, self.particles, self.repeats = comm, particles, repeats
 
     def seconds(self, work: Callable[[int], Any]) -> tuple[list[float], list[float]]:
-        """Wall and CPU seconds of `work(1)`, measurement by measurement; collective."""
+        """Wall and CPU time [s] of one repetition, by measurement; `work(n)` does n; collective."""
         n, wall, cpu = 1, [], []
         while (spent := self._once(work, n)[0]) < LEAST:
             n = max(2 * n, round(1.2 * n * LEAST / max(spent, 1e-9))) if spent > 1e-4 else 10 * n
@@ -87,24 +87,23 @@ class Watch:
         return self.comm.allreduce(perf_counter() - begin, MPI.MAX), self.comm.allreduce(used)
 
     def __call__(self, work: Callable[[int], Any]) -> dict[str, list[float]]:
-        """The same in nanoseconds per particle."""
+        """The same per particle [ns]; collective."""
         wall, cpu = self.seconds(work)
         return {"wall": [1e9 * t / self.particles for t in wall], "cpu": [1e9 * t / self.particles for t in cpu]}
 
 
 def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) -> dict[str, Any]:
-    """What a scene costs on these ranks.  Collective.
+    """Cost of a scene on the ranks of a communicator; collective.
 
     Parameters
     ----------
-    scene : Scene.  repeats : int -- measurements of each thing.  output : bool -- samples and frames, too.
+    scene : Scene.  repeats : int -- number of measurements.  output : bool -- whether to time samples and frames.
 
     Returns
     -------
-    dict -- `ns` : by what was timed, lists of "wall" and "cpu" nanoseconds per particle and step, the whole "step",
-    its internal force, which is "stress" and "divergence", and terms of surfaces; `us` : microseconds of an "exchange"
-    of ghosts as steps do it and of one by "messages", a "look" of the step control, "lists", "sample", "frame"; sizes
-    and bytes.
+    dict -- `ns` : wall and CPU times per particle and step [ns] of "step", of the internal force in "stress" and
+    "divergence", and of surface terms; `us` : times [µs] of "exchange" of ghosts as in steps, by "messages", of step
+    control ("look"), "lists", "sample", "frame"; sizes and memory.
     """
     case, begin = scene.case(), perf_counter()
     built, terms = discretise(case), find_terms(case)
@@ -144,7 +143,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
 
 
 def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
-    """Seconds of a sample, and of one frame written by all ranks."""
+    """Wall time [s] of a sample, and of a frame that all ranks write."""
     sample = watch.seconds(lambda n: [sim.sample() for _ in range(n)])[0]
     folder = watch.comm.bcast(tempfile.mkdtemp() if watch.comm.rank == 0 else None)
     fields = sim.sampler.fields()
@@ -160,7 +159,7 @@ def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
 
 
 def traffic(kernel: Any) -> float:
-    """Bytes that a step of the internal force reads and writes at least, once each, on this rank."""
+    """Smallest memory traffic of the internal force in a step on this rank [B]."""
     read = {"gradient": 1, "adjoint": 1, "column": 2, "column_outer": 1, "outer": 1, "column_stiff": 1, "stiff": 1,
             "first": 2, "block": 2, "volume": 1, "per_mass": 1, "bulk_damping": 1}
     changed = {"state": 1, "F": 2, "Q": 2, "step_memory": 2}
@@ -169,12 +168,12 @@ def traffic(kernel: Any) -> float:
 
 
 def peak_memory() -> float:
-    """Most memory that this process has had [B]; that which getrusage tells is of its parent, too."""
+    """Peak memory of this process [B]; that of getrusage includes the parent process."""
     return memory_told("/proc/self/status")["VmHWM"]
 
 
 def main() -> None:
-    """Probe the scene of the first argument; rank 0 prints."""
+    """Probe the scene of the first argument; rank 0 prints the result."""
     comm, asked = MPI.COMM_WORLD, json.loads(sys.argv[1])
     repeats, output = asked.pop("repeats", 7), asked.pop("output", False)
     found = probe(Scene(**asked), comm, repeats, output)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from cellmig.case.load import from_dict, load
 from cellmig.case.schema import Case
-from cellmig.runs.cases import FOLDER
+from cellmig.runs.cases import FOLDER, fluid_drop
 from cellmig.simulation import Simulation
 
 # The default damping of solids, which nucleus.toml sets to zero.
@@ -32,12 +32,7 @@ def nucleus(count: int, *sets: str) -> Case:
 
 def drop(count: int, *sets: str, **tables: Any) -> Case:
     """A disc of the paper's cytoplasm, R = 5 µm, at rest, with further tables of a case."""
-    tree = case("one_cell", count, *sets).resolved()
-    for key in ("adhesion", "protrusion"):
-        tree.pop(key, None)
-    del tree["materials"]["nucleus"], tree["cells"][0]["nucleus"], tree["cells"][0]["nucleus_ratio"]
-    tree["cells"][0] |= {"centre": ["0 um", "0 um"]}
-    return from_dict(tree | tables)
+    return from_dict(fluid_drop(case("one_cell", count, *sets).resolved()) | tables)
 
 
 def altered(case: Case, cell: dict[str, Any]) -> Case:
