@@ -1,1 +1,1 @@
-"""The publication: its claims over seeds, its figures."""
+"""The publication: its claims, judged over random seeds, and its figures."""

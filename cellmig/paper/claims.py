@@ -1,7 +1,7 @@
-"""What the paper claims, R1 to R6, against what was measured: a number in each seed, a bound, a verdict.
+"""The paper's claims R1 to R6: numbers measured for each random seed, bounds, verdicts.
 
-The claims are those of Bai, Lin & Zeng, CMES 121(3), 2019, section 4.  Every claim is taken apart into statements that
-one number decides; the bounds are stated here and are the same whatever the parameters.
+The claims are those of Bai, Lin & Zeng, CMES 121(3), 2019, section 4.  Each consists of statements that one number
+decides; the bounds are stated here and do not depend on the parameters of a case.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 from cellmig.runs.outcome import Outcome, aspect, circularity, gap, oscillation, stresses
 
 HOLDS, AVERAGE, FAILS, UNKNOWN = "holds", "holds on average", "does not hold", "not measured"
-ADHESION, PROTRUSION = (0.5, 1.0, 2.0, 4.0), (0.5, 1.0, 2.0)  # of the values of the paper's case
+ADHESION, PROTRUSION = (0.5, 1.0, 2.0, 4.0), (0.5, 1.0, 2.0)  # factors of the values of the paper's case
 CASES = {"three_only": "{3}", "one_three": "{1,3}", "two_three": "{2,3}", "all_protrude": "{1,2,3}"}
 END = 400.0  # us
 
-Results = Mapping[str, Mapping[int, Outcome]]  # configuration -> seed -> what came out
+Results = Mapping[str, Mapping[int, Outcome]]  # outcomes by configuration and seed
 
 
 def study(what: str, factor: float) -> str:
-    """Name of the configuration with this multiple of the adhesion or protrusion; 1 is the paper's case itself."""
+    """Name of the configuration with a multiple of the adhesion or protrusion; 1 is the paper's case."""
     return "all_protrude" if factor == 1.0 else f"{what}_x{factor:g}"
 
 
@@ -32,7 +32,7 @@ def study(what: str, factor: float) -> str:
 class Part:
     """A statement that one number decides.
 
-    what : str -- the number and its unit;  values : dict -- it by seed;  above, below : float -- where it has to lie.
+    what : the number and its unit;  values : by seed;  above, below : bounds of the number.
     """
 
     what: str
@@ -58,17 +58,17 @@ class Part:
         return float(np.std(list(self.values.values()), ddof=1)) if len(self.values) > 1 else np.nan
 
     def within(self, value: float) -> bool:
-        """Whether a value is as claimed; nan is not."""
+        """Whether a value is within the bounds; nan is not."""
         return bool(self.above < value < self.below)
 
     @property
     def held(self) -> set[int]:
-        """The seeds in which it holds."""
+        """Seeds whose value is within the bounds."""
         return {seed for seed, value in self.values.items() if self.within(value)}
 
     @property
     def verdict(self) -> str:
-        """Whether it holds in every seed, in the mean, or not."""
+        """HOLDS in every seed, AVERAGE in the mean, FAILS, or UNKNOWN without values."""
         if not self.values:
             return UNKNOWN
         return HOLDS if len(self.held) == len(self.values) else AVERAGE if self.within(self.mean) else FAILS
@@ -82,7 +82,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper: its parts have to hold together; `notes` always, `why` where it fails, in numbers."""
+    """A claim of the paper, which holds where all its parts do; `why` is printed where it fails, `notes` always."""
 
     key: str
     text: str
@@ -92,23 +92,23 @@ class Claim:
 
     @property
     def seeds(self) -> set[int]:
-        """The seeds in which all parts were measured."""
+        """Seeds in which all parts were measured."""
         return set.intersection(*(set(part.values) for part in self.parts))
 
     @property
     def held(self) -> set[int]:
-        """The seeds in which all parts hold."""
+        """Seeds in which all parts hold."""
         return set.intersection(*(part.held for part in self.parts))
 
     @property
     def verdict(self) -> str:
-        """That of the worst of its parts."""
+        """The worst verdict of its parts."""
         found = {part.verdict for part in self.parts}
         return next(v for v in (UNKNOWN, FAILS, AVERAGE, HOLDS) if v in found)
 
 
 def judge(results: Results) -> list[Claim]:
-    """All claims against what was measured."""
+    """All claims with the values of `results`."""
     return [claim(results) for claim in CLAIMS.values()]
 
 
@@ -116,19 +116,19 @@ def judge(results: Results) -> list[Claim]:
 
 
 def by_seed(results: Results, names: Iterable[str], number: Callable[..., float]) -> dict[int, float]:
-    """A number of each seed that all of these configurations have: `number(*outcomes)`; None is left out."""
+    """`number(*outcomes)` for each seed that all these configurations have, unless it is None."""
     runs = [results.get(name, {}) for name in names]
     found = {seed: number(*(run[seed] for run in runs)) for seed in sorted(set.intersection(*map(set, runs)))}
     return {seed: float(value) for seed, value in found.items() if value is not None}
 
 
 def mean_of(results: Results, name: str, number: Callable[[Outcome], float]) -> str:
-    """A number of one configuration as text, mean ± standard deviation over the seeds."""
+    """Mean ± standard deviation of a number over the seeds of a configuration, as text."""
     return text_of(by_seed(results, [name], number).values())
 
 
 def text_of(values: Iterable[float]) -> str:
-    """Mean ± standard deviation as text."""
+    """Mean ± standard deviation of values, as text."""
     part = Part("", dict(enumerate(values)))
     return f"{part.mean:.3g} ± {part.spread:.2g}" if len(part.values) > 1 else f"{part.mean:.3g}"
 
@@ -139,14 +139,14 @@ def moved(outcome: Outcome) -> float:
 
 
 def ordered(results: Results, names: list[str], labels: list[str]) -> list[Part]:
-    """Displacement [um] grows along these configurations, step by step."""
+    """Statements that the displacement [um] grows from each of these configurations to the next."""
     return [Part(f"displacement at 400 us of {labels[k + 1]} less that of {labels[k]} [um]",
                  by_seed(results, names[k:k + 2], lambda low, high: moved(high) - moved(low)), above=0.0)
             for k in range(len(names) - 1)]
 
 
 def account(results: Results, names: list[str], labels: list[str]) -> list[str]:
-    """What moved the aggregate, in the seeds that all configurations have: without friction, the impulse alone."""
+    """Displacement, impulse and contact of each configuration, in the seeds that all of them have."""
     common = set.intersection(*(set(results.get(name, {})) for name in names))
     lines = []
     for name, label in zip(names, labels, strict=True) if common else ():
@@ -165,7 +165,7 @@ def account(results: Results, names: list[str], labels: list[str]) -> list[str]:
 
 
 def r1(results: Results) -> Claim:
-    """Fig. 2: round at 20 us, then the contact grows, then the cells move and press on each other."""
+    """Fig. 2: cells are round at 20 us, then their contacts grow, then they move and press on each other."""
 
     def part(what: str, number: Callable[[Outcome], Any], **bounds: float) -> Part:
         return Part(what, by_seed(results, ["all_protrude"], number), **bounds)
@@ -194,9 +194,9 @@ def r1(results: Results) -> Claim:
 
 
 def r2(results: Results) -> Claim:
-    """Fig. 3: the stress of the middle cell swings.
+    """Fig. 3: the stress of the middle cell oscillates.
 
-    That its neighbours do it is more than the paper's figure shows: the same cell without neighbours is the control.
+    The figure does not show that its neighbours are the cause: the control is the same cell without neighbours.
     """
     swing = {seed: oscillation(outcome) for seed, outcome in results.get("all_protrude", {}).items()}
     alone = {seed: oscillation(outcome, cell=1) for seed, outcome in results.get("alone", {}).items()}
@@ -219,7 +219,7 @@ def r2(results: Results) -> Claim:
 
 
 def r3(results: Results) -> Claim:
-    """Fig. 4: who protrudes orders the displacement."""
+    """Fig. 4: the displacement depends on which cells protrude."""
     names, labels = list(CASES), list(CASES.values())
     parts = ordered(results, names, labels)
     return Claim("R3", "displacement by who protrudes: {3} < {1,3} < {2,3} < {1,2,3} (Fig. 4)", parts,
@@ -227,7 +227,7 @@ def r3(results: Results) -> Claim:
 
 
 def r4(results: Results) -> Claim:
-    """Fig. 5: the follower is the least stressed, and at first apart from the leader in front."""
+    """Fig. 5: the follower has the smallest stress and at first no contact with the leader in front."""
     runs = results.get("one_three", {})
     stress = {seed: stresses(outcome, 250.0, END) for seed, outcome in runs.items()}
     stress = {seed: s for seed, s in stress.items() if s}
@@ -255,12 +255,12 @@ def _who_parts(results: Results, name: str) -> str:
 
 
 def r5(results: Results) -> Claim:
-    """Fig. 6: adhesion between cells makes the aggregate faster."""
+    """Fig. 6: the aggregate is faster with stronger adhesion between cells."""
     return _grows(results, "R5", "adhesion", ADHESION, "faster with stronger adhesion between cells (Fig. 6)")
 
 
 def r6(results: Results) -> Claim:
-    """Section 4.2: protrusion makes it faster."""
+    """Section 4.2: the aggregate is faster with stronger protrusion."""
     return _grows(results, "R6", "protrusion", PROTRUSION, "faster with stronger protrusion")
 
 

@@ -1,4 +1,4 @@
-"""The counterparts of the paper's figures 2 to 6, and of its study of the protrusion."""
+"""Counterparts of the paper's figures 2 to 6, and a figure of its study of the protrusion."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _SIZE = (4.2, 3.0)  # inches
 
 
 def draw(results: Results, out: Path) -> list[Path]:
-    """Draw all figures of which there are runs, each as PNG and as PDF.
+    """Draw all figures whose runs exist, as PNG and PDF.
 
     Parameters
     ----------
-    results : dict -- what came out, by configuration and seed.
+    results : dict -- outcomes by configuration and seed.
     out : Path -- directory of the figures.
 
     Returns
@@ -40,13 +40,13 @@ def draw(results: Results, out: Path) -> list[Path]:
 
 
 def _snapshots(results: Results, name: str, times: Sequence[float]) -> Figure | None:
-    """Shape and effective stress in the first seed."""
+    """Shapes and effective stress of the first seed."""
     runs = results.get(name)
     return shapes(runs[min(runs)].directory, times) if runs else None
 
 
 def _stress(results: Results) -> Figure | None:
-    """Stress at the lower centre of Cell-2 against time: one seed in front of the others."""
+    """Stress at the lower centre of Cell-2 against time: the first seed, and the others in grey."""
     runs = results.get("all_protrude")
     if not runs:
         return None
@@ -64,7 +64,7 @@ def _stress(results: Results) -> Figure | None:
 
 
 def _who(results: Results) -> Figure | None:
-    """Mean displacement of the aggregate against time, by the cells that protrude."""
+    """Mean displacement of the aggregate against time, for each set of protruding cells."""
     present = [name for name in CASES if results.get(name)]
     if len(present) < 2:
         return None
@@ -77,7 +77,7 @@ def _who(results: Results) -> Figure | None:
 
 
 def _strengths(results: Results, what: str, factors: Sequence[float], label: str) -> Figure | None:
-    """Displacement by strength, and what each strength adds to that of the paper's, seed by seed."""
+    """Mean displacement for each strength, and its difference from that of the paper's strength in each seed."""
     names = {factor: study(what, factor) for factor in factors if results.get(study(what, factor))}
     if len(names) < 2 or 1.0 not in names:
         return None
@@ -109,7 +109,7 @@ def _displacements(results: Results, name: str) -> tuple[np.ndarray, dict[int, n
 
 
 def _band(ax: Axes, time: np.ndarray, by_seed: dict[int, np.ndarray], colour: object, label: str) -> None:
-    """The mean over the seeds, and one standard deviation about it."""
+    """Draw the mean over the seeds and a band of one standard deviation about it."""
     if not by_seed:
         return
     values = np.array(list(by_seed.values()))

@@ -1,4 +1,4 @@
-"""`cellmig paper`: the cases and studies over many random seeds, claims R1 to R6 judged, figures drawn."""
+"""`cellmig paper`: the paper's cases and studies over random seeds, its claims R1 to R6, its figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cellmig.runs.run import stop_requests
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
 
-# Frames every 4 us have the paper's snapshots among them; the quick version takes the nearest ones of every 20 us.
+# Frames every 4 us include the times of the paper's snapshots; --quick has the nearest ones of every 20 us.
 _FRAMES, _QUICK_FRAMES = 100, 20
 _QUICK = ("particles.per_cell=331", "time.samples=200")
 _CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy} pN um",
@@ -30,7 +30,7 @@ _CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * c
 
 @dataclass(frozen=True)
 class Configuration:
-    """A case of the paper, a multiple of one strength in it or a control, and the claims that turn on it."""
+    """A case of the paper, with a multiple of one strength or as a control, and the claims that need it."""
 
     case: str
     claims: tuple[str, ...]
@@ -39,7 +39,7 @@ class Configuration:
     factor: float = 1.0
 
     def sets(self, base: Case, quick: bool, given: Sequence[str] = ()) -> tuple[str, ...]:
-        """How it differs from its case file; `base` is that with the changes that were `given`, which are in it."""
+        """Changes of the case file, with those `given`; `base` : the case with those given."""
         frames = (_QUICK_FRAMES if quick else _FRAMES) if self.frames else 1
         changed = (_CHANGED[self.what](base, self.factor),) if self.what else ()
         return (f"time.frames={frames}", *(_QUICK if quick else ()), *given, *changed)
@@ -59,7 +59,7 @@ CONFIGURATIONS = {
 
 def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = (),
           given: Sequence[str] = ()) -> int:
-    """Run what is missing, judge the claims, draw the figures, write the numbers.
+    """Run what is missing, judge the claims, draw the figures, write the numbers to files.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     seeds : int -- the case's own seed and the numbers that follow it.
     at_once : int -- runs at a time; by default one for each core.
     quick : bool -- coarse particles, few frames and samples.
-    only : list of str -- keys of claims that are run for and told of; by default all.  What is there already of the
-        others stays in the figures and in the files of numbers.
-    given : list of str -- "KEY=VALUE", changes to all cases; the strengths are multiples of what they make them.
+    only : list of str -- keys of the claims to run for and to print, by default all.  Figures and files of numbers also
+        have runs of other claims that exist.
+    given : list of str -- "KEY=VALUE", changes of all cases, made before strengths are multiplied.
 
     Returns
     -------
-    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    int -- exit code: 0, that of the first run that failed, or 75 after a signal to stop.
     """
     claims = list(dict.fromkeys(only)) or list(CLAIMS)
     jobs = plan(out, seeds, quick, given)
@@ -94,7 +94,7 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
 
 
 def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[tuple[str, int], Job]:
-    """All runs by configuration and seed; seed by seed, so that a part of them is of use."""
+    """All runs by configuration and seed, ordered by seed, so that the first of them are complete seeds."""
     cases = {c.case: FOLDER / f"{c.case}.toml" for c in CONFIGURATIONS.values()}
     bases = {name: Job("", path, tuple(given), out).load() for name, path in cases.items()}
     jobs = {}
@@ -110,7 +110,7 @@ def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[
 
 
 def table(claims: list[Claim], seeds: int) -> list[str]:
-    """Claim / what was measured / in how many seeds / verdict, as lines; what is missing is said."""
+    """Lines of claims and their parts with measured numbers, seeds in which they hold, verdicts; missing seeds."""
     lines = [_line("claim", "measured", "holds in", "verdict"), "-" * 134]
     for claim in claims:
         lines.append(_line(f"{claim.key}  {claim.text}", "", f"{len(claim.held)} of {len(claim.seeds)}",
@@ -131,7 +131,7 @@ def _line(claim: str, measured: str, seeds: str, verdict: str) -> str:
 
 
 def _scatter(claim: Claim) -> list[str]:
-    """Of each part that does not hold in all seeds, how its mean compares with the scatter."""
+    """For each part that does not hold in all seeds: its mean, distance to the bound in standard errors, values."""
     said = []
     for part in claim.parts:
         if part.values and part.verdict != HOLDS:
@@ -155,7 +155,7 @@ def _entries(part: Part) -> dict[str, Any]:
 
 
 def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results, failed: Mapping[Job, Ended]) -> None:
-    """One row a run that there is, or that failed."""
+    """Write a row for each run that exists or failed."""
     rows = []
     for (name, seed), job in jobs.items():
         c = CONFIGURATIONS[name]
@@ -169,7 +169,7 @@ def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Result
 
 
 def _numbers(outcome: Outcome) -> dict[str, Any]:
-    """What a finished run did, as a row."""
+    """Row of a complete run."""
     m = outcome.manifest
     row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_closure", "state_hash")}
     row["source"] = source(outcome)
