@@ -19,8 +19,8 @@ from .meshfree.contact import Surfaces
 from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
 from .output.sample import Sampler
-from .parallel.collect import collected, decided, shared
-from .parallel.options import IMPLICIT, integrator_asked
+from .parallel.collect import broadcast, computed_on_root, gathered
+from .parallel.options import IMPLICIT, requested_integrator
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
 from .solve.implicit import Implicit
@@ -50,7 +50,7 @@ class Simulation:
         """
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
-        self.scene, self.control, *others = decided(comm, lambda: self._decide(parts[0] if parts else None))
+        self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
         owner, state, boundary, probes, alpha = others
         own = np.arange(self.scene.size)[comm.rank :: comm.size]
         begun = {} if start is None else self._begun(start, own)
@@ -61,7 +61,7 @@ class Simulation:
         self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, alpha,
                                    protruding)
         fixed = None if case.time.step == "auto" else case.time.step
-        kind = Implicit if integrator_asked(case.time.integrator) in IMPLICIT else Integrator
+        kind = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
         self.integrator = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, probes)
@@ -87,8 +87,8 @@ class Simulation:
                    "same; materials, adhesion, protrusion … may differ")
         if why:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
-        found = shared(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
-                                   if name in ("particle state", "particle theta")})
+        found = broadcast(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
+                                      if name in ("particle state", "particle theta")})
         begun = {"u": found["state"][ids, :2], "v": found["state"][ids, 2:]}
         if self.case.director is not None and "theta" in found:
             begun["theta"] = found["theta"][ids].ravel()
@@ -144,7 +144,7 @@ class Simulation:
     def state_hash(self) -> str:
         """sha256 of X, u, v in global-id order, the same on any number of ranks; collective."""
         m = self.mechanics
-        state = collected(self.comm, m.ids, m.state.owned, self.scene.size)
+        state = gathered(self.comm, m.ids, m.state.owned, self.scene.size)
         parts = () if state is None else (self.scene.X, state[:, :2], state[:, 2:])
         return self.comm.bcast(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest())
 

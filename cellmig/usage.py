@@ -10,11 +10,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .parallel.launch import told_rank, told_size
+from .parallel.launch import launcher_rank, launcher_size
 from .version import __version__
 
 WIDTH = 80  # letters of a line of help
-RANK, RANKS = told_rank(), told_size()[1]
+RANK, RANKS = launcher_rank(), launcher_size()[1]
 
 
 class UsageError(Exception):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..exits import WRONG
-from .launch import told_size
+from .launch import launcher_size
 
 _NUMBER = re.compile(r"-?(\d|\.\d)")
 
@@ -54,7 +54,7 @@ def start_petsc(options: list[str]) -> Any:
             print(f"cellmig: {error}", file=sys.stderr, flush=True)
             MPI.COMM_WORLD.Abort(WRONG)
         raise error
-    names, told = told_size()
+    names, told = launcher_size()
     if told > 1 == MPI.COMM_WORLD.size:
         library = MPI.Get_library_version().split(",")[0].strip()
         raise LaunchError(

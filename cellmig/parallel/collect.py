@@ -17,7 +17,7 @@ from ..case.registry import laws
 AT_ONCE = 1 << 30  # bytes of a message: MPI counts in 32 bits
 
 
-def collected(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int) -> np.ndarray | None:
+def gathered(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int) -> np.ndarray | None:
     """Values (size, ...) in the order of their global numbers, of which each rank has some; on rank 0 alone."""
     parts = comm.gather((numbers, np.ascontiguousarray(values)))
     if parts is None:
@@ -28,7 +28,7 @@ def collected(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int
     return out
 
 
-def shared(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def broadcast(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of rank 0 on all ranks; collective."""
     shapes = comm.bcast({name: (a.shape, a.dtype.str) for name, a in arrays.items()})
     out = {}
@@ -38,7 +38,7 @@ def shared(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarra
     return out
 
 
-def decided(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
+def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     """What `make` returns on rank 0, on all ranks to the bit; what it raises there is raised on all; collective.
 
     Ranks may be on unlike processors, whose sines and factorisations differ in the last bit; and where one bit decides,

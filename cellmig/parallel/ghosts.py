@@ -14,7 +14,7 @@ from . import shared
 
 
 class GhostedField:
-    """A field of some numbers a particle: this rank's particles first, then the copies asked for by `bring`.
+    """A field of some numbers a particle: this rank's particles first, then the copies asked for by `set_ghosts`.
 
     They are current after `exchange`.  The memory is the caller's and stays where it is, whatever copies are asked for.
     """
@@ -25,7 +25,7 @@ class GhostedField:
         self._copies = shared.SharedCopies(comm, memory, n_owned, n_shared) if shared.on_one_machine(comm) else None
         self.owned, self.vec = memory[:n_owned], None
 
-    def bring(self, ghosts: np.ndarray) -> None:
+    def set_ghosts(self, ghosts: np.ndarray) -> None:
         """Copies are of these particles from now on, by their numbers in PETSc's order (n_ghosts,); collective."""
         if self.vec is not None:
             self.vec.destroy()

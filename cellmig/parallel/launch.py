@@ -43,7 +43,7 @@ _SIZE = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "MV2_COMM_WORLD_
 _RANK = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
 
 
-def told_size() -> tuple[list[str], int]:
+def launcher_size() -> tuple[list[str], int]:
     """How many ranks a launcher has started, and the variables that say so: known before MPI has started, or without.
 
     An allocation of Slurm has room for SLURM_NTASKS but one process, until srun starts the tasks of a step.
@@ -56,9 +56,9 @@ def told_size() -> tuple[list[str], int]:
     return [name for name in said if said[name] == size], size
 
 
-def told_rank() -> int:
+def launcher_rank() -> int:
     """Which of several ranks this is, as the launcher tells it."""
-    return next((int(os.environ[name]) for name in _RANK if _number(name) is not None), 0) if told_size()[1] > 1 else 0
+    return next((n for name in _RANK if (n := _number(name)) is not None), 0) if launcher_size()[1] > 1 else 0
 
 
 def _number(name: str) -> int | None:

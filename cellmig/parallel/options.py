@@ -29,7 +29,7 @@ def check_integrator(of_case: str, place: str) -> None:
     The option -ts_type goes before the case; "leapfrog" is a TS type of ours, written in Python as PETSc sees it.
     """
     options = PETSc.Options()
-    kind = integrator_asked(of_case)
+    kind = requested_integrator(of_case)
     if kind == "auto" and not options.hasName("ts_type"):
         return
     if of_case == "static":
@@ -48,12 +48,12 @@ def check_integrator(of_case: str, place: str) -> None:
                           f"{', '.join((*EXPLICIT, *IMPLICIT))}")
 
 
-def integrator_asked(of_case: str) -> str:
+def requested_integrator(of_case: str) -> str:
     """The integrator of the options, else that of the case."""
     return PETSc.Options().getString("ts_type", of_case)
 
 
-def step_asked(of_case: float | None) -> float | None:
+def requested_step(of_case: float | None) -> float | None:
     """The step [µs] of the options, else that of the case."""
     options = PETSc.Options()
     if not options.hasName("ts_dt"):
@@ -85,13 +85,13 @@ def options_in(words: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def deciding(options: dict[str, str]) -> dict[str, str]:
+def affecting_results(options: dict[str, str]) -> dict[str, str]:
     """Those options that may change a result."""
     return {name: value for name, value in options.items() if not _SHOWS.search(name)}
 
 
 @contextmanager
-def defaulted(values: dict[str, str]) -> Iterator[None]:
+def default_options(values: dict[str, str]) -> Iterator[None]:
     """While objects take their options: those that were not given have these values, and none afterwards."""
     options = PETSc.Options()
     missing = {name: value for name, value in values.items() if not options.hasName(name)}
@@ -105,7 +105,7 @@ def defaulted(values: dict[str, str]) -> Iterator[None]:
 
 
 @contextmanager
-def options_obeyed() -> Iterator[None]:
+def option_errors() -> Iterator[None]:
     """While objects take their options, the same on all ranks: PETSc's complaint is one about an option."""
     try:
         yield
@@ -115,7 +115,7 @@ def options_obeyed() -> Iterator[None]:
 
 
 @contextmanager
-def own_errors() -> Iterator[None]:
+def original_errors() -> Iterator[None]:
     """While PETSc calls functions of ours: what they raise comes through, though petsc4py 3.22 wraps it in its own."""
     try:
         yield

@@ -45,7 +45,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     return np.array([math.ldexp(w, int(e)) for w, e in zip(exact, powers, strict=True)]).reshape(shape)
 
 
-def extreme(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
+def global_maximum(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
     """Largest value over the ranks, entry by entry; a NaN counts as infinite."""
     values = np.where(np.isnan(values), np.inf, values)
     comm.Allreduce(MPI.IN_PLACE, values, MPI.MAX)

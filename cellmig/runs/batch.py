@@ -35,7 +35,7 @@ from cellmig.output.directory import Claim, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
-from cellmig.parallel.options import deciding, options_given, options_in
+from cellmig.parallel.options import affecting_results, options_given, options_in
 from cellmig.version import __version__
 
 from .preflight import cost
@@ -88,7 +88,7 @@ class Job:
         case = self.load()
         options, end = options_given() | options_in(self.options), until(case, self.until).time.end
         return (manifest["end_us"] == end and manifest.get("laws", []) == included()
-                and deciding(manifest.get("petsc_options", {})) == deciding(options)
+                and affecting_results(manifest.get("petsc_options", {})) == affecting_results(options)
                 and manifest["case"] == json.loads(json.dumps(case.resolved())))
 
     def arguments(self) -> list[str]:

@@ -24,7 +24,7 @@ from cellmig.output.log import Log
 from cellmig.output.manifest import processor, read_manifest
 from cellmig.output.tables import up_to
 from cellmig.output.xdmf import check_frames
-from cellmig.parallel.options import deciding
+from cellmig.parallel.options import affecting_results
 from cellmig.simulation import Simulation
 from cellmig.solve.restart import same_places
 from cellmig.version import __version__
@@ -97,7 +97,7 @@ def method(simulation: Simulation, options: dict[str, str]) -> dict[str, Any]:
     """What is known once a simulation is built, and has to be the same: code and options."""
     run = simulation.integrator
     return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
-            "integrator": run.description, "step": run.fixed_step, "options": deciding(options)}
+            "integrator": run.description, "step": run.fixed_step, "options": affecting_results(options)}
 
 
 def _code(source: str) -> str:

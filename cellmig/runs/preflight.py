@@ -14,7 +14,7 @@ from cellmig.meshfree.body import Template
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, two_columns
-from cellmig.parallel.options import IMPLICIT, integrator_asked
+from cellmig.parallel.options import IMPLICIT, requested_integrator
 from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
@@ -104,11 +104,11 @@ def report(case: Case) -> str:
     if case.static:
         return _static_report(case)
     chosen: list[tuple[str, str]] = []
-    if integrator_asked(case.time.integrator) == "auto":
+    if requested_integrator(case.time.integrator) == "auto":
         part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
-    if integrator_asked(case.time.integrator) in IMPLICIT:
+    if requested_integrator(case.time.integrator) in IMPLICIT:
         return _implicit_report(case, chosen)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step

@@ -28,7 +28,7 @@ from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
-from cellmig.parallel.options import check_integrator, options_given, options_obeyed, petsc_version, unused_options
+from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
@@ -78,7 +78,7 @@ class Run:
         if not state:
             self._save_manifest()
         self._say_header()
-        with self.timers("build"), options_obeyed():
+        with self.timers("build"), option_errors():
             self.simulation = self._built(prune, begun)
         if state:
             checkpointing.check_method(state, self.simulation, options)

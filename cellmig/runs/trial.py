@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from cellmig.case.schema import Case
 from cellmig.output.log import duration
-from cellmig.parallel.options import integrator_asked
+from cellmig.parallel.options import requested_integrator
 from cellmig.simulation import Simulation
 from cellmig.solve.implicit import Implicit
 from cellmig.solve.step import NumericsError, binding
@@ -21,7 +21,7 @@ GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
 
 def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
     """The case with its integrator; for "auto" the one that a short trial found faster, and why; collective."""
-    if integrator_asked(case.time.integrator) != "auto":
+    if requested_integrator(case.time.integrator) != "auto":
         return case, ""
 
     def with_(kind: str) -> Case:

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..meshfree.contact import ContactLists, Surfaces
-from ..parallel.collect import collected
+from ..parallel.collect import gathered
 
 ACCOUNTS = ("viscous_loss", "numerical_loss", "friction_loss", "protrusion_impulse", "external_work")  # of particles
 
@@ -87,7 +87,7 @@ class Impulses:
     def saved(self, comm: MPI.Comm) -> dict[str, np.ndarray | None]:
         """Arrays for a checkpoint, in an order that no partition changes, on rank 0; collective."""
         key = np.sort(np.concatenate(comm.allgather(self.key[1:])))
-        values = collected(comm, np.searchsorted(key, self.key[1:]), self.contact[1:], len(key))
+        values = gathered(comm, np.searchsorted(key, self.key[1:]), self.contact[1:], len(key))
         return {"contact key": key if comm.rank == 0 else None, "contact impulse": values}
 
     def restore(self, key: np.ndarray, values: np.ndarray) -> None:

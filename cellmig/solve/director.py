@@ -25,7 +25,7 @@ class Director(GhostedField):
         """`base` : the numbering of particles and rows;  `law` : that of the director, None if uniform; collective."""
         self.memory = aligned_zeros((capacity, 2))
         super().__init__(comm, self.memory, base.n_owned, base.shared.sum())
-        self.bring(ghosts)
+        self.set_ghosts(ghosts)
         self._X, self._surfaces, self._base, self._kernel = scene.X, surfaces, base, kernel
         kernel["director"] = self.memory
         for name in ("director_gradient", "director_axis"):

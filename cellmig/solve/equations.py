@@ -6,7 +6,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.reduce import extreme
+from ..parallel.reduce import global_maximum
 from .mechanics import Mechanics
 from .stiffness import Stiffness
 
@@ -102,7 +102,7 @@ class Equations:
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, 2); collective."""
         t, u0, v0, _, _, a0 = self.at
-        longest = extreme(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
+        longest = global_maximum(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
         step = DIFFERENCE * self.spacing / max(longest, 1e-300)
         return self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
 

@@ -12,8 +12,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..meshfree.boundary import GAUSS
-from ..parallel.options import defaulted
-from ..parallel.reduce import exact_sum, extreme
+from ..parallel.options import default_options
+from ..parallel.reduce import exact_sum, global_maximum
 from .equations import Equations
 from .integrate import Integrator
 from .mechanics import SKIN as EXPLICIT_SKIN
@@ -82,11 +82,11 @@ class Implicit(Integrator):
                 applied = PETSc.Mat().createPython(applied.getSizes(), self.equations, comm=m.comm)
             ts.setI2Jacobian(self._tangent2, applied, self.equations.matrix)
             ts.setSolution2(self._x, self._v)
-            with defaulted(self._defaults()):
+            with default_options(self._defaults()):
                 ts.setFromOptions()
         else:
             self._x = m.solution.duplicate()
-            with defaulted(self._defaults()):
+            with default_options(self._defaults()):
                 self.reduction = Reduction(self.equations, ts.getSNES().getKSP())
                 ts.setFromOptions()
             ts.setIFunction(self._residual, self._x.duplicate())
@@ -285,7 +285,7 @@ class Implicit(Integrator):
         m = self.mechanics
         after, mass = m.state.owned.copy(), self.equations.mass
         moved, work = after[:, :2] - before[:, :2], np.zeros(m.n_owned)
-        longest = extreme(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
+        longest = global_maximum(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
         parts = int(min(max(1.0, np.ceil(longest / self._piece)), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts

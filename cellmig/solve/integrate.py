@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.options import defaulted, own_errors, step_asked
+from ..parallel.options import default_options, original_errors, requested_step
 from .accounts import accounts
 from .mechanics import Mechanics
 from .step import NumericsError, StepControl, binding
@@ -54,7 +54,7 @@ class Integrator:
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
-        self.fixed_step = step_asked(fixed_step)
+        self.fixed_step = requested_step(fixed_step)
         self.whole_step = self.fixed_step  # output times are rounded to whole numbers of it
         self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
@@ -86,7 +86,7 @@ class Integrator:
 
     def _configure(self, ts: PETSc.TS) -> None:
         """Set the TS from the options; without -ts_adapt_type, StepControl chooses the steps."""
-        with defaulted({"ts_adapt_type": "none"}):
+        with default_options({"ts_adapt_type": "none"}):
             ts.setFromOptions()
 
     @property
@@ -169,7 +169,7 @@ class Integrator:
         elif not self.steps:  # -ts_monitor prints the step before the first batch
             self.begin_batch()
             ts.setTimeStep(self.equal_steps(stop)[1])
-        with own_errors():
+        with original_errors():
             ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
             self.fail("PETSc rejected a step as often as it may",

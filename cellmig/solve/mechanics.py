@@ -17,7 +17,7 @@ from ..meshfree.boundary import Boundary
 from ..meshfree.contact import ContactLists, Surfaces, contact_lists
 from ..meshfree.terms import Terms
 from ..parallel.ghosts import GhostedField
-from ..parallel.reduce import exact_sum, extreme
+from ..parallel.reduce import exact_sum, global_maximum
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Impulses, rates
 from .director import Director
@@ -88,7 +88,7 @@ class Mechanics:
         """Copies of these particles from now on; collective."""
         self.numbering = numbering
         self._X[: len(numbering.ids)] = self.scene.X[numbering.ids]
-        self.state.bring(self._in_petsc(numbering))
+        self.state.set_ghosts(self._in_petsc(numbering))
         self.state.exchange()
 
     def _in_petsc(self, numbering: Any) -> np.ndarray:
@@ -201,7 +201,7 @@ class Mechanics:
             return
         x2 = self.segments()[1]
         longest = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1).max(initial=0.0)
-        longest = float(extreme(self.comm, np.array([longest]))[0])
+        longest = float(global_maximum(self.comm, np.array([longest]))[0])
         # A segment may stretch by a fifth until the next renewal.
         reach = t.contact.cutoff + 1.2 * longest + self.skin if t.contact is not None else 0.0
         x, around = self.places.near(self.own_surfaces(), reach + 0.5 * longest)
@@ -253,7 +253,7 @@ class Mechanics:
 
     def lists_are_late(self) -> bool:
         """Whether surfaces moved further than the search lists allow; collective."""
-        return bool(extreme(self.comm, np.array([self.displaced()]))[0] > 0.5 * self.skin)
+        return bool(global_maximum(self.comm, np.array([self.displaced()]))[0] > 0.5 * self.skin)
 
     # ------------------------------------------------------------ the step
 
@@ -287,14 +287,14 @@ class Mechanics:
 
     def least_gaps(self) -> np.ndarray:
         """Least gaps to the substrate and between cells since this was last asked (2,) [µm]; collective."""
-        least = -extreme(self.comm, -self.kernel["least_gap"])
+        least = -global_maximum(self.comm, -self.kernel["least_gap"])
         self.kernel["least_gap"][:] = np.inf
         return least
 
     def volumes(self) -> tuple[float, float]:
         """Least and largest J [-] in all steps since this was last asked, but those undone; collective."""
         low, high = self.kernel["J_range"].reshape(2, 4)
-        least, most = extreme(self.comm, np.array([-low.min(), high.max()]))
+        least, most = global_maximum(self.comm, np.array([-low.min(), high.max()]))
         self.kernel["J_range"][:] = NO_VOLUMES
         return -float(least), float(most)
 
@@ -355,7 +355,7 @@ class Mechanics:
         self.kernel("limits", own)
         names = ("viscous", "elastic", "J_min", "J_max", "speed", "displaced")
         values = np.array([own[0], own[1], -own[2], own[3], own[4], self.displaced()])
-        top = extreme(self.comm, values)
+        top = global_maximum(self.comm, values)
         top[2], top[4] = -top[2], np.sqrt(top[4])
         return dict(zip(names, top.tolist(), strict=True))
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
-from ..parallel.collect import collected, shared
+from ..parallel.collect import broadcast, gathered
 from .accounts import ACCOUNTS
 from .mechanics import Mechanics
 
@@ -27,10 +27,10 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     about = {name: getattr(m, name) for name in _TIMES}
     if m.terms.histories is not None:
         about["clock"] = m.kernel["clock"].tolist()
-    arrays = {f"particle {name}": collected(m.comm, m.ids, values, m.scene.size)
+    arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
               for name, values in _of_particles(m).items()}
     n = len(m.surfaces.ids)
-    arrays |= {f"surface {name}": collected(m.comm, m._mine, values, n)
+    arrays |= {f"surface {name}": gathered(m.comm, m._mine, values, n)
                for name, values in _of_surface(m).items()}
     if m.terms.contact is not None:
         arrays |= m.impulses.saved(m.comm)
@@ -40,7 +40,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Go back to what was saved; rank 0 has the arrays; collective."""
     m.undo.forget()
-    everything = shared(m.comm, arrays)
+    everything = broadcast(m.comm, arrays)
     particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
     own = m._mine

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from petsc4py import PETSc
 
-from ..parallel.options import defaulted, own_errors
+from ..parallel.options import default_options, original_errors
 from .mechanics import Mechanics
 from .plates import PlateContact
 from .step import NumericsError
@@ -78,7 +78,7 @@ class Static:
         force = max(l.shear_modulus for l in law) * max(b.spacing for b in t) * math.sqrt(m.scene.size)
         snes.setTolerances(rtol=TOLERANCE, atol=TOLERANCE * force, stol=0.0)
         snes.setConvergenceHistory(reset=True)
-        with defaulted({k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}):
+        with default_options({k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}):
             snes.setFromOptions()
 
     @property
@@ -202,7 +202,7 @@ class Static:
         self._before = m.state.owned[:, :2].copy()
         m.set_clock(time)
         self._x.setArray(self._before.ravel())
-        with own_errors():
+        with original_errors():
             self.snes.solve(None, self._x)
         norms = [float(n) for n in self.snes.getConvergenceHistory()[0]]
         good = self.snes.getConvergedReason() > 0

@@ -18,11 +18,11 @@ from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.meshfree.contact import Surfaces, contact_lists
 from cellmig.parallel import shared
-from cellmig.parallel.collect import decided
+from cellmig.parallel.collect import computed_on_root
 from cellmig.parallel.ghosts import GhostedField
 from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
-from cellmig.parallel.reduce import exact_sum, extreme
+from cellmig.parallel.reduce import exact_sum, global_maximum
 from cellmig.parallel.swarm import FIELDS, Swarm
 from cellmig.solve.start import discretise
 from cellmig.solve.surface_exchange import SurfacePlaces
@@ -74,7 +74,7 @@ def test_sum_says_when_a_value_is_not_finite(comm: MPI.Comm) -> None:
 
 def test_extreme_is_the_largest_and_infinite_for_nan(comm: MPI.Comm) -> None:
     values = np.array([float(comm.rank), -float(comm.rank), np.nan if comm.rank == 0 else 0.0])
-    assert extreme(comm, values).tolist() == [comm.size - 1.0, 0.0, np.inf]
+    assert global_maximum(comm, values).tolist() == [comm.size - 1.0, 0.0, np.inf]
 
 
 # --------------------------------------------------------------------------------------------- partition, randomness
@@ -148,7 +148,7 @@ def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
 
 def test_what_rank_0_decides_is_the_same_bits_everywhere(comm: MPI.Comm) -> None:
     law = laws("shape")["disc"](radius=3.0)
-    value = decided(comm, lambda: {"a": np.arange(10.0) + comm.rank, "law": law, "empty": np.zeros((0, 2)),
+    value = computed_on_root(comm, lambda: {"a": np.arange(10.0) + comm.rank, "law": law, "empty": np.zeros((0, 2)),
                                    "turned": np.ones((3, 4)).T * comm.rank})
     assert np.array_equal(value["a"], np.arange(10.0)) and value["law"] == law and value["empty"].shape == (0, 2)
     assert not value["turned"].any()
@@ -160,7 +160,7 @@ def test_what_fails_on_rank_0_fails_everywhere(comm: MPI.Comm) -> None:
         raise CaseError([Mistake("case.toml", None, "particles", f"rank {comm.rank}")])
 
     with pytest.raises(CaseError, match=r"case\.toml: particles: rank 0"):
-        decided(comm, fail)
+        computed_on_root(comm, fail)
 
 
 def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
@@ -196,7 +196,7 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
             which = ((0, n - 1), range(n), (3,) if comm.rank == 0 else ())[turn // 4]
             ghosts = np.array([r * n + i for r in around for i in which], int)
             memory[n:] = -1.0
-            field.bring(ghosts)
+            field.set_ghosts(ghosts)
         field.owned[:] = (comm.rank * n + np.arange(n))[:, None] + 0.1 * np.arange(4) + 1e3 * turn
         if turn % 4 == 3:
             field.exchange()

@@ -9,7 +9,7 @@ from scenes import LEFT, RIGHT, bent, built, case, piece, plate, squeezed
 
 from mpi4py import MPI
 
-from cellmig.parallel.collect import shared
+from cellmig.parallel.collect import broadcast
 
 COMM = MPI.COMM_WORLD
 ALONE_TOO = {COMM.size: COMM, 1: MPI.COMM_SELF}.values()  # all ranks, and each by itself where that is another thing
@@ -64,7 +64,7 @@ def test_a_state_saved_between_steps_or_just_before_a_sample_goes_on_with_the_sa
         expected = end(sim, later)
     assert kept.keys() == {True, False}
     for time, about, arrays in kept.values() if prune else [kept[True]]:
-        (about,), arrays = as_a_file_has_it(about), shared(COMM, arrays)
+        (about,), arrays = as_a_file_has_it(about), broadcast(COMM, arrays)
         for comm in ALONE_TOO:
             with built(SCENES[name](), comm, prune) as again:
                 again.restore(about, arrays)
@@ -91,7 +91,7 @@ def test_where_a_state_can_be_saved_at_samples_alone_it_goes_on_with_the_same_bi
         end(sim, [first])
         about, arrays = sim.saved()
         expected = end(sim, later)
-    (about,), arrays = as_a_file_has_it(about), shared(comm, arrays)
+    (about,), arrays = as_a_file_has_it(about), broadcast(comm, arrays)
     with built(AT_SAMPLES[name](), comm) as again:
         again.restore(about, arrays)
         assert again.time == first
