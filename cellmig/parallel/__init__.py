@@ -1,1 +1,1 @@
-"""Ranks: who owns which particle, what they tell each other, sums and random numbers that do not depend on them."""
+"""Parallel computing: partition, ghosts, collectives, and sums and random numbers that are the same on any ranks."""

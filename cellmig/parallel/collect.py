@@ -1,4 +1,4 @@
-"""Arrays in global order on rank 0, and from there on all ranks; what rank 0 decides for all."""
+"""Collectives: arrays gathered in global order, broadcast from rank 0, and results that rank 0 computes for all."""
 
 from __future__ import annotations
 
@@ -14,22 +14,33 @@ from mpi4py import MPI
 
 from ..case.registry import laws
 
-AT_ONCE = 1 << 30  # bytes of a message: MPI counts in 32 bits
+AT_ONCE = 1 << 30  # largest message [B]: MPI counts in 32 bits
 
 
 def gathered(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int) -> np.ndarray | None:
-    """Values (size, ...) in the order of their global numbers, of which each rank has some; on rank 0 alone."""
+    """Distributed values in global order.
+
+    Parameters
+    ----------
+    numbers : (n,) int -- global numbers of the values of this rank.
+    values : (n, ...) -- in any unit.
+    size : int -- number of all values.
+
+    Returns
+    -------
+    (size, ...) on rank 0, None on others; collective.
+    """
     parts = comm.gather((numbers, np.ascontiguousarray(values)))
     if parts is None:
         return None
     out = np.zeros((size, *values.shape[1:]), values.dtype)
-    for where, some in parts:
-        out[where] = some
+    for at, some in parts:
+        out[at] = some
     return out
 
 
 def broadcast(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays of rank 0 on all ranks; collective."""
+    """The `arrays` of rank 0, by name and of any shape, on all ranks; collective."""
     shapes = comm.bcast({name: (a.shape, a.dtype.str) for name, a in arrays.items()})
     out = {}
     for name, (shape, kind) in shapes.items():
@@ -39,10 +50,10 @@ def broadcast(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.nda
 
 
 def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
-    """What `make` returns on rank 0, on all ranks to the bit; what it raises there is raised on all; collective.
+    """The result of `make` on rank 0, on all ranks to the bit; an exception there is raised on all; collective.
 
-    Ranks may be on unlike processors, whose sines and factorisations differ in the last bit; and where one bit decides,
-    so would the ranks.
+    Processors of different kinds differ in the last bits of sines and factorisations, so that ranks which computed the
+    result themselves could take different decisions.
     """
     if comm.size == 1:
         return make()
@@ -53,26 +64,26 @@ def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
         except Exception as error:
             failed = error
         _Pickler(text, 5, buffer_callback=lambda b: buffers.append(b.raw())).dump((value, failed))
-    here = comm.Ibarrier()
-    while not here.Test():  # leaving the processor to rank 0
+    arrival = comm.Ibarrier()
+    while not arrival.Test():  # a blocking call would keep the processor from rank 0
         time.sleep(1e-3)
-    said, sizes = comm.bcast((text.getvalue(), [b.nbytes for b in buffers]))
+    data, sizes = comm.bcast((text.getvalue(), [b.nbytes for b in buffers]))
     buffers = buffers or [bytearray(n) for n in sizes]
     for b in map(memoryview, buffers):
         for first in range(0, b.nbytes, AT_ONCE):
             comm.Bcast([b[first : first + AT_ONCE], MPI.BYTE])
     if comm.rank:
-        value, failed = pickle.loads(said, buffers=buffers)
+        value, failed = pickle.loads(data, buffers=buffers)
     if failed is not None:
         raise failed
     return value
 
 
 class _Pickler(pickle.Pickler):
-    """Sends laws by their names: wherever they were defined, all ranks have them."""
+    """Pickles the class of a law by its name, as laws from files of the user's belong to no importable module."""
 
     def reducer_override(self, thing: Any) -> Any:
-        """How to find the class of a law."""
+        """Function and arguments that give the class of a law; NotImplemented for all else."""
         known = isinstance(thing, type) and laws(getattr(thing, "kind", "")).get(getattr(thing, "law", "")) is thing
         return (_law, (thing.kind, thing.law)) if known else NotImplemented
 

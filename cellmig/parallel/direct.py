@@ -1,4 +1,4 @@
-"""Direct solution of large symmetric systems on one rank, by MUMPS through PETSc."""
+"""Direct solution of large symmetric systems on one rank, by MUMPS (Amestoy et al. 2001) through PETSc."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from petsc4py import PETSc
 
 
 def solve_positive(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution x (n, k) of A x = b for a symmetric positive definite A (n, n) and b (n, k); every rank solves alone."""
+    """Solution x (n, k) of A x = b, for a symmetric positive definite A (n, n) and b (n, k) of any units.
+
+    Each rank solves a system of its own.
+    """
     A = sparse.csr_matrix(A)
     A.sort_indices()
     indices = A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType)

@@ -1,4 +1,4 @@
-"""Ghosted PETSc vectors: fields of a rank's own particles, with copies of the others' that its forces need."""
+"""Ghosted PETSc vectors: fields on the particles of a rank, and on ghosts of the others that its forces need."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ from . import shared
 
 
 class GhostedField:
-    """A field of some numbers a particle: this rank's particles first, then the copies asked for by `set_ghosts`.
+    """A field of a few numbers per particle: the particles of this rank, then the ghosts chosen by `set_ghosts`.
 
-    They are current after `exchange`.  The memory is the caller's and stays where it is, whatever copies are asked for.
+    Ghosts are current after `exchange`.  The memory is the caller's; its address never changes.
     """
 
     def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, n_shared: int):
-        """`memory` : (>= n_local, width);  `n_shared` : how many own particles others may ask for; collective."""
+        """Field in `memory` (>= n_local, width), of any unit, with `n_owned` owned particles; collective.
+
+        At most `n_shared` of them become ghosts of other ranks.
+        """
         self._comm, self._memory, self._n_owned = comm, memory, n_owned
         self._copies = shared.SharedCopies(comm, memory, n_owned, n_shared) if shared.on_one_machine(comm) else None
         self.owned, self.vec = memory[:n_owned], None
 
     def set_ghosts(self, ghosts: np.ndarray) -> None:
-        """Copies are of these particles from now on, by their numbers in PETSc's order (n_ghosts,); collective."""
+        """Choose the particles `ghosts` (n_ghosts,) int, by their numbers in PETSc's order; collective."""
         if self.vec is not None:
             self.vec.destroy()
         n_owned, width = self._n_owned, self._memory.shape[1]
@@ -37,21 +40,21 @@ class GhostedField:
             self._copies.connect(ghosts)
 
     def exchange(self) -> None:
-        """Bring the copies up to date; collective."""
+        """Update the ghosts; collective."""
         self.vec.ghostUpdate(PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD)
 
     @property
     def handle(self) -> int:
-        """What `exchange_functions` work on, for C."""
+        """Address of the object that the `exchange_functions` take as their first argument."""
         return self.vec.handle if self._copies is None else self._copies.handle
 
     @property
     def exchange_functions(self) -> tuple[int, int]:
-        """Addresses of the two halves of `exchange`, so that steps in C can overlap it with work."""
+        """Addresses of the C functions that begin and end `exchange`, so that computation can overlap it."""
         return _petsc_functions() if self._copies is None else shared.exchange_functions()
 
     def destroy(self) -> None:
-        """Free what is PETSc's and MPI's; collective."""
+        """Free the objects of PETSc and MPI; collective."""
         self.vec.destroy()
         if self._copies is not None:
             self._copies.destroy()
@@ -64,7 +67,10 @@ def _petsc_functions() -> tuple[int, int]:
 
 
 def petsc_library() -> str:
-    """File of the PETSc library that this process has loaded."""
+    """Path of the PETSc library that this process has loaded.
+
+    Raises OSError where it is not in the memory map of the process.
+    """
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as maps:
         for line in maps:
             if "/libpetsc" in line:

@@ -1,20 +1,27 @@
-"""Which rank owns which particle."""
+"""Partition of the particles among the ranks."""
 
 from __future__ import annotations
 
 import numpy as np
 
-BALANCE = 0.03  # by how much the fullest rank may exceed its share for the sake of whole cells
-THICK = 15.0  # spacings: a slice of a cell that is thinner has almost as many ghosts as particles
+BALANCE = 0.03  # imbalance that is accepted for whole cells: particles of the fullest rank over the mean, minus 1
+THICK = 15.0  # least thickness of a slice of a cell [spacings]: a thinner one has almost as many ghosts as particles
 
 
 def partition(X: np.ndarray, cell: np.ndarray, material: np.ndarray, ranks: int) -> np.ndarray:
-    """Owner (n,) of particles at X (n, d) in cells, from 0 (n,), of materials (n,), numbered in strips in each.
+    """Owner of each particle (n,) int.
 
-    Whole cells where the ranks then are as full: they exchange nothing but what touches.  Else teams of ranks have
-    whole cells, as small as they balance, and every rank of a team has the same slice of all cells of its team:
-    coefficients that cells of a kind share then fill the caches of one rank alone.  Where slices would be thin, parts
-    of space.
+    Each rank gets whole cells if that balances: then only contacts are exchanged.  Otherwise whole cells are given to
+    teams of ranks, as small as balance allows, and each rank of a team gets the same slice of all cells of its team:
+    the coefficients that cells of a kind share are then in the cache of one rank only.  Where slices would be too thin,
+    space is bisected.
+
+    Parameters
+    ----------
+    X : (n, d) -- positions [µm].
+    cell : (n,) int -- cell of each particle, from 0.
+    material : (n,) int -- material; particles are numbered by cell, then by material, then in strips.
+    ranks : int -- number of ranks.
     """
     size = np.bincount(cell)
     centre = np.column_stack([np.bincount(cell, x) for x in X.T]) / size[:, None]
@@ -27,7 +34,10 @@ def partition(X: np.ndarray, cell: np.ndarray, material: np.ndarray, ranks: int)
 
 
 def slices(cell: np.ndarray, material: np.ndarray, count: int) -> np.ndarray:
-    """Slice (n,) of particles that are numbered by cell and material, and in these by height: as many in each."""
+    """Slice of each particle (n,) int, from 0: `count` slices of equal size of each cell and material.
+
+    Particles are numbered by `cell` (n,) int, then by `material` (n,) int, then in strips.
+    """
     start = np.flatnonzero(np.diff(cell, prepend=-1) | np.diff(material, prepend=-1))
     length = np.diff(np.append(start, len(cell)))
     within = np.arange(len(cell)) - np.repeat(start, length)
@@ -35,7 +45,12 @@ def slices(cell: np.ndarray, material: np.ndarray, count: int) -> np.ndarray:
 
 
 def bisection(X: np.ndarray, ranks: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Owner (n,) of things at X (n, d) of some weight (n,): recursive coordinate bisection, equal to one of them."""
+    """Owner of each point (n,) int, by recursive coordinate bisection; ranks are balanced to one point.
+
+    X (n, d) [µm] are the points, `weight` (n,) [-] their weights; None for equal ones.
+
+    Source: Berger & Bokhari (1987).
+    """
     owner = np.zeros(len(X), np.int32)
     weight = np.ones(len(X)) if weight is None else weight
 

@@ -1,4 +1,4 @@
-"""Random numbers by purpose and name: a function of what they are for, not of its number, the rank or the calls."""
+"""Random numbers as a function of seed, purpose and name, independent of ranks and of the order of calls."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 
 
 def uniform(seed: int, purpose: str, name: str, n: int) -> np.ndarray:
-    """The first n of the numbers in [0, 1) that belong to (seed, purpose, name), by a counter-based generator."""
+    """The first n of the numbers in [0, 1) that belong to (seed, purpose, name), (n,) [-].
+
+    Source: the counter-based generator Philox (Salmon et al. 2011).
+    """
     words = np.frombuffer(hashlib.sha256(f"{purpose}\0{name}".encode()).digest(), "<u4")
     key = np.random.SeedSequence([seed, *words.tolist()])
     return np.random.Generator(np.random.Philox(key)).random(n)

@@ -1,4 +1,4 @@
-"""Sums over all ranks whose bits depend neither on the partition nor on the order."""
+"""Sums over all ranks whose bits depend neither on the partition nor on the order of the terms."""
 
 from __future__ import annotations
 
@@ -9,14 +9,24 @@ import numpy as np
 
 from mpi4py import MPI
 
-_BITS = 30  # of one limb; three limbs hold 90 bits below the largest value, 2³³ values fit
+_BITS = 30  # bits of a limb: three limbs hold 90 bits below the largest value, and 2³³ values can be added
 
 
 def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, groups: int = 1) -> np.ndarray:
-    """Sum over the ranks and the first axis, of (n,) or (n, k) values; the result is () or (k,).
+    """Sum over the ranks and the first axis; collective.
 
-    With `group` (n,) the sums of `groups` groups are returned, (groups, ...).  Values are split into whole multiples
-    of powers of two and these are added as integers, which is associative.
+    Parameters
+    ----------
+    values : (n, ...) -- in any unit.
+    group : (n,) int -- group of each value, from 0; None for a single sum.
+    groups : int -- number of groups.
+
+    Returns
+    -------
+    (...), or (groups, ...) with a group -- NaN if a value is not finite.
+
+    Source: fixed-point accumulation (as Demmel & Nguyen 2015): values are split into integer multiples of powers of
+    two, and integers are added, which is associative.
     """
     values = np.asarray(values, float)
     flat = values.reshape(len(values), math.prod(values.shape[1:]))
@@ -24,7 +34,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     top = np.where(np.isnan(top), np.inf, top)
     comm.Allreduce(MPI.IN_PLACE, top, MPI.MAX)
     shape = values.shape[1:] if group is None else (groups, *values.shape[1:])
-    top = np.maximum(top, 1e-200)  # so that powers of two below it exist
+    top = np.maximum(top, 1e-200)  # all units of the limbs are normal numbers
     if not np.isfinite(top).all():
         return np.full(shape, np.nan)
     exponent = np.frexp(top)[1]
@@ -32,7 +42,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     order = np.argsort(group, kind="stable")
     present, start = np.unique(group[order], return_index=True)
     limbs = np.zeros((3, groups, flat.shape[1]), np.int64)
-    for k in range(flat.shape[1] if len(flat) else 0):  # one after the other, for the sake of memory
+    for k in range(flat.shape[1] if len(flat) else 0):  # one column at a time saves memory
         rest = flat[order, k]
         for i in range(3):
             unit = int(exponent[k]) - _BITS * (i + 1)
@@ -46,7 +56,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
 
 
 def global_maximum(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
-    """Largest value over the ranks, entry by entry; a NaN counts as infinite."""
+    """Elementwise maximum of `values` (...), in any unit, over the ranks; NaN counts as infinite; collective."""
     values = np.where(np.isnan(values), np.inf, values)
     comm.Allreduce(MPI.IN_PLACE, values, MPI.MAX)
     return values

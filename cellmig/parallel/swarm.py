@@ -1,4 +1,4 @@
-"""The particles in a DMSwarm: it holds what belongs to a particle and carries it to its owner."""
+"""The particles of a rank in a PETSc DMSwarm, which holds their fields and sends them to their owners."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.Rea
 
 
 class Swarm:
-    """Particles of this rank, with the fields id, X, u, v [µm, µm/µs], θ, and losses and impulses so far."""
+    """Particles of this rank, with their fields.
+
+    These are id; positions X and displacements u (n, 2) [µm], velocities v (n, 2) [µm/µs], angles of the director
+    (n,) [rad], and the losses and impulses accumulated so far (n, 5).
+    """
 
     def __init__(self, comm: PETSc.Comm, fields: dict[str, np.ndarray]):
-        """Start with the particles that this rank brings along, whoever is to own them."""
+        """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
         self.dm = PETSc.DMSwarm().create(comm=comm)
         self.dm.setDimension(2)
         self.dm.setType(PETSc.DMSwarm.Type.BASIC)
@@ -31,7 +35,7 @@ class Swarm:
 
     @contextmanager
     def field(self, name: str) -> Iterator[np.ndarray]:
-        """A field as an array to read or write in place, (n,) or (n, width)."""
+        """A field as an array to read or write in place, (n,) or (n, width), in its unit."""
         width = FIELDS[name][0] if name in FIELDS else 1
         try:
             values = self.dm.getField(name)
@@ -48,7 +52,7 @@ class Swarm:
             return f.copy()
 
     def migrate(self, owner: np.ndarray) -> None:
-        """Send every particle to the rank that `owner` (n,) names; afterwards they stand in the order of their ids."""
+        """Send each particle to the rank `owner` (n,) int, and sort the particles of a rank by id; collective."""
         self["DMSwarm_rank"] = owner
         self.dm.migrate(remove_sent_points=True)
         order = np.argsort(self["id"], kind="stable")
