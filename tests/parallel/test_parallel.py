@@ -149,7 +149,7 @@ def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
 def test_what_rank_0_decides_is_the_same_bits_everywhere(comm: MPI.Comm) -> None:
     law = laws("shape")["disc"](radius=3.0)
     value = computed_on_root(comm, lambda: {"a": np.arange(10.0) + comm.rank, "law": law, "empty": np.zeros((0, 2)),
-                                   "turned": np.ones((3, 4)).T * comm.rank})
+                                            "turned": np.ones((3, 4)).T * comm.rank})
     assert np.array_equal(value["a"], np.arange(10.0)) and value["law"] == law and value["empty"].shape == (0, 2)
     assert not value["turned"].any()
     value["a"] += 1.0  # it is this rank's own
