@@ -18,11 +18,13 @@ from .run import Run, stop_requests
 
 
 def run_here(case: Case, directory: Path, until: float | None, quiet: bool, start: Path | None) -> Record:
-    """Run a case on all ranks; its record, also if ^C or a signal ended it early (status 75); collective.
+    """Run a case on all ranks; returns its record, also if ^C or a signal ended it early (status 75); collective.
 
-    `start` : of a run with whose last state it begins.
+    until : end [µs] in place of the case's;  start : directory of a run, whose last state is the initial one.
+
+    Raises NumericsError or OutputError where the run failed.
     """
-    # Python lets its main thread alone watch for signals.
+    # Python allows signal handlers in the main thread only.
     watched = threading.current_thread() is threading.main_thread()
     with stop_requests() if watched else nullcontext([]) as asked:
         run = Run(case, directory, MPI.COMM_WORLD, until=until, quiet=quiet, origin=start)

@@ -1,4 +1,4 @@
-"""Many runs: one process each, as many at once as there are cores; what is there already is kept."""
+"""Many runs, a process each, as many at a time as there are cores; complete runs are not repeated."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from cellmig.version import __version__
 
 from .preflight import cost
 
-_SETUP = 3.0  # wall seconds of a run before its first step and after its last (measured)
-CLOSES = 0.01  # what the ledger of a run may miss, relative to its largest entry
-_PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall seconds
+_SETUP = 3.0  # wall time of a run before its first step and after its last (measured) [s]
+CLOSES = 0.01  # largest energy error of a run that counts [-]
+_PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall time [s]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run to be: a case file under some `--set`, the directory that it leaves, PETSc's options and the ranks.
+    """A planned run: a case file, changes of it as of `--set`, its directory, PETSc's options, number of ranks.
 
-    until : float -- where it ends [us], if not where the case says.
+    until : end [us] in place of the case's.
     """
 
     name: str
@@ -61,28 +61,28 @@ class Job:
     until: float | None = None
 
     def load(self) -> Case:
-        """The case that this run is of."""
+        """The case with its changes."""
         register()
         return load(self.case, self.sets)
 
     def is_done(self) -> bool:
-        """Whether its directory holds this very run, finished: the same case to the last value, and to its end."""
+        """Whether its directory holds this run, complete: the same case in every value, to its end."""
         manifest = read_manifest(self.directory)
         return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self.is_of(manifest)
 
     def is_outdated(self) -> bool:
-        """Whether what its directory holds was done by another version of cellmig."""
+        """Whether its directory holds a complete run of another version of cellmig."""
         manifest = read_manifest(self.directory)
         return manifest.get("exit_status") == 0 and manifest.get("version") != __version__
 
     def goes_on(self) -> bool:
-        """Whether its directory holds this very run with a checkpoint, stopped or killed before its end."""
+        """Whether its directory holds this run with a checkpoint, stopped or killed before its end."""
         manifest = read_manifest(self.directory)
         return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("exit_status") != 0
                 and self.is_of(manifest))
 
     def is_of(self, manifest: Mapping[str, Any]) -> bool:
-        """Whether a manifest is of this case, by this version: what another computed may differ."""
+        """Whether a manifest belongs to this case and to this version of cellmig, as others may have other results."""
         if manifest.get("version") != __version__:
             return False
         case = self.load()
@@ -92,19 +92,19 @@ class Job:
                 and manifest["case"] == json.loads(json.dumps(case.resolved())))
 
     def arguments(self) -> list[str]:
-        """What the command line says of it."""
+        """Words of its command line."""
         sets = [word for text in self.sets for word in ("--set", text)]
         sets += [word for one in included() for word in ("--law", one["file"])]
         end = [] if self.until is None else ["--until", f"{self.until} us"]
         return ["run", str(self.case), "--out", str(self.directory), "--quiet", *sets, *end, *self.options]
 
     def command(self) -> str:
-        """The line that runs it again."""
+        """Command line that repeats it."""
         on_ranks = ["mpiexec", "-n", str(self.ranks)] if self.ranks > 1 else []
         return shlex.join([*on_ranks, "cellmig", *self.arguments()])
 
     def start(self, errors: IO[str]) -> subprocess.Popen:
-        """Start it, or go on with it; what it says about a failure goes to `errors`."""
+        """Start or resume it; its messages go to `errors`."""
         going_on = ("--resume", "auto") if self.goes_on() else ()
         command = [*PYTHON, "-m", "cellmig", *self.arguments(), *going_on]
         if self.ranks > 1:
@@ -115,7 +115,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a run ended: its exit code, and a message if that is not 0."""
+    """The end of a run: its exit code, and a message if that is not 0."""
 
     job: Job
     code: int
@@ -123,10 +123,10 @@ class Ended:
 
 
 def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit: float = math.inf) -> Iterator[Ended]:
-    """Run jobs in order, on `at_once` ranks at a time or more if one needs them; tell of each as it ends.
+    """Run jobs in order, on `at_once` ranks at a time, or more if one job needs them; yields each that ended.
 
-    A failure stops no other.  One that takes longer than `limit` wall seconds is killed.  As soon as `asked` is not
-    empty, nothing more is started and what runs is asked to stop, too.
+    A failure does not stop others.  A run that takes longer than `limit` [s] is killed.  After a signal in `asked` no
+    further run starts, and those at work receive SIGTERM.
     """
     waiting, active = list(jobs)[::-1], {}
 
@@ -156,10 +156,10 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
 
 def run_missing(out: Path, jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
                 ) -> dict[Job, Ended]:
-    """Run the jobs that are not done, in order or the longest first, and show how many have ended; those that failed.
+    """Run the jobs that are not complete, in order or the longest first, with progress; returns those that failed.
 
-    `out` : where they are, which one command at a time works in.
-    Ranks wait for each other and want the cores for themselves: by length, runs on several of them come last.
+    out : their directory, which other commands must not use.  With `longest_first`, runs on several ranks come last, as
+    their ranks wait for each other and need all cores.
     """
     with Claim(out, MPI.COMM_SELF, make=True):
         return _run_missing(list(jobs), at_once, asked, longest_first)
@@ -190,7 +190,7 @@ def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longes
 
 
 def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
-    """Seconds that each job takes on one core that it has for itself; what differs in the seed alone is timed once."""
+    """Estimated time of each job on a free core [s]; jobs that differ in the seed only are measured once."""
     known: dict[str, float] = {}
     found = {}
     for job in jobs:
@@ -202,13 +202,13 @@ def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
 
 
 def expected(seconds: Mapping[Job, float], at_once: int, load: float, cores: int) -> float:
-    """Wall seconds of jobs that take these on one core each; `load` : other processes that want to run meanwhile."""
+    """Estimated wall time [s] of jobs with these times on one core; `load` : number of other running processes."""
     longest = max(time / job.ranks for job, time in seconds.items())
     return max(sum(seconds.values()) / at_once, longest) * max(1.0, (at_once + load) / cores)
 
 
 def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
-    """Runs to the end whose energy does not add up: they pass for no result, whatever they would say."""
+    """Complete runs with an energy error above CLOSES, whose results do not count."""
     found = {}
     for job in jobs:
         closure = read_manifest(job.directory)["worst_closure"]
@@ -221,14 +221,14 @@ def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
 
 
 def counting(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, Ended]]:
-    """Of all jobs by key, those that are done and count, and those that ended but do not."""
+    """Complete jobs that count, by key, and complete jobs that do not."""
     done = {key: job for key, job in jobs.items() if job.is_done()}
     bad = unsound(done.values())
     return {key: job for key, job in done.items() if job not in bad}, bad
 
 
 def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Rows as CSV; a column for each name that is in any of them."""
+    """Write rows as CSV, with a column for each name in any of them."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
@@ -239,7 +239,7 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _kill(process: subprocess.Popen) -> None:
-    """End a process that hangs, and its ranks: a second ^C ends them at once."""
+    """Kill a process and its ranks; a second SIGINT ends those of mpiexec at once."""
     for _ in range(2):
         process.send_signal(signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):
@@ -258,7 +258,7 @@ def _ended(code: int, job: Job, errors: IO[str]) -> Ended:
 
 
 class Count:
-    """How many runs have ended: a bar on a terminal, else a line now and then."""
+    """Shows how many runs have ended: a bar on a terminal, else lines at intervals."""
 
     def __init__(self, total: int, unit: str = "run") -> None:
         watched = "CELLMIG_TERMINAL" in os.environ or sys.stdout.isatty()
@@ -267,7 +267,7 @@ class Count:
         self._due = float("inf") if watched else self._begin + _NEXT_LINE
 
     def __call__(self, ended: Ended) -> None:
-        """After a run."""
+        """Count a run that ended."""
         self._done += 1
         self._bar.update()
         if ended.code:
@@ -279,5 +279,5 @@ class Count:
                   flush=True)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._bar.close()

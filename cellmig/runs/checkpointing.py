@@ -1,4 +1,4 @@
-"""When a run writes checkpoints and what they say; from which of them a run goes on."""
+"""When a run writes checkpoints, what they contain, and which of them a run resumes from."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from cellmig.simulation import Simulation
 from cellmig.solve.restart import same_places
 from cellmig.version import __version__
 
-FORMAT = 2  # of checkpoints: what they hold, and what it is called
+FORMAT = 2  # version of names and contents of checkpoints
 GO_ON, SAVE, STOP = 0, 1, 2
-USUAL = 300.0  # wall seconds between checkpoints, if nobody says
-SHARE = 0.02  # of the wall time that they may take, if nobody says how often
-SPARE = 3.0  # wall seconds kept back for the start and the end, besides what the slowest steps and checkpoints take
+USUAL = 300.0  # default interval of checkpoints in wall time [s]
+SHARE = 0.02  # largest share of the wall time for checkpoints at the default interval
+SPARE = 3.0  # reserve of wall time for the end, besides the slowest batch of steps [s]
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """When to save: every so many wall seconds and µs of simulated time; when to stop: wall seconds; None: as usual."""
+    """Intervals of checkpoints in wall [s] and simulated time [µs]; limit of the wall time [s]; None is the default."""
 
     wall: float | None = None
     simulated: float | None = None
@@ -51,12 +51,12 @@ USUALLY = Intervals()
 class Keeper:
     """Writer of the checkpoints of a run; every method is collective.
 
-    count : checkpoints written;  seconds : wall time that they took;  held : the last state that can be saved, where
-    that of now cannot.
+    count, seconds : number of checkpoints, and their wall time;  held : the last state that can be resumed, where the
+    current one cannot.
     """
 
     def __init__(self, directory: Path, comm: MPI.Comm, intervals: Intervals, begin: float, start: float):
-        """`begin` : of the wall time that is limited, by perf_counter;  `start` : where the run goes on [µs]."""
+        """`begin` : of the run, by perf_counter [s];  `start` : simulated time at which it begins or resumes [µs]."""
         self.directory, self.comm, self.intervals = directory, comm, intervals
         self.count, self.seconds = 0, 0.0
         self.held: Checkpoint | None = None
@@ -65,7 +65,7 @@ class Keeper:
         self._saved_until, self._slowest, self._last = start, 0.0, 0.0
 
     def wish(self, time: float, asked: Sequence[int]) -> int:
-        """GO_ON, SAVE or STOP at a time [µs]; `asked` : signals that this rank got."""
+        """GO_ON, SAVE or STOP at a time [µs]; `asked` : signals that this rank received; collective."""
         now, i = perf_counter(), self.intervals
         self._slowest, self._seen = max(self._slowest, now - self._seen), now
         own = STOP if asked else GO_ON
@@ -78,7 +78,7 @@ class Keeper:
         return self.comm.allreduce(own, MPI.MAX)
 
     def save(self, state: Callable[[], Checkpoint]) -> None:
-        """Write a checkpoint of what is held, else of a state."""
+        """Write the checkpoint `held`, else that of `state()`; collective."""
         begin = perf_counter()
         made = self.held or state()
         checkpoint.write(self.directory, self.comm, made)
@@ -88,25 +88,25 @@ class Keeper:
 
 
 def identity(case: Case, end: float, prune: bool) -> dict[str, Any]:
-    """What a checkpoint has to be of, as JSON has it; `end` [µs]."""
+    """What has to be equal in a resumed run, in the types of JSON: version, case, end [µs], pruning, own laws."""
     laws = {"laws": included()} if included() else {}
     return {"version": __version__, "case": case.resolved(), "end_us": end, "prune": prune, **laws}
 
 
 def method(simulation: Simulation, options: dict[str, str]) -> dict[str, Any]:
-    """What is known once a simulation is built, and has to be the same: code and options."""
+    """What else has to be equal, known once a simulation is built: code of the kernel, integrator, options."""
     run = simulation.integrator
     return {"kernel": hashlib.sha256(_code(simulation.mechanics.kernel.source).encode()).hexdigest(),
             "integrator": run.description, "step": run.fixed_step, "options": affecting_results(options)}
 
 
 def _code(source: str) -> str:
-    """What a compiler sees of C: without comments and layout."""
+    """C source without comments and layout."""
     return " ".join(re.sub(r"/\*.*?\*/|//[^\n]*", " ", source, flags=re.DOTALL).split())
 
 
 def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
-    """Refuse tables and frames in a directory that are not those that a checkpoint was written beside; collective."""
+    """Raise OutputError unless tables and frames of a directory belong to a checkpoint; collective."""
 
     def act() -> None:
         tables = dict(state.about["files"])
@@ -118,7 +118,7 @@ def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
 
 
 def check_method(state: Checkpoint, simulation: Simulation, options: dict[str, str]) -> None:
-    """Refuse to go on by another method than that of a checkpoint, or with other particles; collective."""
+    """Raise OutputError unless method and particles are those of a checkpoint; collective."""
     then, now = state.about["method"], method(simulation, options)
     if then["kernel"] != now["kernel"]:
         raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
@@ -138,7 +138,7 @@ def check_method(state: Checkpoint, simulation: Simulation, options: dict[str, s
 
 
 def check_identity(about: dict[str, Any], case: Case, end: float, prune: bool) -> None:
-    """Refuse to go on with another case than that of a run."""
+    """Raise CaseError unless the case is that of a run, OutputError unless the version is."""
     _check_version(about)
     now = json.loads(json.dumps(identity(case, end, prune)))
     about, now = ({**one, "laws": [file["sha256"] for file in one.get("laws", ())]} for one in (about, now))
@@ -156,7 +156,7 @@ def _check_version(about: dict[str, Any]) -> None:
 
 
 def _differences(a: Any, b: Any, path: str = "") -> Any:
-    """Where two trees of tables differ, as dotted keys."""
+    """Dotted keys at which two trees of tables differ."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in {**a, **b}:
             yield from _differences(a.get(key), b.get(key), f"{path}.{key}" if path else key)
@@ -169,9 +169,9 @@ def _differences(a: Any, b: Any, path: str = "") -> Any:
 
 def look(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = False
          ) -> tuple[dict[str, Any], Checkpoint | None]:
-    """The manifest of the run in a directory and its newest whole checkpoint, as far as there are; collective.
+    """Manifest and newest intact checkpoint of the run in a claimed directory, if it has them; collective.
 
-    Who looks has claimed it before.  A run that is done needs no checkpoint, unless `done_too` asks for its last state.
+    The checkpoint of a complete run is read only with `done_too`.  Raises OutputError where the two do not match.
     """
     directory = claim.path
     manifest = comm.bcast(together(comm, lambda: read_manifest(directory), root_only=True)[0])
@@ -189,12 +189,12 @@ def look(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = Fal
 
 
 def is_done(manifest: dict[str, Any]) -> bool:
-    """Whether a run came to its end."""
+    """Whether a run is complete."""
     return manifest.get("exit_status") == 0 and not manifest.get("cause")
 
 
 def state_of(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint:
-    """The last state of a run that another one is to start from; collective."""
+    """Last state of a run, as initial state of another; collective.  Raises OutputError where there is none."""
     with Claim(directory, comm) as claim:
         _, state = look(claim, comm, quiet, done_too=True)
     if state is None:
@@ -203,14 +203,14 @@ def state_of(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint
 
 
 def parent(directory: Path, state: Checkpoint) -> dict[str, Any]:
-    """What a manifest says of the run that another one started from."""
+    """Entries for the manifest about the run whose last state was the initial one."""
     about = state.about
     return {"directory": str(directory), "run_id": about["id"], "time_us": about["time_us"],
             "case_file": about["case_file"], "title": about["run"]["case"].get("title", "")}
 
 
 def new_end(until: float, state: Checkpoint | None, manifest: dict[str, Any], directory: Path) -> float:
-    """The end [µs] that a run is given anew.  Raises OutputError or CaseError if it cannot go on to there."""
+    """The changed end of a run [µs].  Raises OutputError or CaseError if the run cannot be resumed to it."""
     if state is None and is_done(manifest):
         raise OutputError(f"the run in '{directory}' is done and has no checkpoint to go on from")
     if state and until < (reached := state.about["time_us"]):
@@ -220,7 +220,7 @@ def new_end(until: float, state: Checkpoint | None, manifest: dict[str, Any], di
 
 
 def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) -> tuple[Case, float, bool]:
-    """Case, end [µs] and pruning of a run that is to go on, or to begin anew if it has no checkpoint yet."""
+    """Case, end [µs] and pruning of a run that resumes, or begins again if it has no checkpoint yet."""
     about = state.about | state.about["run"] if state else manifest
     if not ({"case_file", "end_us", "prune", "version"} <= about.keys() and isinstance(about.get("case"), dict)):
         raise OutputError(f"there is nothing to resume in '{directory}'")

@@ -1,4 +1,4 @@
-"""What came out of the runs of a study."""
+"""Outcomes of the runs of a study."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .outcome import Outcome
 
 
 def collect(jobs: Mapping[tuple[str, int], Job]) -> dict[str, dict[int, Outcome]]:
-    """What came out of finished runs; says so where they are not of one source."""
+    """Outcomes of complete runs by name and seed; prints a note where versions or commits differ."""
     results: dict[str, dict[int, Outcome]] = {}
     for (name, seed), job in jobs.items():
         results.setdefault(name, {})[seed] = Outcome.read(job.directory)
@@ -20,6 +20,6 @@ def collect(jobs: Mapping[tuple[str, int], Job]) -> dict[str, dict[int, Outcome]
 
 
 def source(outcome: Outcome) -> str:
-    """What a run was computed with."""
+    """Commit or version that computed a run."""
     m = outcome.manifest
     return f"{m['commit']} ({m['tree']})" if "commit" in m else f"version {m.get('cellmig')}"

@@ -1,4 +1,4 @@
-"""Whether two runs are the same and where they part."""
+"""Comparison of two runs: whether they are equal, and their first difference."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
 
     Parameters
     ----------
-    a, b : Path -- directories of runs, on any numbers of ranks, finished or not.
+    a, b : Path -- directories of runs, on any numbers of ranks, complete or not.
     tolerance : float -- allowed difference relative to the largest number of the column or of the field in the frame
-        (the closure is relative already) [-]; 0 asks for the same bits.
+        (the closure is relative already) [-]; 0 for equal bits.
 
     Returns
     -------
-    bool -- whether they are the same.
-    list of str -- for the user: what was compared, and of each part the first difference.
+    bool -- whether they are equal.
+    list of str -- lines for the user: what was compared, and the first difference of each part.
     """
     a, b = the_run(a), the_run(b)
     same, lines = True, []
@@ -43,7 +43,7 @@ def _same(tolerance: float) -> str:
 
 
 def _unequal(a: np.ndarray, b: np.ndarray, tolerance: float, scale: float | None = None) -> np.ndarray:
-    """Where two arrays of one shape differ, of the same shape; nan is equal to nan."""
+    """Where two arrays of one shape differ, as an array of this shape; nan equals nan."""
     if a.dtype.kind != "f" or b.dtype.kind != "f":
         return a != b
     if tolerance == 0:
@@ -94,7 +94,7 @@ def _diff_frames(one: list[Frame], two: list[Frame], tolerance: float) -> tuple[
 
 
 def _differences(a: dict[str, np.ndarray], b: dict[str, np.ndarray], tolerance: float) -> Iterator[str]:
-    """What differs between two frames in the order of the ids, the state before what follows from it."""
+    """Differences of two frames, fields of the state first."""
     if not np.array_equal(a["id"], b["id"]):
         yield f"which are not of the same particles ({len(a['id'])} and {len(b['id'])})"
         return

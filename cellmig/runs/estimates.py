@@ -1,4 +1,4 @@
-"""What motion to expect of a case: estimates by hand, before anything is computed."""
+"""Estimates of the motion of a case, from closed formulas."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cellmig.case.schema import Case, Cell
 
 
 class Expected(NamedTuple):
-    """Motion that a case will show, within a factor of two or three.
+    """Estimated motion of a case, within a factor of two or three.
 
-    push : float -- on the cells that go fastest, over their number [pN/µm];  speed, distance : of these at the end
-    [µm/µs], [µm];  spreading : speed of the line of contact at first [µm/µs];  start : largest speed given at the start
-    [µm/µs];  size : diameter 2 √(A/π) of the largest cell [µm];  reynolds : ρ v L/μ of the largest of these speeds with
-    L = `size`, None without a fluid.
+    push : protrusion on the fastest cells, per cell [pN/µm];  speed, distance : of these at the end [µm/µs], [µm];
+    spreading : initial speed of the contact line [µm/µs];  start : largest initial speed of the case [µm/µs];
+    size : diameter 2 √(A/π) of the largest cell [µm];  reynolds : ρ v L/μ with the largest of these speeds and L =
+    `size`, None without a fluid.
     """
 
     push: float
@@ -36,14 +36,16 @@ class Expected(NamedTuple):
 
 
 def expected(case: Case, lie: Lie, end: float) -> Expected:
-    r"""Estimate the motion of a case up to a time `end` [µs] from what drives it.
+    r"""Estimate the motion of a case up to a time `end` [µs] from its driving forces.
 
-    *Push.*  A membrane that rises at an angle θ carries β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ once it holds on, w = N σ,
-    ᾱ = 1/2.  For a round cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); cells that have spread stand steeper and carry
-    somewhat less.  Cells that bonds tie together share their pushes F, and m v' = ΣF - c ΣL v with m = Σρ A, the drag c
-    of the friction and a contact L of a diameter: without friction v = F t/m, and the distance is F t²/2m.
+    *Push.*  The protrusion on a membrane at an angle θ with the substrate is β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ, with
+    w = N σ and ᾱ = 1/2.  For a round cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); spread cells are steeper, with a
+    somewhat smaller push.  Cells in contact share their pushes F, and m v' = ΣF - c ΣL v with m = Σρ A, the drag c of
+    the friction and a contact L of one diameter: without friction v = F t/m, and the distance is F t²/2m.
 
-    *Spreading.*  Adhesion pulls at the line of contact with w, against viscosity or inertia: v = w / (μ + √(ρ R w)).
+    *Spreading.*  Adhesion pulls at the contact line with w, against viscosity or inertia: v = w / (μ + √(ρ R w)).
+
+    Source: derived here.
     """
     touching = set(range(len(case.cells))) - set(lie.floating.tolist()) if case.substrate else set()
     best = (0.0, 0.0, 0.0)
@@ -60,13 +62,13 @@ def expected(case: Case, lie: Lie, end: float) -> Expected:
 
 
 def _groups(lie: Lie) -> list[np.ndarray]:
-    """Numbers of the cells of each group that bonds tie together."""
+    """Numbers of the cells in each group of cells in contact."""
     order = np.argsort(lie.group, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(lie.group[order])) + 1)
 
 
 def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float]:
-    """Speed and distance at the end, and push over number, of cells that move together."""
+    """Speed and distance at the end, and push per cell, of cells that move together."""
     mass = sum(_law(case, c).density * c.shape.area for c in cells)
     force = sum(_push(case, c) for c, touches in zip(cells, touching, strict=True) if touches)
     along = abs(case.body_force[0]) if case.body_force and case.substrate else math.hypot(*case.body_force or (0.0,))
@@ -80,7 +82,7 @@ def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) ->
 
 
 def _push(case: Case, cell: Cell) -> float:
-    """Push on a cell that touches the substrate [pN/µm]."""
+    """Push on a cell on the substrate [pN/µm]."""
     law = case.protrusion
     if law is None or cell.name not in law.cells:
         return 0.0
@@ -88,13 +90,13 @@ def _push(case: Case, cell: Cell) -> float:
 
 
 def _spreading(case: Case, cell: Cell) -> float:
-    """Speed of the line of contact of a cell that touches the substrate [µm/µs]; 0 of a solid."""
+    """Speed of the contact line of a cell on the substrate [µm/µs]; 0 for a solid."""
     law, work = _law(case, cell), case.substrate.work
     return work / (law.viscosity + math.sqrt(law.density * _radius(cell) * work)) if law.viscosity and work else 0.0
 
 
 def _start(cell: Cell) -> float:
-    """Largest speed that a cell is given at the start [µm/µs]."""
+    """Largest initial speed of a cell [µm/µs]."""
     at = cell.shape.outline(64)
     with np.errstate(all="ignore"):
         given = np.column_stack([evaluate(value, at) for value in cell.velocity])

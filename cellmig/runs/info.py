@@ -1,4 +1,4 @@
-"""What a run was and did, on one screen, from its manifest and tables; it may be unfinished."""
+"""Summary of a run on one screen, from its manifest and tables; the run may be incomplete."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .summary import lost_said
 Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "stopped on request"}
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
-# What other rows say already, or what only a program asks for.
+# Keys that other rows already show, or that are for programs.
 _SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_closure", "hosts", "list_renewals",
          "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
-_ROUNDING = 1e-9  # of a length [µm] or momentum [pN µs/µm]: less is none
+_ROUNDING = 1e-9  # smaller lengths [µm] and momenta [pN µs/µm] count as zero
 
 
 def info(directory: Path) -> str:
-    """Lines for the user."""
+    """Text of the summary."""
     directory = the_run(directory)
     manifest = read_manifest(directory)
     rows: list[tuple[str, Any]] = [("directory", directory)]
@@ -42,7 +42,7 @@ def info(directory: Path) -> str:
 
 
 def _was(m: dict[str, Any]) -> Rows:
-    """What it was, and how it ended; takes from the manifest what it says."""
+    """Case and end of the run; removes its keys from the manifest."""
     case, file = m.pop("case", {}), m.pop("case_file", "")
     yield "case", " ".join(filter(None, [case.get("title", "untitled"), f"({file})" if file else ""]))
     status, cause = m.pop("exit_status", None), m.pop("cause", "")
@@ -117,7 +117,7 @@ def _made_with(m: dict[str, Any]) -> Rows:
 
 
 def _rest(m: dict[str, Any]) -> Rows:
-    """What no other row took."""
+    """The remaining keys."""
     for key, value in m.items():
         if key not in _SAID and value not in (None, "", [], {}):
             yield key.replace("_", " "), _plain(value)

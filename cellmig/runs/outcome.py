@@ -1,4 +1,4 @@
-"""Numbers of one run that the paper's claims turn on."""
+"""Results of one run that the paper's claims need."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CELLS = (1, 2, 3)  # right, middle, left
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run left: history.csv, the manifest, the frames."""
+    """Files of a run: history.csv, manifest, frames."""
 
     history: dict[str, np.ndarray]
     manifest: dict[str, Any] = field(default_factory=dict)
@@ -27,30 +27,30 @@ class Outcome:
 
     @staticmethod
     def read(directory: Path) -> Outcome:
-        """From the directory of a finished run."""
+        """Read the directory of a complete run."""
         return Outcome(read_table(directory / "history.csv"), read_manifest(directory), frames(directory), directory)
 
     def series(self, column: str, cell: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Times [us] and a column of history.csv; cell 0 is the aggregate."""
+        """Times (n,) [us] and a column (n,) of history.csv; cell 0 is the aggregate."""
         rows = self.history["cell"] == cell
         return self.history["time_us"][rows], self.history[column][rows]
 
     def at(self, column: str, time: float, cell: int = 0) -> float:
-        """A column at a time [us], linear between the samples."""
+        """A column at a time [us], interpolated between samples."""
         return float(np.interp(time, *self.series(column, cell)))
 
     def frame(self, time: float) -> dict[str, np.ndarray] | None:
-        """The fields of the frame nearest to a time [us]; None without frames."""
+        """Fields of the frame nearest to a time [us]; None without frames."""
         return min(self.frames, key=lambda frame: abs(frame.time - time)).read() if self.frames else None
 
     def apart(self, cell: int) -> float:
-        """For how long [us] an outer cell has no contact with the middle one, its only neighbour."""
+        """Time [us] for which an outer cell has no contact with the middle one, its only neighbour."""
         time, contact = self.series("cell_contact_um", cell)
         return float(np.mean(contact == 0.0) * time[-1])
 
     @property
     def separated(self) -> float:
-        """The same of both outer cells together [us]."""
+        """Sum of `apart` of both outer cells [us]."""
         return self.apart(1) + self.apart(3)
 
     @property
@@ -60,7 +60,7 @@ class Outcome:
 
     @cached_property
     def nucleus(self) -> int:
-        """What `material` is in a nucleus."""
+        """Value of the field `material` in a nucleus."""
         case = self.manifest["case"]
         used = [name for name in case["materials"]
                 if any(name in (cell["material"], cell.get("nucleus")) for cell in case["cells"])]
@@ -71,13 +71,13 @@ class Outcome:
 
 
 def circularity(outcome: Outcome, time: float) -> float:
-    """4 pi A/P^2 of the cell that is least round [-]: 1 for a disc."""
+    """Smallest circularity 4 pi A/P^2 of the cells [-]: 1 for a disc."""
     return min(4.0 * np.pi * outcome.at("area_um2", time, cell) / outcome.at("perimeter_um", time, cell) ** 2
                for cell in CELLS)
 
 
 def aspect(outcome: Outcome, time: float) -> float | None:
-    """Height over width of the cell where that is farthest from 1 [-]."""
+    """Height over width of the cell for which it is farthest from 1 [-]."""
     fields = outcome.frame(time)
     if fields is None:
         return None
@@ -86,7 +86,7 @@ def aspect(outcome: Outcome, time: float) -> float | None:
 
 
 def gap(outcome: Outcome, time: float, height: float) -> float | None:
-    """Horizontal distance [um] of the outlines of Cell-1 and Cell-2 at a height [um] above the substrate."""
+    """Horizontal distance [um] between the outlines of Cell-1 and Cell-2 at a height [um] above the substrate."""
     fields = outcome.frame(time)
     if fields is None:
         return None
@@ -100,14 +100,14 @@ def _positions(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
 
 
 def outline(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
-    """Surface particles of a cell in order, the first again at the end (n, 2) [um]."""
+    """Positions (n, 2) [um] of a cell's surface particles in order, the first again at the end."""
     place = fields["surface"][fields["cell"] == cell]
     order = np.argsort(place, kind="stable")[np.count_nonzero(place < 0):]
     return _positions(fields, cell)[np.append(order, order[:1])]
 
 
 def _crossings(line: np.ndarray, height: float) -> np.ndarray:
-    """Where a polyline (n, 2) crosses a height: x [um]."""
+    """Coordinates x (k,) [um] at which a polyline (n, 2) crosses a height."""
     (x0, y0), (x1, y1) = line[:-1].T, line[1:].T
     on = (y0 - height) * (y1 - height) < 0.0
     return x0[on] + (height - y0[on]) / (y1[on] - y0[on]) * (x1 - x0)[on]
@@ -117,7 +117,7 @@ def _crossings(line: np.ndarray, height: float) -> np.ndarray:
 
 
 class Oscillation(NamedTuple):
-    """changes : sign changes;  deviation, slow : standard deviation, raw and smoothed;  push, pull, scale : [Pa]."""
+    """changes : of sign;  deviation, slow : standard deviations [Pa], raw and smoothed;  push, pull, scale : [Pa]."""
 
     changes: int
     deviation: float
@@ -128,10 +128,10 @@ class Oscillation(NamedTuple):
 
 
 def oscillation(outcome: Outcome, cell: int = 2, start: float = 20.0, window: float = 10.0) -> Oscillation:
-    """How sigma11 at the lower centre of a cell swings about its linear trend after `start` [us].
+    """Oscillation of sigma11 at the lower centre of a cell about its linear trend after `start` [us].
 
-    Sign changes are counted of its means over a `window` [us]: the ring of sound and the jumps of the contact line do
-    not count as push and pull.  The scale is the mean effective stress of the cell over the same time.
+    Sign changes are those of means over a `window` [us], so that sound and jumps of the contact line do not count.  The
+    scale is the mean effective stress of the cell in the same time.
     """
     time, stress = outcome.series("sigma11_lower_centre_pa", cell)
     late = time >= start
@@ -146,12 +146,11 @@ def oscillation(outcome: Outcome, cell: int = 2, start: float = 20.0, window: fl
 
 
 def stresses(outcome: Outcome, start: float, end: float) -> dict[str, dict[int, float]]:
-    """Effective stress [Pa], its median from `start` to `end` [us], by part of the cell and cell; empty without frames.
+    """Median effective stress [Pa] from `start` to `end` [us], by part of the cell and cell; empty without frames.
 
-    Where a contact line snaps the stress peaks for less than a microsecond, and a mean over time hangs on such peaks.
-    That of the whole cell is of history.csv, by volume; the others are of the frames, over particles, which are all
-    about as large.  The bottom is the lowest quarter of the height that the cell has at the time; the scatter is the
-    standard deviation over the particles of the nucleus.
+    The mean over time would depend on peaks of less than a microsecond where a contact line jumps.  The stress of the
+    whole cell is that of history.csv, weighted by volume; the others are means over particles in frames.  The bottom
+    is the lowest quarter of the cell's height at the time, the scatter the standard deviation over the nucleus.
     """
     chosen = [frame.read() for frame in outcome.frames if start <= frame.time <= end]
     if not chosen:

@@ -1,4 +1,4 @@
-"""Before a run: what it will cost, what it resolves, what it skips."""
+"""Estimates before a run: time, memory, disk space, resolution, absent terms."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ from cellmig.solve.step import NumericsError, StepControl, binding
 from .summary import load_said, scene_said, skipped_said, step_said
 from .trial import TRIAL, Trial, choose, try_implicit
 
-PROBE = 20_000  # particles of the scene, at most, on which a step is timed
-TRIED, FEW = 1_500, 3  # the same of implicit steps, and how many of them if they are of one length
-KIND = 5_000  # and particles of a cell, at most, that are laid out for that
+PROBE = 20_000  # largest number of particles of a timed scene
+TRIED, FEW = 1_500, 3  # the same for implicit steps; number of timed steps if their length is fixed
+KIND = 5_000  # largest number of particles of a cell in a timed scene
 LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
-LONG, LONG_TRIAL = 86400.0, 5.0  # seconds of explicit steps from which implicit ones are tried, and for how long
-RANK_BYTES = 115e6  # of Python, PETSc and MPI (measured)
-NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # seconds of a step of Newton, and memory, per particle (measured at 5,000)
-SCENE_BYTES = 1100  # per particle beside the kernel's arrays, as the scene is built (measured: 1,070 to 1,110)
-KIND_BYTES = 10_000  # and per particle of each kind of cell (measured: 5,500 at 5,000, 8,800 at 1e5, 10,400 at 1e6)
+LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
+RANK_BYTES = 115e6  # memory of Python, PETSc and MPI on a rank (measured)
+NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # time of a Newton step [s], memory [B], per particle (measured at 5,000)
+SCENE_BYTES = 1100  # memory per particle besides the kernel's arrays (measured: 1,070 to 1,110)
+KIND_BYTES = 10_000  # the same per particle of a kind of cell (measured: 5,500 at 5,000 to 10,400 at 1e6)
 
 
 class Cost(NamedTuple):
-    """What a run takes.
+    """Estimated cost of a run.
 
-    particles, steps : int;  spacing : float -- the largest [um];  stable : dict -- stable step at rest by mechanism,
-    step : float -- the one taken at rest [us];  per_step : float -- seconds per particle-step on this core;
-    memory : float -- bytes in all, beside RANK_BYTES on each rank;  coarse : bool -- whether it was timed on fewer
-    particles of a cell, whose coefficients stay in the caches;  skipped : dict -- terms that are, and why.
+    spacing : the largest [um];  stable : stable step by mechanism, step : that taken, both at rest [us];  per_step :
+    time per particle-step on this core [s];  memory : total [B], besides RANK_BYTES on each rank;  coarse : whether the
+    timed cells had fewer particles, whose coefficients stay in the caches;  skipped : absent terms and the reasons.
     """
 
     particles: int
@@ -54,12 +53,12 @@ class Cost(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """On one core, without output, if the step stays as it is at rest."""
+        """Time on one core without output, at the step of the state of rest [s]."""
         return self.steps * self.particles * self.per_step
 
 
 def cost(case: Case) -> Cost:
-    """What a case takes; timed now, on some cells of it if it is large, and on fewer particles if a cell is."""
+    """Estimate the cost of a case from timed steps, of fewer cells or particles if it is large."""
     size, terms = _size(case), find_terms(case)
     part, ratio = _part(case, PROBE)
     scene = discretise(part)
@@ -81,7 +80,7 @@ def _size(case: Case) -> int:
 
 
 def _part(case: Case, most: int) -> tuple[Case, float]:
-    """Some cells of a case, of `most` particles in all and KIND in each; and the case's spacing over theirs."""
+    """Part of a case, of `most` particles in all and KIND in a cell; spacing of the case over that of the part."""
     cells = case.cells[: max(1, most * len(case.cells) // _size(case))]
     largest = max(particle_count(case, shape) for shape in {c.shape for c in cells})
     count, p = min(most, KIND), case.particles
@@ -92,7 +91,7 @@ def _part(case: Case, most: int) -> tuple[Case, float]:
 
 
 def _finer(t: Template, ratio: float) -> Template:
-    """What a particle sees about it if spacings are `ratio` times as long: the same picture, shrunk."""
+    """A template with its lengths times `ratio`."""
     viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
                   if m and (v := m.numerical_viscosity(t.spacing))) if t.S.nnz else 1.0
     return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=t.G / ratio, S=viscous * t.S,
@@ -100,7 +99,7 @@ def _finer(t: Template, ratio: float) -> Template:
 
 
 def report(case: Case) -> str:
-    """The pre-flight report of a case: stable step by mechanism, steps, minutes, memory, disk, what is resolved."""
+    """Text of the report of a case: stable step by mechanism, steps, time, memory, disk space, resolution."""
     if case.static:
         return _static_report(case)
     chosen: list[tuple[str, str]] = []
@@ -143,7 +142,7 @@ def _static_report(case: Case) -> str:
 
 
 def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
-    """The report of a case with implicit steps: how many they will be is known if their length is given."""
+    """The report of a case with implicit steps, whose number is known only if their length is fixed."""
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
     trial, times, solver = _tried(case, c.particles)
     step, one = trial.simulated / trial.steps, times * trial.wall / trial.steps
@@ -165,7 +164,7 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
 
 
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
-    """Implicit steps of a case of `size` particles, or of some cells of it; how many times larger it is; the solver."""
+    """A trial of implicit steps of a part of a case; cost of the case's steps over the part's; the solver."""
     part, ratio = _part(case, TRIED)
     s = Simulation(part, MPI.COMM_SELF)
     try:
@@ -176,7 +175,7 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
 
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
-    """What implicit steps would take, where explicit ones take days."""
+    """Rows about the time of implicit steps, where explicit ones take days."""
     if c.seconds < LONG or case.plates:
         return []
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
@@ -193,19 +192,19 @@ def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
 
 
 def _as_tried(trial: Trial) -> str:
-    """Where an estimate comes from."""
+    """Origin of an estimate, as text."""
     mean, reached = (duration(1e-6 * t) for t in (trial.simulated / trial.steps, trial.reached))
     return (f"as the last {trial.steps} of {trial.taken} steps of a trial of {trial.particles} particles went, {mean} "
             f"long in the mean, {reached} after the start; steps lengthen where the motion slows")
 
 
 def _end(case: Case) -> str:
-    """When the run ends."""
+    """End of the run, as text."""
     return duration(1e-6 * case.time.end, 6)
 
 
 def _count(steps: int) -> str:
-    """A number of steps."""
+    """A number of steps, as text."""
     return f"{steps}" if steps < 1e9 else f"{steps:.2g}"
 
 
@@ -221,12 +220,12 @@ def _disk(case: Case, count: int) -> tuple[str, str]:
 
 
 def disk_bytes(case: Case, count: int) -> int:
-    """Bytes of all frames of a case of `count` particles."""
+    """Size of all frames of a case of `count` particles [B]."""
     return (case.time.frames + 1) * count * _frame_bytes(case)
 
 
 def _timed(case: Case) -> tuple[float, float]:
-    """Seconds per particle-step on this core, and bytes per particle of the kernel's arrays."""
+    """Time per particle-step on this core [s], and memory per particle of the kernel's arrays [B]."""
     s = Simulation(case, MPI.COMM_SELF)
     m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
     n = max(5, round(2e6 / s.scene.size))
@@ -250,7 +249,7 @@ def _modulus(case: Case) -> list[tuple[str, str]]:
 
 
 def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
-    """How the lengths of the model compare with the spacing."""
+    """Rows about lengths of the model relative to the spacing."""
     rows = []
     for name, term, law in (("substrate", "adhesion to the substrate", case.substrate),
                             ("between cells", "adhesion between cells", case.contact)):
@@ -264,7 +263,7 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
 
 
 def _frame_bytes(case: Case) -> int:
-    """Bytes of a particle in a frame."""
+    """Size of a particle in a frame [B]."""
     there = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
              "friction": case.friction is not None and case.substrate is not None,
@@ -273,7 +272,7 @@ def _frame_bytes(case: Case) -> int:
 
 
 def said_bytes(n: float) -> str:
-    """Bytes for people: 3.2 GB."""
+    """A size [B] as text, such as 3.2 GB."""
     for unit in ("B", "kB", "MB", "GB"):
         if n < 1000:
             return f"{n:.3g} {unit}"

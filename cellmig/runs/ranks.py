@@ -1,4 +1,4 @@
-"""How many ranks a run is worth; decided before MPI starts, for `./run` without -n."""
+"""Number of ranks of a run, chosen before MPI starts, for `./run` without -n."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cellmig.case.schema import Case, particle_count
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import on_ranks
 
-ASKED = "CELLMIG_RANKS"  # what `./run` asks for: "auto", or a number that is worth a look
-ENOUGH = 2500  # particles: of fewer, two ranks wait for each other as long as they save
-LEAST = 4  # particles of a rank
+ASKED = "CELLMIG_RANKS"  # set by `./run`: "auto", or a number to be checked
+ENOUGH = 2500  # particles from which two ranks are faster than one
+LEAST = 4  # smallest number of particles of a rank
 
 
 def start_again(options: argparse.Namespace, words: Sequence[str], load: Callable[[], Case]) -> None:
-    """Become the launcher of several ranks, if that was asked for and the run is worth it; else return."""
+    """Replace this process by the launcher of several ranks, if they are wanted and the run is large; else return."""
     asked = os.environ.pop(ASKED, "")
     if not asked:
         return
@@ -39,7 +39,7 @@ def size(case: Case) -> int:
 
 
 def check_ranks(particles: int, ranks: int) -> None:
-    """Refuse, with a CaseError, ranks that would have next to nothing to do."""
+    """Raise CaseError where a rank would have fewer than LEAST particles."""
     if ranks > 1 and particles < LEAST * ranks:
         message = (f"{ranks} ranks for {particles} particles: a rank needs {LEAST}, and is worth it from some "
                    f"{ENOUGH // 2} on; take fewer ranks")

@@ -1,4 +1,4 @@
-"""What a run left, read back: tables as pandas frames or arrays, frames as arrays, pictures."""
+"""Files of a run from Python: tables as pandas frames or arrays, frames as arrays, pictures."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from cellmig.output.xdmf import Frame, frames
 
 
 class Record:
-    """A run as it is on the disk, finished or not; what is asked for is read then.
+    """A run on the disk, complete or not; each property reads its file.
 
     directory : Path -- of the run.
     """
 
     def __init__(self, directory: Path):
-        """Refuse a directory that is no run's."""
+        """Raises OutputError where the directory is not that of a run."""
         self.directory = the_run(directory)
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """The whole of manifest.json."""
+        """Contents of manifest.json."""
         return read_manifest(self.directory)
 
     @property
     def status(self) -> int | None:
-        """Exit code of the run: 0 done, 75 stopped on request …; None if it has not ended."""
+        """Exit code of the run, such as 0 if complete, 75 if stopped on request; None if it has not ended."""
         return self.manifest.get("exit_status")
 
     @property
     def case(self) -> Case:
-        """The case that was run, with all changes and defaults."""
+        """The case of the run, with all changes and defaults."""
         register()
         manifest = self.manifest
         if "case" not in manifest:
@@ -124,7 +124,7 @@ class Record:
 
 
 def _shaped(name: str, values: np.ndarray) -> np.ndarray:
-    """A field without what the file has in it for ParaView."""
+    """A field in its own shape; files pad vectors and flatten tensors for ParaView."""
     if values.ndim == 2 and values.shape[1] == 9:
         return values.reshape(-1, 3, 3)
     return values[:, :2] if name in FIELDS and FIELDS[name].shape == (2,) else values

@@ -1,4 +1,4 @@
-"""Whether a run fits: what it needs at least of memory and disk, against what is free here."""
+"""Checks that free memory and disk space suffice for a run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_b
 
 
 class NoRoom(Exception):
-    """The run does not fit this machine; the message has the numbers."""
+    """The run needs more memory or disk space than this machine has free."""
 
 
 def require_room(case: Case, directory: Path, comm: Any) -> None:
-    """Refuse a run that cannot fit, before it leaves a trace; collective.  Raises NoRoom.
+    """Raise NoRoom for a run that cannot fit, before it writes files; collective.
 
-    What is counted is the least that it takes: a run that passes may still be short of memory.
+    The estimate is a lower bound: a run that passes may still be short of memory.
     """
     here = comm.Split_type(MPI.COMM_TYPE_SHARED)
     ranks = here.size
@@ -50,7 +50,7 @@ def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
 
 
 def free_memory() -> float:
-    """Memory that this machine, or its container, can still give [B]; no limit where nobody tells."""
+    """Free memory of this machine or its container [B]; infinite where the system does not report it."""
     free = float("inf")
     with suppress(OSError, KeyError):
         free = memory_told()["MemAvailable"]

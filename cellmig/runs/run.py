@@ -1,4 +1,4 @@
-"""One run: what it says, what it leaves, how it ends."""
+"""One run: its log, its files, its end."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ from .resources import require_room
 from .summary import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
 from .trial import choose
 
-CLOSURE = 0.05  # share of the largest energy that may be missing from the ledger: beyond, the step was unstable
+CLOSURE = 0.05  # a larger energy error ends a run: the step was unstable [-]
 
 
 class Run:
-    """A simulation with its directory: samples and frames as it goes, a manifest before and after."""
+    """A simulation with its directory: log, samples, frames, checkpoints, and a manifest before and after."""
 
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
                  quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None,
                  claim: Claim | None = None, origin: Path | None = None):
-        """Make the directory and build the simulation; with a `state`, go on from there; collective.
+        """Make the directory and build the simulation, resumed from `state` if given; collective.
 
-        `claim` : of the directory, where that was looked into before;  `origin` : of a run whose last state this one
-        starts with, at time 0.
+        until : end [µs] in place of the case's;  claim : of the directory, if it exists already;  origin : directory of
+        a run whose last state is the initial state of this one.
         """
         options = options_given()
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
@@ -86,7 +86,7 @@ class Run:
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_closure = self.step_seconds = self.wall_before = 0.0
-        self.looked, self.stopping, self.resumed = -1.0, "", []  # looked up at [µs]
+        self.looked, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
         self._open(state.about["files"] if state else {"frames": 0})
         if state:
@@ -100,13 +100,13 @@ class Run:
         try:
             case, self.reason = choose(self.case, self.comm)
             return Simulation(case, self.comm, prune, start=begun.arrays if begun else None)
-        except CaseError as error:  # known once there are particles
+        except CaseError as error:  # found only once there are particles
             self.manifest |= {"exit_status": WRONG, "cause": str(error)}
             self._save_manifest()
             raise
 
     def _open(self, ends: dict[str, Any]) -> None:
-        """The files, up to where they are to go on."""
+        """Open tables and frames; those of a resumed run are cut to the lengths `ends`."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
         there = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, ends)
@@ -115,7 +115,7 @@ class Run:
             cut_frames(self.directory, self.comm, self.frames_before)
 
     def go(self, asked: Sequence[int] = ()) -> int:
-        """Run until something ends it, such as an entry in `asked`; returns the exit code; collective."""
+        """Run to the end, or until a signal is in `asked`; returns the exit code; collective."""
         progress = Progress(self.log, self.end, self.simulation.time)
         self._integrator.report = self.log
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
@@ -152,7 +152,7 @@ class Run:
         return self.simulation.integrator
 
     def _after_batch(self, time: float, progress: Progress, asked: Sequence[int]) -> None:
-        """Between stops: the progress, a checkpoint if it is time for one, and an end of this solve if that is due."""
+        """Show progress, write a checkpoint if it is due, stop if a signal or the limit of wall time asks for it."""
         progress(time, self._integrator.steps, self._integrator.dt)
         wish = self.keeper.wish(time, asked)
         if wish:
@@ -166,7 +166,7 @@ class Run:
         self.stopping = "asked to stop" if asked else "the wall time is used up"
 
     def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
-        """Status, and why the run ends here, if it does."""
+        """Exit code and cause if the run ends at the output time `stop` [µs] before its end; an empty cause if not."""
         if not self.stopping and self.comm.allreduce(len(asked)):
             self._save()
             self._stop(asked)
@@ -179,22 +179,22 @@ class Run:
     # ------------------------------------------------------------ checkpoints
 
     def _save(self) -> None:
-        """A checkpoint of now, or of the last sample where only that will do."""
+        """Write a checkpoint of now, or of the last sample where the current state cannot be resumed."""
         with self.timers("checkpoints"):
             self.tables.settle()
             self.keeper.save(self._state)
 
     def _keep_the_last(self) -> None:
-        """Of the checkpoints that of the end alone, for who wants the run longer, or another from there."""
+        """Write a checkpoint of the end and delete the others, so that another run can continue from it."""
         with self.timers("checkpoints"):
             last = self.keeper.held or self._state()
             try:
                 checkpoint.write(self.directory, self.comm, last, kept=1)
-            except OutputError as error:  # the run is done all the same
+            except OutputError as error:  # the run is complete all the same
                 self.log(f"its last state is not kept: {error}")
 
     def _state(self) -> Checkpoint:
-        """All that has to be known to go on from here; collective."""
+        """The current state as a checkpoint; collective."""
         about, arrays = self.simulation.saved()
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
@@ -224,7 +224,7 @@ class Run:
             self.log(f"it was written on another processor ({before}; this is {now}): last bits may differ")
 
     def _wall(self) -> float:
-        """Seconds that the run took so far, with all before it was resumed."""
+        """Wall time of the run, with that before it was resumed [s]."""
         return self.wall_before + perf_counter() - self.begin
 
     # ------------------------------------------------------------ steps and samples
@@ -237,7 +237,7 @@ class Run:
 
     def _look(self, sample: bool, frame: bool) -> None:
         s = self.simulation
-        with np.errstate(all="ignore"):  # what is not finite is told below
+        with np.errstate(all="ignore"):  # values that are not finite are reported below
             rows, entries = s.sample()
         if not all(map(math.isfinite, entries.values())):
             self._integrator.fail("an energy is not finite")
@@ -248,12 +248,12 @@ class Run:
             self.tables.write(s.time, rows, entries, s.next_row(rows))
         if frame:
             self._write_frame()
-        if entries["closure"] > CLOSURE and not self.case.static:  # shapes may look right for long after
+        if entries["closure"] > CLOSURE and not self.case.static:  # shapes alone would not show it for long
             self._integrator.fail(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
                                     f"{100 * CLOSURE:g} % at most")
         m, terms = s.mechanics, s.terms
         x, outside = m.surface_positions(), []
-        if frame:  # it takes longer than a sample does
+        if frame:  # it takes longer than a sample
             own = m.scene.X[m.ids] + m.state.owned[:, :2]
             outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
         found = overlap(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
@@ -268,13 +268,13 @@ class Run:
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:
-        """A picture of what broke, if it can be drawn at all."""
+        """Write a frame of the state that failed, if possible."""
         with np.errstate(all="ignore"), suppress(OutputError):
             self.simulation.time = self._integrator.time
             self.simulation.mechanics.rate()
             self._write_frame()
 
-    # ------------------------------------------------------------ what is said
+    # ------------------------------------------------------------ log and manifest
 
     def _say_header(self) -> None:
         m = self.manifest
@@ -350,7 +350,7 @@ class Run:
 
 @contextmanager
 def stop_requests() -> Iterator[list[int]]:
-    """Signals that ask for a clean end, as they come: SIGTERM, SIGUSR1, ^C; a second ^C ends the program at once."""
+    """List that receives SIGTERM, SIGUSR1 and SIGINT, which ask for a clean end; a second SIGINT ends the program."""
     asked: list[int] = []
 
     def note(number: int, _: object) -> None:

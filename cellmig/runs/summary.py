@@ -1,4 +1,4 @@
-"""What a run says of itself at its start."""
+"""Descriptions of a case and its numerics for the log and for reports."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from cellmig.solve.step import binding
 
 from .estimates import expected
 
-FLOATING = 5  # cells that are named
+FLOATING = 5  # largest number of cells that a warning names
 CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
-FAR = 4.0  # sizes of a cell that a push may carry it: the fluid of the paper's goes 1.5 and is stretched 2.5-fold
+FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
 
 def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
-    """What the time step [µs] will be and why; `stable` : by mechanism;  `fixed` : as the user says."""
+    """The time step and its reason; `stable` : steps by mechanism [µs];  `fixed` : the user's step [µs] or None."""
     mechanism, limit = binding(stable)
     if not fixed:
         return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
@@ -25,22 +25,19 @@ def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> s
 
 
 def load_said(case: Case) -> str:
-    """What the load steps of a static case are."""
+    """The load steps of a static case."""
     return (f"{case.time.samples}, one for each sample; one that finds no equilibrium is cut; time is what loads "
             "depend on, nothing moves")
 
 
 def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
-    """What the scene does not need, a row each."""
+    """Rows of absent terms and the reasons."""
     rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
 def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
-    """Where the cells lie at the start and how far apart, which of them float, and what motion to expect: rows.
-
-    `end` : time at which the run ends [µs].
-    """
+    """Rows about initial positions and gaps, floating cells, and the motion to expect up to `end` [µs]."""
     found = lie(case)
     (left, bottom), (right, top) = found.box
     rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
@@ -56,7 +53,7 @@ def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
 
 
 def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
-    """Drag, and the speeds to expect."""
+    """Rows about drag and estimated speeds."""
     e = expected(case, lie, end)
     rows = [] if case.substrate is None else [
         ("drag", f"{case.friction.coefficient:g} Pa µs/µm on bonded membrane that slides" if case.friction else
@@ -81,7 +78,7 @@ def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
 
 
 def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
-    """Cells that no adhesion holds, which few scenes mean."""
+    """A warning of cells above the reach of adhesion, which is rarely intended."""
     number = len(found.floating)
     if not number:
         return []
@@ -94,7 +91,7 @@ def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
 
 
 def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
-    """Bonds that start compressed: they fling the cells apart, which no scene means."""
+    """Warnings of bonds that are compressed at the start, which push the cells apart."""
     rows = []
     for law, gap, term, remedy in (
             (case.substrate, found.heights.min(), "adhesion to the substrate",
@@ -108,12 +105,12 @@ def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
 
 
 def length(value: float) -> str:
-    """A length [µm] for people: 10 nm, 1.2 µm."""
+    """A length [µm] as text, such as 10 nm or 1.2 µm."""
     return f"{1e3 * value:.3g} nm" if abs(value) < 0.1 else f"{value:.4g} µm"
 
 
 def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
-    """The laws of a scene as rows for the log, with what is numerical in them."""
+    """Rows of the laws of a scene with their numerical parameters."""
     rows = []
     for name, law in case.materials.items():
         if law not in simulation.scene.materials:
@@ -137,14 +134,14 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
 
 
 def span(values: list) -> str:
-    """Least and largest of some values, as text."""
+    """Smallest and largest value as text."""
     low, high = min(values), max(values)
     text = "{:.4g}" if isinstance(low, float) else "{}"
     return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"
 
 
 def lost_said(entries: dict[str, float]) -> str:
-    """What viscosity, friction and the method took, from a row of the ledger; empty if nothing was lost."""
+    """Dissipation by viscosity, friction and the method, from a row of the ledger; empty without any."""
     parts = [(name, entries.get(f"{key}_loss", 0.0)) for name, key in (
         ("viscosity", "viscous"), ("friction", "friction"), ("what is numerical", "numerical"))]
     total = sum(abs(value) for _, value in parts)

@@ -1,4 +1,4 @@
-"""`cellmig sweep`: one case with some of its values varied, run in parallel, in one table and one picture."""
+"""`cellmig sweep`: runs of a case with varied values, in parallel, with one table and one picture."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from .batch import Ended, Job, run_missing, unsound, write_rows
 from .run import stop_requests
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
-_LONGEST = 120  # letters of a directory's name
-_SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity whose unit may stand in a name
+_LONGEST = 120  # largest number of letters in the name of a directory
+_SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity that may be part of a name
 _WORD, _SIGNS = re.compile(r"[\w.+^-]+"), re.compile(r"[^\w.+^-]+")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 _MANIFEST = ("exit_status", "cause", "worst_closure", "steps", "wall_seconds", "state_hash")
@@ -45,7 +45,7 @@ _MANIFEST = ("exit_status", "cause", "worst_closure", "steps", "wall_seconds", "
 def variation(text: str) -> tuple[str, tuple[Any, ...]]:
     """Key and values of "a.b=1,2,4", "a.b=1,2,4 kPa" (one unit for all), "a.b='one','two'" or "seed=1:8".
 
-    Raises ValueError; its text is for the user.
+    Raises ValueError with a message for the user.
     """
     key, _, rest = (part.strip() for part in text.partition("="))
     if not key or not rest:
@@ -64,7 +64,7 @@ def variation(text: str) -> tuple[str, tuple[Any, ...]]:
 
 
 def _with_unit(words: list[str]) -> list[Any]:
-    """Words as they are, pure numbers among them with the unit of the last, or as numbers if that has none."""
+    """Words, in which plain numbers get the unit of the last word, or become numbers if it has none."""
     last = _QUANTITY.fullmatch(words[-1])
     unit = last[2] if last else ""
 
@@ -78,10 +78,10 @@ def _with_unit(words: list[str]) -> list[Any]:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A case file, what all runs change in it, what each varies, and the directory of everything.
+    """A case file, varied values, and the directory of all runs.
 
-    vary : dict -- dotted key to its values;  sets : "KEY=VALUE" for all;  ranks : of each run;
-    until : float -- where all end [us], if not where the case says.
+    vary : values by dotted key;  sets : "KEY=VALUE", changes of all runs;  ranks : of each run;  until : end of all
+    runs [us] in place of the case's.
     """
 
     case: Path
@@ -92,7 +92,7 @@ class Sweep:
     until: float | None = None
 
     def jobs(self) -> dict[tuple[str, ...], Job]:
-        """All runs by their values as TOML, the first key slowest.  Raises CaseError if one does not suit the case."""
+        """All runs by their values as TOML; the first key varies slowest.  Raises CaseError for invalid values."""
         short = [key.rpartition(".")[2] for key in self.vary]
         names = short if len(set(short)) == len(short) else list(self.vary)
         jobs, varied = {}, set()
@@ -109,17 +109,17 @@ class Sweep:
 
     def rows(self, jobs: Mapping[tuple[str, ...], Job], failed: Mapping[Job, Ended] = MappingProxyType({})
              ) -> Iterator[dict[str, Any]]:
-        """Of each run that is done: what it varied, the last row of history for each cell, and how it ended.
+        """Rows of each complete run: varied values, the last row of history of each cell, exit status.
 
-        One row of each that failed, or ended early, with its exit status and cause, and no numbers of cells; `failed`
-        are those that are known, others are told from their manifests.
+        A run that failed or ended early has one row with its exit status and cause; `failed` are those of this command,
+        others are found in their manifests.
         """
         columns = [_column(key, values) for key, values in self.vary.items()]
         for texts, job in jobs.items():
             varied = {name: values[text] for (name, values), text in zip(columns, texts, strict=True)}
             manifest, done = read_manifest(job.directory), job.is_done()
             if not done and not (manifest.get("exit_status") and job.is_of(manifest)):
-                manifest = {}  # of another run
+                manifest = {}  # it belongs to another run
             ended = {key: manifest.get(key) for key in _MANIFEST} | {"directory": str(job.directory)}
             if job in failed:
                 ended |= {"exit_status": failed[job].code, "cause": failed[job].message}
@@ -132,7 +132,7 @@ class Sweep:
 
 
 def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
-    """Raise the mistakes of all cases, each once; those in what is varied under the name of its option."""
+    """Raise CaseError with the mistakes of all cases, each once; those of varied values name the option --vary."""
     said = {f"--set {text}": f"--vary {text}" for text in varied}
     mistakes = []
     for job in jobs:
@@ -145,7 +145,7 @@ def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
 
 
 def _check_columns(case: Case, shown: Iterable[str]) -> None:
-    """Refuse to draw what history.csv will not have."""
+    """Raise CaseError for columns that history.csv will not have."""
     there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
                                             (one.name for one in (*case.supports, *case.plates)))[:-1])  # but names
     if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
@@ -154,7 +154,7 @@ def _check_columns(case: Case, shown: Iterable[str]) -> None:
 
 
 def _toml(value: Any) -> str:
-    """A value as `--set` takes it."""
+    """A value as text of TOML, as `--set` takes it."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -165,7 +165,7 @@ def _toml(value: Any) -> str:
 
 
 def _in_a_name(value: Any) -> str:
-    """A value as part of the name of a directory, which no other value has: a digest stands for signs that are lost."""
+    """A value as unique part of the name of a directory; where characters are replaced, a digest is added."""
     text = _toml(value)
     if not isinstance(value, str):
         if _WORD.fullmatch(text):
@@ -182,9 +182,9 @@ def _digest(text: str) -> str:
 
 
 def _column(key: str, values: Sequence[Any]) -> tuple[str, dict[str, Any]]:
-    """Name of the column of what is varied, and what stands there for each value, by its text as TOML.
+    """Name of the column of a varied key, and its entry for each value, by the value's text as TOML.
 
-    Quantities are numbers in the unit of the first, which the name has; where not all are, they stay as they are.
+    Quantities become numbers in the unit of the first, which is in the name; if some are not quantities, all stay text.
     """
     quantities = [_QUANTITY.fullmatch(value) if isinstance(value, str) else None for value in values]
     if all(quantity and quantity[2] for quantity in quantities):
@@ -209,7 +209,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
 
     Returns
     -------
-    int -- exit code: 0, that of the first run that failed, or 75 if it was asked to stop.
+    int -- exit code: 0, that of the first run that failed, or 75 after a signal to stop.
     """
     jobs = plan.jobs()
     _check_columns(next(iter(jobs.values())).load(), shown)
@@ -229,7 +229,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
 
 
 def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> list[Path]:
-    """The aggregate at the end against the first key; a line, the mean over seeds, for each choice of the others."""
+    """Draw the last values of the aggregate against the first key: lines of means over seeds for the other keys."""
     rows = [row for row in rows if row.get("cell") == 0]
     if not rows:
         return []
@@ -260,7 +260,7 @@ def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> 
 
 
 def _line(ax: Axes, values: Mapping[Any, Sequence[float]], number: int, label: str) -> None:
-    """One line: means, and faint single runs where there are several; `values` by what is varied."""
+    """Draw a line of means, with single runs as faint points where there are several; `values` by varied value."""
     style = {"color": COLOURS[number % len(COLOURS)], "marker": "osD^vP*"[number % 7]}
     ax.plot(list(values), [np.mean(group) for group in values.values()], label=label, markersize=4, **style)
     single = [(at, value) for at, group in values.items() for value in group if len(group) > 1]
@@ -274,7 +274,7 @@ _AXES = {"ux_um": "displacement $u_x$ [µm]", "uy_um": "displacement $u_y$ [µm]
 
 
 def axis_of(column: str) -> str:
-    """Label of an axis for a column of history.csv."""
+    """Axis label of a column of history.csv."""
     return _AXES.get(column, column)
 
 
@@ -283,7 +283,7 @@ def _value_said(value: Any) -> str:
 
 
 def _said(key: str) -> str:
-    """A column of what is varied, as people write it."""
+    """Name of a varied column, with typographic units."""
     name, bracket, unit = key.partition(" [")
     return name.replace("_", " ") + bracket + unit.replace("um", "µm").replace("^2", "²").replace("^3", "³")
 
@@ -323,7 +323,7 @@ exit "$code"
 
 
 def array_script(plan: Sweep) -> Path:
-    """Write a Slurm array that does the runs, instead of doing them: the path of the script."""
+    """Write a script that does the runs as a Slurm array; returns its path."""
     jobs = plan.jobs()
     lines = [f"{number}) start {shlex.join(job.arguments())} ;;" for number, job in enumerate(jobs.values(), 1)]
     script = plan.out / "sweep.sbatch"

@@ -1,4 +1,4 @@
-"""A short trial of a run: how fast its integrator goes on, and which of two goes on faster."""
+"""Short trials that measure the speed of integrators, and choose the faster of two."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cellmig.simulation import Simulation
 from cellmig.solve.implicit import Implicit
 from cellmig.solve.step import NumericsError, binding
 
-TRIAL, TRIAL_EXPLICIT = 8, 500  # steps of each part of a trial, implicit and explicit
-GROWING = 1.5  # a trial of implicit steps goes on while it gains that much
+TRIAL, TRIAL_EXPLICIT = 8, 500  # steps in each part of a trial, implicit and explicit
+GROWING = 1.5  # a trial of implicit steps continues while its speed grows by this factor
 
 
 def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
-    """The case with its integrator; for "auto" the one that a short trial found faster, and why; collective."""
+    """The case with its integrator, for "auto" the faster one in a short trial, and the reason; collective."""
     if requested_integrator(case.time.integrator) != "auto":
         return case, ""
 
@@ -37,7 +37,7 @@ def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
 
 
 def _speed(case: Case, comm: MPI.Comm) -> float:
-    """Simulated over wall time [µs/s] in a trial; 0 where no step succeeds; collective."""
+    """Simulated over wall time in a trial [µs/s], 0 where no step succeeds; collective."""
     simulation = Simulation(case, comm)
     try:
         return try_implicit(simulation).speed if isinstance(simulation.integrator, Implicit) else _explicit(simulation)
@@ -57,8 +57,10 @@ def _explicit(simulation: Simulation) -> float:
 
 
 class Trial(NamedTuple):
-    """Implicit steps at the start of a run: in the last of them, simulated [µs] and wall [s] time, steps, and steps of
-    Newton's; taken : how many there were in all;  reached : simulated time [µs];  particles : how many there are.
+    """Result of a trial of implicit steps at the start of a run.
+
+    simulated [µs], wall [s], steps, newton : simulated and wall time, steps and Newton steps of its later half;
+    taken : steps in all;  reached : simulated time at its end [µs];  particles : of the scene.
     """
 
     simulated: float
@@ -76,11 +78,11 @@ class Trial(NamedTuple):
 
 
 def try_implicit(simulation: Simulation, burst: int = TRIAL, least: float = 0.0) -> Trial:
-    """Implicit steps until they are as long as the motion lets them be, and for `least` seconds; collective.
+    """Take implicit steps until they are no longer growing, and for at least `least` seconds; collective.
 
-    Where PETSc chooses the steps the first are ten of the stable one, and they double: of a stiff case dozens tell
-    nothing of those to come.  So bursts of them go on until two in a row gain nothing: one may have met an event.  What
-    is told is of the later half.
+    PETSc's error control starts from ten times the stable explicit step and doubles it, so that the first dozens of
+    steps of a stiff case say little about later ones.  Bursts of steps go on until two in a row are not faster than
+    before, as a single one may contain an event.
     """
     run, comm, end = simulation.integrator, simulation.comm, simulation.case.time.end
 
