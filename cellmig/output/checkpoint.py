@@ -1,7 +1,7 @@
-"""Checkpoints: files that are whole or absent, of which the last two are kept, and whose damage is seen.
+"""Checkpoints: files that are complete or absent, with a checksum; the last two of a run are kept.
 
-A checkpoint is HDF5: arrays in global order, so that any number of ranks can read it, and a text in JSON.  Behind the
-end of the HDF5 stands the sha256 of all before, which HDF5 does not mind.
+A checkpoint is an HDF5 file with arrays in global order, so that any number of ranks can read it, and a text in JSON.
+The sha256 of the HDF5 data follows after their end, where HDF5 ignores it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .directory import OutputError, replace, together
 FOLDER, KEPT = "checkpoint", 2
 _ABOUT = "about"
 _NAME = re.compile(r"c(\d{8})\.h5")
-_SEAL = b"\nsha256 "  # followed by 64 digits
+_SEAL = b"\nsha256 "  # before the 64 digits of the checksum
 _SEALED = len(_SEAL) + 64
 
 
@@ -32,8 +32,8 @@ _SEALED = len(_SEAL) + 64
 class Checkpoint:
     """A state of a run.
 
-    about : dict -- all that is no array, as JSON has it; the same on all ranks.
-    arrays : dict -- on rank 0 arrays by name, in global order; on the others nothing.
+    about : dict -- everything but arrays, in the types of JSON; the same on all ranks.
+    arrays : dict -- arrays by name, in global order, on rank 0; empty on the others.
     """
 
     about: dict[str, Any]
@@ -41,9 +41,9 @@ class Checkpoint:
 
 
 def write(directory: Path, comm: Any, checkpoint: Checkpoint, kept: int = KEPT) -> Path:
-    """Add a checkpoint to those of a run, whole and on the disk when this returns, and drop all but the last `kept`.
+    """Write a checkpoint of a run to the disk and delete all but the last `kept`; collective, rank 0 writes.
 
-    Collective; rank 0 writes.  Returns its path.
+    Returns its path.  Raises OutputError where it cannot be written.
     """
     return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint, kept), root_only=True)[0]
 
@@ -63,7 +63,7 @@ def _write(folder: Path, checkpoint: Checkpoint, kept: int) -> Path:
 
 
 def _image(checkpoint: Checkpoint) -> bytes:
-    # In memory: a full disk is then an error like any other, where HDF5 would crash at the end.
+    # The file is made in memory, as HDF5 would crash where the disk is full.
     with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
         file.create_dataset(_ABOUT, data=np.frombuffer(json.dumps(checkpoint.about).encode(), np.uint8))
         for name, values in checkpoint.arrays.items():
@@ -73,15 +73,15 @@ def _image(checkpoint: Checkpoint) -> bytes:
 
 
 def listed(folder: Path) -> list[tuple[int, Path]]:
-    """Numbers and paths of all checkpoints in a folder, the oldest first, whole or not."""
+    """Numbers and paths of all checkpoints in a folder, the oldest first, damaged ones included."""
     found = [(int(match[1]), path) for path in folder.glob("c*.h5") if (match := _NAME.fullmatch(path.name))]
     return sorted(found)
 
 
 def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint | None:
-    """The newest whole checkpoint of a run; None if there is none at all; collective.
+    """The newest intact checkpoint of a run, None if it has no checkpoints; collective.
 
-    `say` is told of each that is damaged and passed over, which is renamed.  Raises OutputError if none is whole.
+    Damaged ones are renamed and reported to `say`.  Raises OutputError if all are damaged.
     """
     found, remarks = None, []
 
@@ -93,7 +93,7 @@ def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint
                 found = _read(path)
                 break
             except _DamagedError as damage:
-                with suppress(OSError):  # so that it does not count as one of the last two
+                with suppress(OSError):  # a damaged one does not count as one of the last two
                     path.rename(f"{path}.damaged")
                 remarks.append(f"checkpoint '{path}' is damaged ({damage}) and passed over")
         if known and found is None:
@@ -107,7 +107,7 @@ def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint
 
 
 class _DamagedError(Exception):
-    """What is wrong with a file."""
+    """A damaged file; the message says how."""
 
 
 def _read(path: Path) -> Checkpoint:

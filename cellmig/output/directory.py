@@ -1,4 +1,4 @@
-"""The directory of a run: made fresh, never over an old one, and files in it that are whole or absent."""
+"""Directories of runs: new ones, locks, files that are complete or absent."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from typing import Any
 from ..case.messages import nearest
 
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
-READABLE = "utf-8", "backslashreplace"  # of all texts: names of files may have bytes that are no UTF-8
-PATIENCE = 15.0  # seconds that ranks of a run whose launcher was killed may take to follow it
+READABLE = "utf-8", "backslashreplace"  # encoding of all texts: names of files may contain invalid UTF-8
+PATIENCE = 15.0  # time that ranks may take to end after their launcher was killed [s]
 
 
 class OutputError(OSError):
-    """The run cannot write, or a run cannot be read; the message is for the user and the same on all ranks."""
+    """A run cannot be written or read; the message is for the user and the same on all ranks."""
 
 
 def the_run(directory: Path) -> Path:
-    """The directory of a run that is there, finished or not."""
+    """The directory of an existing run.  Raises OutputError if it is none."""
     directory = Path(directory)
     if any((directory / name).exists() for name in (MANIFEST, INDEX)):
         return directory
@@ -37,17 +37,21 @@ def the_run(directory: Path) -> Path:
 
 
 def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
-    """Do `action` on every rank, or on rank 0 alone, and stop all ranks together if it fails on one.
+    """Call `action` on every rank, or on rank 0 alone; raise the error of one rank on all.
 
     Parameters
     ----------
     comm : mpi4py communicator; collective.
-    action : callable without arguments; an OSError of it becomes an OutputError on all ranks.
-    root_only : bool -- only rank 0 acts; the result of the others is None.
+    action : callable without arguments.
+    root_only : bool -- rank 0 alone calls it; the results of the others are None.
 
     Returns
     -------
     list -- the results by rank.
+
+    Raises
+    ------
+    OutputError -- where `action` raised an OSError on any rank.
     """
     result, error = None, None
     if comm.rank == 0 or not root_only:
@@ -63,9 +67,9 @@ def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> l
 
 
 def replace(path: Path, content: str | bytes, lasting: bool = False) -> None:
-    """Write a file that is either the old one or the new one, whole, whenever the run is killed or the disk full.
+    """Replace a file as a whole: if the process is killed or the disk is full, the old one stays.
 
-    `lasting` : it is on the disk when this returns, and outlives a power cut.
+    lasting : flush it to the disk, so that it survives a power cut.  Raises OutputError where it cannot be written.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")  # of this process alone
     try:
@@ -82,7 +86,7 @@ def replace(path: Path, content: str | bytes, lasting: bool = False) -> None:
 
 
 def sync(path: Path) -> None:
-    """Have the disk hold what was written to a file, or the names in a directory."""
+    """Flush a file, or the names in a directory, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -91,15 +95,16 @@ def sync(path: Path) -> None:
 
 
 class Claim:
-    """A directory that one run, or one command that does many, has for itself, until released or the process ends.
+    """A lock of a directory for one run or one command, until it is released or the process ends.
 
-    It leaves no trace in the directory; file systems that know no locks grant every claim.
+    It leaves no file in the directory; file systems without locks grant every claim.
     """
 
     def __init__(self, path: Path, comm: Any, make: bool = False) -> None:
-        """Wait for a run that is dying; collective, rank 0 does it.  Raises OutputError if another run stays there.
+        """Lock the directory on rank 0, after a run that is ending; collective.
 
-        `make` : the directory where there is none; it goes again if it is left empty.
+        make : create the directory if it is missing; it is removed again if it stays empty.  Raises OutputError where
+        another run is at work in it.
         """
         self.path, self._comm = Path(path), comm
         handle, made = together(comm, lambda: _locked(self.path, make), root_only=True)[comm.rank] or (None, False)
@@ -112,31 +117,30 @@ class Claim:
         self.release()
 
     def clear(self) -> Path | None:
-        """Empty it for a new run and mark it as a run's; collective, rank 0 does it.
+        """Empty the directory for a new run and mark it as that of a run; collective, rank 0 does it.
 
-        What is there is moved to ``path.1``, ``path.2`` …, the next number that is free: where it is now, None if
-        there was nothing.  The directory itself stays: it may be where the user is, or a link points to it.
+        Existing files are moved to ``path.1`` or the next free number, which is returned, or None if there were none.  The directory itself stays, as it may be a working directory or the target of a link.
 
         Raises
         ------
-        OutputError -- something that is not a run is there, or the place cannot be written.
+        OutputError -- where the directory holds other files than those of a run, or cannot be written.
         """
         return together(self._comm, lambda: _clear(self.path), root_only=True)[0]
 
 
 def _locked(path: Path, make: bool) -> tuple[int, bool] | None:
-    """Handle of a directory that is locked, and whether it was made here; None if it is not there."""
+    """Handle of the locked directory, and whether it was created here; None if it does not exist."""
     give_up, made = monotonic() + PATIENCE, False
     while True:
         try:
             if make and not path.is_dir():
-                Path(os.path.realpath(path)).mkdir(parents=True, exist_ok=True)  # a link may point to what is not there
+                Path(os.path.realpath(path)).mkdir(parents=True, exist_ok=True)  # the target of a link may be missing
                 made = True
             handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
         except OSError as error:
             if not make and isinstance(error, FileNotFoundError | NotADirectoryError):
                 return None
-            if monotonic() > give_up or not isinstance(error, FileNotFoundError):  # another may have taken it away
+            if monotonic() > give_up or not isinstance(error, FileNotFoundError):  # another process may have removed it
                 raise _cannot_write(path, error) from error
             sleep(0.05)
             continue
@@ -153,7 +157,7 @@ def _locked(path: Path, make: bool) -> tuple[int, bool] | None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), os.stat(path)):
                 return handle, made
-        os.close(handle)  # another directory is there now
+        os.close(handle)  # the directory was replaced
 
 
 def _let_go(path: Path, handle: int, made: bool) -> None:
@@ -175,18 +179,18 @@ def _clear(path: Path) -> Path | None:
     try:
         aside = _move_aside(path) if any(path.iterdir()) else None
         with open(path / MANIFEST, "x", encoding="utf-8") as manifest:
-            manifest.write("{}\n")  # marks a run that was killed before it wrote anything
+            manifest.write("{}\n")  # marks the directory of a run even if it is killed now
         return aside
     except OutputError:
         raise
-    except FileExistsError as error:  # where there are no locks
+    except FileExistsError as error:  # the file system has no locks
         raise _at_work(path) from error
     except OSError as error:
         raise _cannot_write(path, error) from error
 
 
 def _move_aside(path: Path) -> Path:
-    # Its list of frames first and its manifest last: if this is killed, either part is still known for a run.
+    # The index of frames moves first, the manifest last: if this is killed, both parts are still recognised as runs.
     names = sorted(os.listdir(path), key=lambda name: (name == MANIFEST, name != INDEX))
     if not {MANIFEST, INDEX} & set(names):
         raise OutputError(f"'{path}' holds files that are not a run's; empty it or choose another place with --out DIR")
@@ -204,7 +208,7 @@ def _move_aside(path: Path) -> Path:
 
 
 def _numbered(path: Path) -> Path:
-    """A new directory beside another, with the next number that is free."""
+    """A new directory beside `path`, with the next free number."""
     number = 1
     while True:
         aside = path.with_name(f"{path.name}.{number}")

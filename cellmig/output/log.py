@@ -1,4 +1,4 @@
-"""What a run tells its user: one writer, the same text on screen and in `run.log`; progress; where the time went."""
+"""Messages of a run on the screen and in `run.log`, progress, timers; numbers and tables as text."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tqdm import tqdm
 from ..case.messages import lenient
 from .directory import together
 
-_FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall seconds
+_FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall time [s]
 _UNITS = (("ns", 1e-9, 1e-6), ("µs", 1e-6, 1e-3), ("ms", 1e-3, 1.0), ("s", 1.0, 120.0), ("min", 60.0, 7200.0),
           ("h", 3600.0, 48 * 3600.0), ("days", 86400.0, 730 * 86400.0), ("years", 365.25 * 86400.0, float("inf")))
 _BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} µs{postfix}  left {remaining}"
 
 
 class Log:
-    """Writer of lines on rank 0; a no-op on the others, so that any rank may call it.
+    """Writes lines on rank 0; on the others calls do nothing.
 
     Parameters
     ----------
-    comm : mpi4py communicator; making a log is collective, writing is not.
-    directory : Path -- of the run, where `run.log` is; None for the screen alone.
+    comm : mpi4py communicator; creating a log is collective, writing is not.
+    directory : Path -- of the run with `run.log`; None for the screen alone.
     quiet : bool -- nothing on the screen.
     """
 
@@ -45,20 +45,20 @@ class Log:
             file.write(text + "\n")
 
     def error(self, text: str) -> None:
-        """Write what ended the run: to the file and, even if quiet, to the standard error."""
+        """Write an error to the file and, even if quiet, to stderr."""
         self._write(text, [write for write in self._writers if write is not _to_screen])
         if self.root:
             print(text, file=sys.stderr, flush=True)
 
     def __call__(self, text: str) -> None:
-        """Write a line, or several."""
+        """Write lines."""
         self._write(text, list(self._writers))
 
     def _write(self, text: str, writers: list[Callable[[str], None]]) -> None:
         for write in writers:
             try:
                 write(text)
-            except OSError:  # a full disk or a closed pipe costs the log, not the run
+            except OSError:  # a full disk or a closed pipe must not end the run
                 self._writers.remove(write)
 
     def table(self, rows: Iterable[tuple[str, Any]]) -> None:
@@ -67,26 +67,26 @@ class Log:
 
 
 def _to_screen(text: str) -> None:
-    tqdm.write(text, file=sys.stdout)  # a plain write, but for a bar that it steps around
+    tqdm.write(text, file=sys.stdout)  # does not overwrite a progress bar
     sys.stdout.flush()
 
 
 def two_columns(rows: Iterable[tuple[str, Any]]) -> str:
-    """Pairs of key and value as lines whose values are aligned."""
+    """Pairs of key and value as lines with aligned values."""
     rows = [(str(key), str(value)) for key, value in rows]
     width = max((len(key) for key, _ in rows), default=0)
     return "\n".join(f"{key:<{width}}  {value}".rstrip() for key, value in rows)
 
 
 def table(head: list[str], lines: list[list[str]]) -> list[str]:
-    """A table in Markdown, padded."""
+    """Lines of a table in aligned Markdown."""
     wide = [max(len(line[i]) for line in [head, *lines]) for i in range(len(head))]
     return [f"| {' | '.join(cell.ljust(w) for cell, w in zip(line, wide, strict=True))} |"
             for line in [head, ["-" * w for w in wide], *lines]]
 
 
 def clock(seconds: float) -> str:
-    """Wall time for people: 8 s, 2:05, 1:02:05, 3.2 days."""
+    """Wall time [s] as text, such as 8 s, 2:05, 1:02:05, 3.2 days."""
     if seconds >= 48 * 3600:
         return duration(seconds)
     minutes, rest = divmod(round(seconds), 60)
@@ -95,24 +95,24 @@ def clock(seconds: float) -> str:
 
 
 def duration(seconds: float, digits: int = 2) -> str:
-    """A time in the unit that people take for it, to some digits: 400 µs, 25 s, 3.2 h, 8.6 years."""
+    """A time [s] as text in a suitable unit, such as 400 µs, 25 s, 3.2 h, 8.6 years."""
     unit, one, _ = next(found for found in _UNITS if seconds < found[2]) if seconds else ("s", 1.0, 0.0)
     value = float(f"{seconds / one:.{digits}g}")
     return f"{value:,.0f} {unit}" if 1e3 <= value < 1e6 else f"{value:.{max(digits, 3)}g} {unit}"
 
 
 def _on_terminal() -> bool:
-    """Whether a person watches; Open MPI's ranks always see a terminal, so `./run` tells them if it is a true one."""
+    """Whether output goes to a terminal; ranks of Open MPI always see one, so that `./run` sets CELLMIG_TERMINAL."""
     told = "CELLMIG_TERMINAL" in os.environ or "ipykernel" in sys.modules  # a notebook shows bars, too
     return told or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
 
 
 class Progress:
-    """How far a run is: a bar on a terminal, else a line now and then, in the log too.
+    """Shows the progress of a run: a bar on a terminal, else lines at intervals, also in the log.
 
     Parameters
     ----------
-    log : Log -- silent if that is quiet.
+    log : Log -- progress is not shown if it is quiet.
     end, start : float -- simulated time [us] at the end and at the start of this run.
     """
 
@@ -130,7 +130,7 @@ class Progress:
             self._due = self._begin + _FIRST_LINE
 
     def __call__(self, time: float, step: int, dt: float) -> None:
-        """After a step: simulated time [us], steps done, size of the step [us]."""
+        """Update, with simulated time [us], number of steps, step [us]."""
         now = perf_counter()
         if now < self._due:
             return
@@ -149,13 +149,13 @@ class Progress:
                 f"wall {clock(wall):>8}  left {left:>8}")
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
 
 
 class _Section:
-    """Wall seconds spent between enter and exit, summed."""
+    """Sum of wall time between enter and exit [s]."""
 
     __slots__ = ("_begin", "seconds")
 
@@ -170,7 +170,7 @@ class _Section:
 
 
 class Timers:
-    """Wall time by section, ``with timers("contact"): …``; sections follow one another, they do not nest."""
+    """Wall time by section, as in ``with timers("contact"):``; sections must not be nested."""
 
     def __init__(self) -> None:
         self._sections: dict[str, _Section] = {}
@@ -183,12 +183,12 @@ class Timers:
         return self._sections[name]
 
     def seconds(self) -> dict[str, float]:
-        """Wall seconds of this rank by section; `other` is what passed outside of them since the timers were made."""
+        """Wall time of this rank by section [s]; `other` is time outside of sections since the timers were created."""
         spent = {name: section.seconds for name, section in self._sections.items()}
         return spent | {"other": perf_counter() - self._begin - sum(spent.values())}
 
     def summary(self, comm: Any) -> str:
-        """Table of section, least, mean and most seconds over the ranks, and share of the total; collective."""
+        """Table of sections: smallest, mean and largest time of the ranks, share of the total; collective."""
         ranks = comm.allgather(self.seconds())
         names = [*dict.fromkeys(name for rank in ranks for name in rank if name != "other"), "other"]
         total = sum(sum(rank.values()) for rank in ranks)

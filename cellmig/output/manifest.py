@@ -1,4 +1,4 @@
-"""`manifest.json`: what a run was, on what, and how it ended."""
+"""`manifest.json`: case, environment, numbers and end of a run."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _TABLES = ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoi
 
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Replace the manifest of a run, whole; call it on rank 0.  Numbers that are not finite become null."""
+    """Replace the manifest of a run; call it on rank 0.  Numbers that are not finite become null."""
     replace(Path(directory) / MANIFEST, json.dumps(_plain(manifest), indent=2, ensure_ascii=False) + "\n")
 
 
 def read_manifest(directory: Path) -> dict[str, Any]:
-    """The manifest of a run; empty if the run was killed before it wrote one."""
+    """The manifest of a run, empty if the run was killed before it wrote one.  Raises OutputError if invalid."""
     path = Path(directory) / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -36,7 +36,7 @@ def read_manifest(directory: Path) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """`value` in the types that JSON has."""
+    """`value` in the types of JSON."""
     if hasattr(value, "tolist"):  # numpy's scalars and arrays
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -49,10 +49,7 @@ def _plain(value: Any) -> Any:
 
 
 def environment(comm: Any) -> dict[str, Any]:
-    """Versions of what a run stands on, its commit, hosts and ranks; the same on all ranks, and never fails.
-
-    Libraries are named if they are loaded: a run without PETSc does not load it to tell its version.
-    """
+    """Versions of loaded libraries, commit, processor, hosts and ranks; the same on all ranks; collective."""
     loaded = {name: sys.modules[name] for name in ("cellmig", *_LIBRARIES) if name in sys.modules}
     found: dict[str, Any] = {name: str(getattr(module, "__version__", "unknown")) for name, module in loaded.items()}
     found["python"] = platform.python_version()
@@ -65,14 +62,14 @@ def environment(comm: Any) -> dict[str, Any]:
 
 
 def page(title: str, command: str, made_with: Mapping[str, Any], lines: Sequence[str]) -> str:
-    """A page of tables for docs/data: its title, which command and commit made it and when, and its lines."""
+    """A page of tables for docs/data: title, command, commit, date, lines."""
     commit = f", commit {made_with['commit']} ({made_with['tree']})" if "commit" in made_with else ""
     made = f"Made by `{command}` of version {made_with['cellmig']}{commit} on {date.today().isoformat()}."
     return "\n".join([f"# {title}", "", made, "", *lines]) + "\n"
 
 
 def _commit() -> dict[str, str]:
-    """Commit of the source, and whether it is as committed; empty if the package is not in a checkout of its own."""
+    """Commit of the source and state of its tree; empty if the package is not in a checkout of its own."""
 
     def git(*words: str) -> str:
         command = ["git", "-C", str(Path(__file__).parent), *words]
@@ -88,7 +85,7 @@ def _commit() -> dict[str, str]:
 
 
 def processor() -> str:
-    """Name of the processor, as far as the system tells."""
+    """Name of the processor, if the system reports it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -97,6 +94,6 @@ def processor() -> str:
 
 
 def memory_told(path: str = "/proc/meminfo") -> dict[str, float]:
-    """Sizes that the system tells of memory, by name [B]; of this process in "/proc/self/status"."""
+    """Sizes of memory by name [B], from the system, or from "/proc/self/status" for this process."""
     told = dict(line.split(":", 1) for line in Path(path).read_text(encoding="utf-8").splitlines())
     return {name: 1024.0 * float(size.split()[0]) for name, size in told.items() if size.endswith(" kB")}

@@ -1,4 +1,4 @@
-"""The tables of a run: what every cell did, where the energy went, what pulls on the substrate and between cells."""
+"""Tables of a run: history of the cells, energy ledger, traction on the substrate, forces between cells."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ MOTION = ("vx_um_per_us", "vy_um_per_us", "speed_um_per_us")  # mean since the l
 LEDGER = ("time_us", "kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
           "external_work", "viscous_loss", "friction_loss", "numerical_loss", "closure")
 
-_BOTH = ("", "_now")  # the mean since the last sample, and the instant
+_BOTH = ("", "_now")  # mean since the last sample, and current value
 SUBSTRATE = ("time_us", "cell", "x_um",
              *(f"{what}{kind}_pa" for kind in _BOTH for what in ("normal", "tangential", "friction")), "name")
 NEIGHBOURS = ("time_us", "cell", "neighbour",
               *(f"{what}{kind}_pn_per_um" for kind in _BOTH for what in ("force_x", "force_y", "pull")), "name",
               "neighbour_name")
-ALL = "all"  # name of the aggregate
+ALL = "all"  # name of the aggregate of all cells
 _WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
 _FORMERLY = {"protrusion_work": "external_work"}  # columns of older runs
 
 
 def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str, ...]:
-    """Columns of history.csv beside HISTORY: velocities, of probes, of supports and plates, and the cell's name."""
+    """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell."""
     return (*MOTION, *(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
             *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
 
 
 def up_to(path: Path, end: Mapping[str, Any]) -> Any:
-    """The sha256 of a table up to where it ended once.  Raises OutputError if it is not that table any more."""
+    """The sha256 of a table up to a former `end`.  Raises OutputError if the table was changed."""
     content = path.read_bytes() if path.exists() else b""
     if len(content) < end["bytes"]:
         raise OutputError(f"'{path}' has {len(content)} bytes where a checkpoint has {end['bytes']}: it cannot go on "
@@ -51,7 +51,7 @@ def up_to(path: Path, end: Mapping[str, Any]) -> Any:
 
 
 class _Table:
-    """Rows at the end of a file, by rank 0; all rows of a sample leave in one call, so a killed run cuts no line."""
+    """Appends rows to a file on rank 0, those of a sample in one call, so that a killed run leaves whole lines."""
 
     name: str
     columns: tuple[str, ...]
@@ -59,7 +59,7 @@ class _Table:
 
     def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (),
                  end: Mapping[str, Any] | None = None) -> None:
-        """`more` : columns that this scene has besides;  `end` : where it is to go on, as `end` told it."""
+        """`more` : further columns;  `end` : end of a table to resume, as `end` returned it."""
         self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
         self._digest = hashlib.sha256()
         together(comm, lambda: self._cut(end) if end else self._begin(), root_only=True)
@@ -75,11 +75,11 @@ class _Table:
         os.truncate(self._path, end["bytes"])
 
     def end(self) -> dict[str, Any]:
-        """Where it ends now, to go on from there: how many bytes, and their sha256; rank 0 alone."""
+        """Length and sha256 of the table, for a checkpoint; on rank 0."""
         return {"bytes": self._path.stat().st_size, "sha256": self._digest.hexdigest()}
 
     def settle(self) -> None:
-        """Have the disk hold all rows; collective."""
+        """Flush all rows to the disk; collective."""
         together(self._comm, lambda: sync(self._path), root_only=True)
 
     def _append(self, text: str) -> None:
@@ -110,27 +110,27 @@ class _Table:
 
 
 def _text(value: float | str) -> str:
-    """Shortest text that reads back as the same bits, or a name, in quotes where CSV needs them."""
+    """Shortest text that reads back as the same bits; a name in quotes where CSV needs them."""
     if isinstance(value, str):
         return '"' + value.replace('"', '""') + '"' if set(value) & set(',"') else value
     return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(value))
 
 
 class History(_Table):
-    """Writer of `history.csv`; collective; the numbers of rank 0 count, the others may pass None."""
+    """Writer of `history.csv`; collective; ranks other than 0 may pass None."""
 
     name, columns = "history.csv", HISTORY
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
-        """Add a sample at `time` [us]: `rows[k]` has the columns of cell k, without time and cell; 0 is the aggregate.
+        """Add a sample at `time` [us]: `rows[k]` has the columns of cell k without time and cell; 0 is the aggregate.
 
-        What a row lacks, because the scene has it not, is written as nan.
+        Missing columns are written as nan.
         """
         self._write(lambda: ({"time_us": float(time), "cell": cell, **row} for cell, row in enumerate(rows)))
 
 
 class Ledger(_Table):
-    """Writer of `ledger.csv`; collective; the numbers of rank 0 count, the others may pass None."""
+    """Writer of `ledger.csv`; collective; ranks other than 0 may pass None."""
 
     name, columns = "ledger.csv", LEDGER
 
@@ -140,21 +140,21 @@ class Ledger(_Table):
 
 
 class Surroundings(_Table):
-    """Writer of `substrate.csv` or `neighbours.csv`; collective; the numbers of rank 0 count."""
+    """Writer of `substrate.csv` or `neighbours.csv`; collective; ranks other than 0 may pass None."""
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
-        """Add the rows of a sample at `time` [us], without it."""
+        """Add the rows of a sample at `time` [us], without the time."""
         self._write(lambda: ({"time_us": float(time), **row} for row in rows))
 
 
 class Substrate(Surroundings):
-    """Writer of `substrate.csv`: traction of each cell [Pa] by place."""
+    """Writer of `substrate.csv`: traction of each cell by place [Pa]."""
 
     name, columns = "substrate.csv", SUBSTRATE
 
 
 class Neighbours(Surroundings):
-    """Writer of `neighbours.csv`: forces [pN/um] between each two cells that touch."""
+    """Writer of `neighbours.csv`: forces between pairs of cells in contact [pN/um]."""
 
     name, columns = "neighbours.csv", NEIGHBOURS
 
@@ -167,9 +167,9 @@ class Tables:
     directory : Path -- of the run.
     comm : mpi4py communicator.
     names : list of str -- of the cells.
-    more : list of str -- columns of history beside HISTORY.
-    there : dict -- whether the scene has a "substrate" and "neighbours".
-    ends : dict -- where they are to go on, by name, as `ends` told it; none of a new run.
+    more : list of str -- columns of history besides HISTORY.
+    there : dict -- whether the scene has "substrate" and "neighbours".
+    ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     """
 
     def __init__(self, directory: Path, comm: Any, names: Sequence[str], more: tuple[str, ...],
@@ -187,7 +187,7 @@ class Tables:
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]], entries: Mapping[str, float],
               surroundings: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
-        """Add a sample at `time` [us] to all."""
+        """Add a sample at `time` [us] to all tables."""
         self.history.write(time, rows)
         self.ledger.write(time, entries)
         for name, table in self._surroundings.items():
@@ -197,33 +197,33 @@ class Tables:
         return {"history": self.history, "ledger": self.ledger, **self._surroundings}
 
     def settle(self) -> None:
-        """Have the disk hold all rows."""
+        """Flush all rows to the disk."""
         for table in self._all().values():
             table.settle()
 
     def ends(self) -> dict[str, dict[str, Any]]:
-        """Where they end now, to go on from there, on all ranks."""
+        """Ends of all tables, for a checkpoint, on all ranks."""
         tables = self._all()
         found = together(self._comm, lambda: {name: tables[name].end() for name in tables}, root_only=True)
         return self._comm.bcast(found[0])
 
 
-# Of any run, older ones too.
+# Columns that all runs have, older ones included.
 _COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER if name != "friction_loss"),
             "substrate.csv": SUBSTRATE, "neighbours.csv": NEIGHBOURS}
 
 
 def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
-    """Names of the cells by their numbers, from history.csv; those of older runs have none but "cell 1" …"""
+    """Names of the cells by number, from history.csv; older runs have none, and get "cell 1" and so on."""
     cells, first = np.unique(history["cell"], return_index=True)
     named = history["name"][first].tolist() if "name" in history else [f"cell {c}" if c else ALL for c in cells]
     return dict(zip(cells.tolist(), named, strict=True))
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a table by name, (rows,) each, float64 (`cell`: int64, names: str); a run may still be writing it."""
+    """Columns of a table by name, each (rows,): int64 for cells, str for names, else float64; the run may go on."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # after the last newline is no whole line
+        lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # without an incomplete last line
         if not lines:
             return {}
         names = [_FORMERLY.get(name, name) for name in lines[0].split(",")]

@@ -1,7 +1,7 @@
-"""Fields per particle as XDMF over HDF5: one file per rank and frame, so that a killed run leaves whole frames only.
+"""Fields of particles as XDMF over HDF5: a file for each rank and frame, so that a killed run leaves whole frames.
 
-``cells.xdmf`` (rank 0) lists all frames of all ranks, for ParaView; ``rankNNNN.xdmf`` those of one rank, which meshio's
-``TimeSeriesReader`` opens, too.  The frames lie in ``rankNNNN/sNNNNNNNN.h5``, by frame number.
+``cells.xdmf`` (rank 0) lists the frames of all ranks, for ParaView; ``rankNNNN.xdmf`` those of one rank, also for
+meshio's ``TimeSeriesReader``.  The frames are in ``rankNNNN/sNNNNNNNN.h5``, by number.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MESH = ("geometry", "topology")
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    """Values as XDMF knows them: scalars (n,), vectors (n, 3) with z = 0 in the plane, tensors (n, 9)."""
+    """Values in the shapes of XDMF: scalars (n,), vectors (n, 3) with z = 0, tensors (n, 9)."""
     if values.ndim == 3:
         return np.ascontiguousarray(values).reshape(len(values), 9)
     if values.ndim == 2 and values.shape[1] < 3:
@@ -51,9 +51,9 @@ def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
 
 
 def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
-    """The particles of one rank in one frame; of `data` only types and shapes count, so any rank's will do.
+    """The particles of one rank in one frame; of `data` only types and shapes matter, which ranks have in common.
 
-    Units are XML attributes, which readers of XDMF pass over; the HDF5 has them, too.
+    Units are XML attributes, which readers of XDMF ignore, and attributes in HDF5.
     """
     file = _file(rank, frame)
     lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time}"/>',
@@ -76,8 +76,8 @@ class Frames:
     directory : Path -- of the run.
     comm : mpi4py communicator.
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
-    count : int -- frames that are there, as `cut_frames` left them, on any number of ranks.
-    run : str -- what each file says of the run that it is of.
+    count : int -- existing frames, after `cut_frames`, of any number of ranks.
+    run : str -- id of the run, in each file.
     """
 
     def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str], count: int = 0, run: str = "") -> None:
@@ -90,14 +90,14 @@ class Frames:
             self._mine = "".join(_grids(self.directory / f"{_name(comm.rank)}.xdmf"))
 
     def write(self, time: float, step: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one frame: whole in all files when this returns, absent before.
+        """Write one frame, which is in all files when this returns, and in none before.
 
         Parameters
         ----------
         time : float -- [us].
-        step : int -- steps done so far.
-        arrays : dict -- field by name, for the particles that this rank owns (there may be none), int32, int64 or
-            float64: (n,), (n, d) or (n, 3, 3); X (n, d) is the reference position [um], u (n, d) the displacement [um].
+        step : int -- number of steps taken.
+        arrays : dict -- fields of this rank's n >= 0 particles by name, int32, int64 or float64, (n,), (n, d) or
+            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].
         """
         if arrays.keys() != self.fields.keys():
             raise ValueError(f"fields {sorted(arrays.keys() ^ self.fields.keys())} are declared or given, not both")
@@ -112,7 +112,7 @@ class Frames:
         if n == 0:
             return 0
         units = {"geometry": "um", "topology": "", **self.fields}
-        # In memory first: a full disk is then an error like any other, where HDF5 would crash at the end.
+        # The file is made in memory, as HDF5 would crash where the disk is full.
         with h5py.File(f"frame{self.count}", "w", driver="core", backing_store=False) as file:
             file.attrs.update(time=time, time_unit="us", step=step, frame=self.count, run=self.run)
             for name, values in data.items():
@@ -134,7 +134,7 @@ class Frames:
 
 
 def check_frames(directory: Path, count: int, run: str) -> None:
-    """Refuse frames of another run among the first `count` of those that any list names."""
+    """Raise OutputError if a frame of another run is among the first `count` in any list."""
     for path in sorted({directory / item for index in directory.glob("*.xdmf") for grid in _grids(index)
                         for item in re.findall(r"rank\d+/s\d+\.h5", grid)}):
         if int(path.stem[1:]) < count and path.exists():
@@ -145,9 +145,10 @@ def check_frames(directory: Path, count: int, run: str) -> None:
 
 
 def cut_frames(directory: Path, comm: Any, count: int) -> None:
-    """Drop all frames of a run but the first `count`, so that others can follow; collective, rank 0 does it.
+    """Delete all frames of a run but the first `count`; collective, rank 0 does it.
 
-    A list is cut before its files go: what it names is there whenever the run is killed.
+    Lists are cut before files are deleted, so that listed files exist even if the run is killed.  Raises OutputError
+    where frames are missing.
     """
     directory = Path(directory)
 
@@ -174,7 +175,7 @@ _FILE = re.compile(r"/s(\d{8})\.h5:")
 
 
 def _grids(path: Path) -> list[str]:
-    """The grids in the collection of a file that `Frames` wrote; none if it is not there."""
+    """The grids in the collection of a file that `Frames` wrote; none if it does not exist."""
     if not path.exists():
         return []
     _, mark, body = path.read_text(encoding="utf-8").partition('GridType="Collection" CollectionType="Temporal">\n')
@@ -188,13 +189,13 @@ def _grids(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a run that was written, in the files of its ranks; `time` [us]."""
+    """A written frame of a run, in the files of its ranks; `time` [us]."""
 
     time: float
     files: tuple[Path, ...]
 
     def read(self) -> dict[str, np.ndarray]:
-        """Every field in the order of the global ids: scalars (n,), vectors (n, 3), tensors (n, 9)."""
+        """All fields in the order of ids: scalars (n,), vectors (n, 3), tensors (n, 9)."""
         pieces = []
         for path in self.files:
             with _opened(path) as file:
@@ -204,7 +205,7 @@ class Frame:
         return {name: values[order] for name, values in fields.items()}
 
     def units(self) -> dict[str, str]:
-        """The unit of every field."""
+        """Units by field."""
         with _opened(self.files[0]) as file:
             return {name: str(data.attrs["unit"]) for name, data in file.items() if name not in _MESH}
 
@@ -217,7 +218,7 @@ def _opened(path: Path) -> h5py.File:
 
 
 def frames(directory: Path) -> list[Frame]:
-    """The whole frames of a run, finished or not, by time; none if it has not written one yet."""
+    """The whole frames of a run by time; the run may be at work.  Raises OutputError for an invalid index."""
     index = Path(directory) / INDEX
     if not index.exists():
         return []

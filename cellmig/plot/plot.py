@@ -1,4 +1,4 @@
-"""Pictures of a run: shapes and stress, displacement and contact, energy, forces on the substrate and between cells."""
+"""`cellmig plot`: pictures of shapes, displacement, energy, traction and forces between cells of a run."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from .snapshots import chosen, film, not_reached, shapes
 from .style import COLOURS, STYLE, save
 from .traction import between, traction
 
-_LEAST_SPAN = 1e-3  # µm, of the displacement axis
+_LEAST_SPAN = 1e-3  # smallest range of the displacement axis [µm]
 
 
 def plot(directory: Path, times: Sequence[float] | None = None, field: str = "effective_stress",
          out: Path | None = None, formats: Sequence[str] = ("png", "pdf"), moving: bool = False) -> list[Path]:
-    """Draw what a run left, finished or not.
+    """Draw the files of a run, complete or not.
 
     Parameters
     ----------
     directory : Path -- of the run.
-    times : list of float -- [us] of the snapshots, each the nearest frame; by default early, in the middle, at the end.
-    field : str -- fills the shapes; of a vector its length.
-    out : Path -- where the pictures go; by default into the run's directory.
+    times : list of float -- [us] of snapshots, which show the nearest frames; by default 5, 50 and 100 % of the end.
+    field : str -- colours the shapes; for a vector its magnitude.
+    out : Path -- directory of the pictures; by default that of the run.
     formats : list of str -- "png", "pdf" or "svg".
     moving : bool -- a film as well.
 
     Returns
     -------
-    list of Path -- the pictures: shapes, displacement, ledger, traction, between (neighbours), of what there is.
+    list of Path -- the pictures whose data exist: shapes, displacement, ledger, traction, between (neighbours), film.
     """
     directory = the_run(directory)
     out = Path(out or directory)
@@ -60,14 +60,14 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
 
 
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
-    """What to say where forces are in the frames alone; "" if the tables are there, or there are no such forces."""
+    """Remark about a run whose frames have forces but whose tables are missing, else empty."""
     tables = {"adhesion_force": "substrate.csv", "contact_force": "neighbours.csv"}
     lacking = [name for field, name in tables.items() if field in found[0].units() and not (directory / name).exists()]
     return f"no pictures of forces: the run is of an older version, without {' and '.join(lacking)}" if lacking else ""
 
 
 def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
-    """Displacement of every cell and the mean, what it touches, and its effective stress, against time."""
+    """Displacement, contact lengths and effective stress of each cell against time, with their means."""
     if not history:
         return None
     names = names_of(history)
@@ -92,7 +92,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
     axes[0].set_ylabel("displacement $u_x$ [µm]")
     axes[0].legend(loc="upper left")
     low, high = axes[0].get_ylim()
-    if high - low < _LEAST_SPAN:  # nothing moves: no picture of rounding errors
+    if high - low < _LEAST_SPAN:  # nothing moves: do not magnify rounding errors
         axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))
     if contacts:
         for _, text, line in contacts:
@@ -106,7 +106,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
 
 
 def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
-    """Every entry of the energy ledger that the scene has, and what does not add up."""
+    """Entries of the energy ledger that are not zero, and the energy error, against time."""
     if not ledger:
         return None
     figure = Figure(figsize=(6.0, 4.6), layout="constrained")
@@ -125,6 +125,6 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
-    """A table with at least one row, or an empty one."""
+    """A table, or an empty one if it has no rows."""
     table = read_table(path) if path.exists() else {}
     return table if table and len(table["time_us"]) else {}

@@ -1,4 +1,4 @@
-"""Shapes of a run at some times, filled with a field, as in the paper's figures; a film of them."""
+"""Shapes of a run at given times, coloured by a field, as in the paper's figures; a film of them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from cellmig.output.xdmf import Frame, frames
 
 from .style import UNITS
 
-_SNAPSHOTS = (0.05, 0.5, 1.0)  # of the end
-_SECONDS, _MOST_PER_SECOND, _DPI = 10.0, 25.0, 140  # of a film
+_SNAPSHOTS = (0.05, 0.5, 1.0)  # default times over the end
+_SECONDS, _MOST_PER_SECOND, _DPI = 10.0, 25.0, 140  # film: length [s], largest frame rate [1/s], resolution
 _MAP = "viridis"
 
 
@@ -40,7 +40,7 @@ def chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
 
 
 def not_reached(found: Sequence[Frame], times: Sequence[float] | None) -> str:
-    """What to say of `times` [us] far from any frame: the first or the last is drawn instead; "" if there are none."""
+    """Remark about `times` [us] before the first or after the last frame, else empty."""
     first, last = found[0].time, found[-1].time
     if beyond := [f"{time:g}" for time in times or () if not first - 1e-9 <= time <= last * (1 + 1e-9)]:
         return f"the frames are from {first:g} to {last:g} µs: {', '.join(beyond)} µs is drawn as the nearest of these"
@@ -48,7 +48,7 @@ def not_reached(found: Sequence[Frame], times: Sequence[float] | None) -> str:
 
 
 class Picture(Figure):
-    """A figure that a notebook shows without pyplot."""
+    """A figure that notebooks show without pyplot."""
 
     def _repr_png_(self) -> bytes:
         memory = BytesIO()
@@ -58,9 +58,9 @@ class Picture(Figure):
 
 @dataclass(frozen=True)
 class View:
-    """What all pictures of a run share: the field, its colours, the limits of the axes, whether there is a substrate.
+    """Settings that all pictures of a run share: field, colours, limits of the axes, presence of a substrate.
 
-    low, high : (2,) [um];  extend : on which sides of the colours there are values beyond them.
+    low, high : (2,) float -- limits [um];  extend : sides of the colour bar with values beyond its range.
     """
 
     field: str
@@ -73,7 +73,7 @@ class View:
 
     @classmethod
     def of(cls, directory: Path, found: Sequence[Frame], field: str) -> View:
-        """The view that fits some frames of a run."""
+        """The view that contains frames of a run.  Raises CaseError for an unknown field."""
         if field not in (units := found[0].units()):
             raise CaseError([Mistake("--field", None, "", f"the run has no field '{field}'{suggest(field, units)}")])
         values, corners = [], []
@@ -83,14 +83,14 @@ class View:
             values.append(scalar(fields[field], field))
             corners += [x.min(axis=0), x.max(axis=0)]
         low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        margin = 0.04 * (high - low).max() + 1e-9  # so that a single particle has a panel too
+        margin = 0.04 * (high - low).max() + 1e-9  # a single particle needs a panel, too
         unit = UNITS.get(units[field], units[field])
         label = field.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
                    _on_substrate(directory))
 
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:
-        """A figure of n panels, all of the same scale: below one another if the scene is wide; and a colour bar."""
+        """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""
         width, height = self.high - self.low
         stacked = n == 1 or width > 1.3 * height
         size = (6.0, 0.6 + n * (0.25 + 4.9 * height / width)) if stacked else (7.2, 0.9 + 6.2 / n * height / width)
@@ -108,7 +108,7 @@ class View:
         return figure, axes.ravel()
 
     def draw(self, ax: Axes, frame: Frame) -> None:
-        """All cells of a frame."""
+        """Draw all cells of a frame."""
         fields = frame.read()
         values = scalar(fields[self.field], self.field)
         for cell in np.unique(fields["cell"]):
@@ -126,7 +126,7 @@ class View:
 
 
 def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
-    """Snapshots of a run at the frames nearest to `times` [us], filled with a field; None if it has no frames."""
+    """Snapshots of a run at the frames nearest to `times` [us], coloured by a field; None without frames."""
     found = frames(directory)
     if not found:
         return None
@@ -139,7 +139,7 @@ def shapes(directory: Path, times: Sequence[float] | None, field: str = "effecti
 
 
 def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | None:
-    """A film of all frames, film.mp4 if ffmpeg is there, else film.gif; its path, None if the run has no frames."""
+    """Write a film of all frames: film.mp4 with ffmpeg, else film.gif; its path, or None without frames."""
     found = frames(directory)
     if not found:
         return None
@@ -150,7 +150,7 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
     try:
         with tempfile.TemporaryDirectory(dir=out) as scratch:
             part = Path(scratch) / path.name
-            # All pictures of a film are of one size: nothing is cut off at the edges.
+            # All frames of a film need one size, so that margins are not cut.
             with matplotlib.rc_context({"savefig.bbox": None}), pen.saving(figure, str(part), _DPI):
                 for frame in found:
                     view.draw(ax, frame)
@@ -164,7 +164,7 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
 
 
 def scalar(values: np.ndarray, field: str) -> np.ndarray:
-    """What fills the shapes: a scalar, or the length of a vector, (n,)."""
+    """A scalar, or the magnitude of a vector (n,).  Raises CaseError for a tensor."""
     if values.ndim == 2 and values.shape[1] == 9:
         raise CaseError([Mistake("--field", None, "", f"'{field}' is a tensor: draw 'effective_stress' or another "
                                                       "scalar")])
@@ -172,7 +172,7 @@ def scalar(values: np.ndarray, field: str) -> np.ndarray:
 
 
 def _colour_range(values: np.ndarray) -> tuple[Normalize, str]:
-    """Limits that a few wild particles do not move, and on which sides there are values beyond them."""
+    """Colour range from the 1st to the 99th percentile, and the sides with values beyond it."""
     values = values[np.isfinite(values)]
     if not len(values):
         return Normalize(0.0, 1.0), "neither"
@@ -189,11 +189,11 @@ def _on_substrate(directory: Path) -> bool:
 
 
 def drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, list[np.ndarray]]:
-    """A cell where it is now, in triangles between those who were neighbours at the start; and its closed outlines."""
+    """Triangles of a cell at its current positions, made in the reference configuration; its closed outlines."""
     reference, x = fields["X"][:, :2], (fields["X"] + fields["u"])[:, :2]
     surface = np.flatnonzero(fields["surface"] >= 0)
     outline = surface[np.argsort(fields["surface"][surface], kind="stable")]
-    loops = np.split(outline, np.flatnonzero(np.diff(fields["surface"][outline]) > 1) + 1)  # between, one is left out
+    loops = np.split(outline, np.flatnonzero(np.diff(fields["surface"][outline]) > 1) + 1)  # numbers of loops have gaps
     triangles = Triangulation(*reference.T).triangles
     if len(outline) > 2:
         rings = polygons.joined([reference[loop] for loop in loops])

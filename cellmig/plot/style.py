@@ -1,4 +1,4 @@
-"""How all pictures look: one style, colours that the colour-blind tell apart, and how they are written."""
+"""Style of all pictures, colours that the colour-blind can distinguish, and writing of files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNITS = {"um": "µm", "us": "µs", "um/us": "µm/µs", "pN/um": "pN/µm", "1": "
 
 
 def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:
-    """Write a figure in each format; the paths."""
+    """Write a figure in each format; returns the paths."""
     paths = [out / f"{name}.{kind}" for kind in formats]
     for path in paths:
         picture = io.BytesIO()

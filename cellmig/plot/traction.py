@@ -1,4 +1,4 @@
-"""Where the cells pull, from the tables: on the substrate, by place and time, and on each other, pair by pair."""
+"""Pictures of traction on the substrate by place and time, and of forces between pairs of cells, from the tables."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from .style import COLOURS
 
 Table = Mapping[str, np.ndarray]
-_SHARE = 95.0  # % of what there is that colours and axes show apart: a membrane that snaps down pulls far harder
-_BEYOND = 3.0  # times that, from where the rest is left out, and told
+_SHARE = 95.0  # percentile that sets colours and axes: peaks of a membrane that jumps to contact are far larger
+_BEYOND = 3.0  # axes end at this multiple of it, with a note
 _SIDES = {"normal": "pressed ←  [Pa]  → pulled up", "tangential": "to the left ←  [Pa]  → to the right"}
 
 
 def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figure | None:
-    """Mean traction on the substrate from sample to sample, mapped over place and time, and profiles; None if none is.
+    """Map of the mean traction between samples over place and time, and profiles; None without traction.
 
     `table` : substrate.csv;  `samples` : times of all samples;  `times` : of the profiles [µs].
     """
@@ -48,9 +48,9 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
 
 
 def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the pieces of the substrate (k + 1,) [µm], and a column of all cells by sample and piece (n - 1, k).
+    """Edges of intervals of the substrate (k + 1,) [µm]; a column of all cells by sample and interval (n - 1, k).
 
-    What the table does not list is 0; the first sample has no means.
+    Places that the table does not list are zero; the first sample has no means.
     """
     places = np.unique(table["x_um"])
     width = np.diff(places).min(initial=np.inf)
@@ -62,7 +62,7 @@ def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[np.ndarray
 
 
 def between(table: Table, samples: np.ndarray) -> Figure | None:
-    """Mean pull of each two neighbours along the line of their centres, sample by sample; None if none touch.
+    """Mean pull of pairs of neighbours along the line of their centres, against time; None without contact.
 
     `table` : neighbours.csv;  `samples` : times of all samples [µs].
     """
@@ -83,7 +83,7 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
 
 
 def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
-    """Mean pulls from sample to sample (n - 1,) [pN/µm] by the names of two cells; 0 where they do not touch."""
+    """Mean pulls between samples (n - 1,) [pN/µm] by the names of two cells; zero without contact."""
     found: dict[tuple[str, str], np.ndarray] = {}
     row = np.searchsorted(samples, table["time_us"])
     for pair in np.unique(np.column_stack([table["cell"], table["neighbour"]]), axis=0):
@@ -95,13 +95,13 @@ def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray
 
 
 def usual(values: np.ndarray) -> float:
-    """The size below which most values are that are not 0; 1 if there are none."""
+    """The 95th percentile of the magnitudes of nonzero values, 1 without any."""
     size = np.abs(values[np.isfinite(values) & (values != 0.0)])
     return float(np.percentile(size, _SHARE)) if len(size) else 1.0
 
 
 def within(ax: Axes, top: float, unit: str) -> None:
-    """Have the axis show three times what is usual, `top`, either way, and say so if there is more."""
+    """Limit the axis to three times `top` either way, with a note if values are beyond."""
     least, most, limit = ax.dataLim.y0, ax.dataLim.y1, _BEYOND * top
     beyond = [f"down to {least:.4g}"] * int(least < -limit) + [f"up to {most:.4g}"] * int(most > limit)
     if beyond:
