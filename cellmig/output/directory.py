@@ -119,7 +119,8 @@ class Claim:
     def clear(self) -> Path | None:
         """Empty the directory for a new run and mark it as that of a run; collective, rank 0 does it.
 
-        Existing files are moved to ``path.1`` or the next free number, which is returned, or None if there were none.  The directory itself stays, as it may be a working directory or the target of a link.
+        Existing files are moved to ``path.1`` or the next free number, which is returned, or None if there were none.
+        The directory itself stays, as it may be a working directory or the target of a link.
 
         Raises
         ------
