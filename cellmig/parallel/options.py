@@ -1,4 +1,4 @@
-"""What is asked of PETSc: the integrator, options that nothing used, its version."""
+"""PETSc's options: the integrator and the step that they choose, those that have no effect, defaults, errors."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from cellmig.case.messages import suggest
 from .arguments import OptionError
 from .ghosts import petsc_library
 
-IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that our tangent serves
-EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need no more than a rate of change
-
+IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that use our tangent
+EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need the right-hand side only
 
 _OURS = {"no_signal_handler"}
-# What shows something, or says where to stop, decides no number.
+# Options that print something, or say where to stop, do not affect results.
 _SHOWS = re.compile(r"(^|_)(monitor|view|log|info|malloc|left|max_steps|memory|help|version|skip_petscrc)(_|$)")
 
 
 def check_integrator(of_case: str, place: str) -> None:
-    """Refuse an integrator that is unknown or cannot be driven; `place` : where the case says which.
+    """Check the integrator; `place` is where the case names it, for messages.
 
-    The option -ts_type goes before the case; "leapfrog" is a TS type of ours, written in Python as PETSc sees it.
+    The option -ts_type overrides the case.  "leapfrog" is our own TS type, of PETSc's type "python".
+
+    Raises OptionError for an integrator that does not exist or cannot be used.
     """
     options = PETSc.Options()
     kind = requested_integrator(of_case)
@@ -49,12 +50,15 @@ def check_integrator(of_case: str, place: str) -> None:
 
 
 def requested_integrator(of_case: str) -> str:
-    """The integrator of the options, else that of the case."""
+    """The integrator that the options name, otherwise that of the case."""
     return PETSc.Options().getString("ts_type", of_case)
 
 
 def requested_step(of_case: float | None) -> float | None:
-    """The step [µs] of the options, else that of the case."""
+    """The time step [µs] that the options give, otherwise that of the case.
+
+    Raises OptionError for a step that is not positive.
+    """
     options = PETSc.Options()
     if not options.hasName("ts_dt"):
         return of_case
@@ -68,13 +72,13 @@ def requested_step(of_case: float | None) -> float | None:
 
 
 def options_given() -> dict[str, str]:
-    """PETSc's options and their values, from the command line, PETSC_OPTIONS and files, by name."""
+    """PETSc's options from the command line, PETSC_OPTIONS and files: values by name."""
     found = PETSc.Options().getAll()
     return {name: found[name] or "" for name in sorted(found) if name not in _OURS}
 
 
 def options_in(words: Sequence[str]) -> dict[str, str]:
-    """Options and their values in the words of a command line, by name."""
+    """Options in the words of a command line: values by name."""
     found, name = {}, ""
     for word in words:
         if word.startswith("-") and not word[1:2].isdecimal():
@@ -86,13 +90,13 @@ def options_in(words: Sequence[str]) -> dict[str, str]:
 
 
 def affecting_results(options: dict[str, str]) -> dict[str, str]:
-    """Those options that may change a result."""
+    """Those of the options that may change a result."""
     return {name: value for name, value in options.items() if not _SHOWS.search(name)}
 
 
 @contextmanager
 def default_options(values: dict[str, str]) -> Iterator[None]:
-    """While objects take their options: those that were not given have these values, and none afterwards."""
+    """Context in which options that the user has not given have these values, for setFromOptions."""
     options = PETSc.Options()
     missing = {name: value for name, value in values.items() if not options.hasName(name)}
     for name, value in missing.items():
@@ -106,7 +110,10 @@ def default_options(values: dict[str, str]) -> Iterator[None]:
 
 @contextmanager
 def option_errors() -> Iterator[None]:
-    """While objects take their options, the same on all ranks: PETSc's complaint is one about an option."""
+    """Context in which an error of PETSc is an error in its options, for setFromOptions.
+
+    Raises OptionError in place of PETSc's.
+    """
     try:
         yield
     except PETSc.Error as error:
@@ -116,7 +123,7 @@ def option_errors() -> Iterator[None]:
 
 @contextmanager
 def original_errors() -> Iterator[None]:
-    """While PETSc calls functions of ours: what they raise comes through, though petsc4py 3.22 wraps it in its own."""
+    """Context in which PETSc calls our functions: an exception of theirs, which petsc4py 3.22 wraps, is raised as it was."""
     try:
         yield
     except PETSc.Error as error:
@@ -129,7 +136,7 @@ def original_errors() -> Iterator[None]:
 
 
 def unused_options() -> list[str]:
-    """PETSc options that were given and that nothing has asked for, as "-name value"."""
+    """PETSc options that were given but have not been read by any object, as "-name value"."""
     library = ctypes.CDLL(petsc_library())
     n = ctypes.c_int(0)
     names, values = ctypes.POINTER(ctypes.c_char_p)(), ctypes.POINTER(ctypes.c_char_p)()

@@ -1,41 +1,43 @@
-/* Copies of rows that other ranks of this machine own, through memory that all of them have. */
+/* Ghost rows, copied from other ranks of the same machine through shared memory. */
 
 #include <sched.h>
 #include <stdatomic.h>
 #include <stdint.h>
 
 typedef struct {
-    double *rows;         /* of this rank: its own, then copies */
-    double *window;       /* of all ranks, each with a counter and two buffers, which take turns */
-    long width, n_owned;  /* numbers a row; own rows */
-    long mine, half;      /* where this rank's buffers begin, and the size of one [doubles] */
-    long n_sent;          /* own rows that others have copies of */
-    const int64_t *sent;
-    long n_copies;        /* where in the first buffers they come from [doubles] */
-    const int64_t *source;
-    long n_peers;         /* where their counters are [doubles] */
-    const int64_t *peer;
-    int64_t counter;      /* where this rank's is [doubles] */
-    int64_t turn;
-    long patience;        /* looks at a counter before the processor is left to others */
+    double *rows;           /* rows of this rank: owned ones, then ghosts */
+    double *window;         /* shared memory: for each rank a counter and two buffers, used alternately */
+    long width, n_owned;    /* numbers per row; owned rows */
+    long mine, half;        /* offset of the first buffer of this rank, and size of a buffer [doubles] */
+    long n_sent;
+    const int64_t *sent;    /* owned rows that are ghosts of other ranks */
+    long n_copies;
+    const int64_t *source;  /* offset in the window of each ghost, in the first buffer of its owner [doubles] */
+    long n_peers;
+    const int64_t *peer;    /* offsets of the counters of the ranks to exchange with [doubles] */
+    int64_t counter;        /* offset of the counter of this rank [doubles] */
+    int64_t turn;           /* number of exchanges so far */
+    long patience;          /* polls of a counter before the processor is yielded */
 } Copies;
 
 #define COUNTER(c, at) ((_Atomic int64_t *)((c)->window + (at)))
 #define EACH(width) for (long k = 0; k < (width); k++)
 
+/* Copy the rows that other ranks need into a buffer. */
 static inline void pack(const Copies *c, double *out, const long width)
 {
     for (long i = 0; i < c->n_sent; i++) EACH(width) out[width * i + k] = c->rows[width * c->sent[i] + k];
 }
 
+/* Copy the ghosts from the buffers of their owners. */
 static inline void unpack(const Copies *c, const double *in, const long width)
 {
     double *out = c->rows + width * c->n_owned;
     for (long i = 0; i < c->n_copies; i++) EACH(width) out[width * i + k] = in[c->source[i] + k];
 }
 
-/* Own rows are there for others to copy.  Others have read the buffer: they were done with it before they filled theirs
- * for the last turn, which this rank has waited for. */
+/* Begin an exchange: publish owned rows.  The buffer is free, as other ranks had read it before they filled theirs in
+ * the previous turn, for which this rank has waited. */
 int copies_begin(Copies *c, int mode, int direction)
 {
     (void)mode, (void)direction;
@@ -45,7 +47,7 @@ int copies_begin(Copies *c, int mode, int direction)
     return 0;
 }
 
-/* Copies are those of the rows that others had ready in this turn. */
+/* End an exchange: wait for the other ranks' rows of this turn, and copy them. */
 int copies_end(Copies *c, int mode, int direction)
 {
     (void)mode, (void)direction;
