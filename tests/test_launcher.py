@@ -218,7 +218,6 @@ def test_the_tests_fail_when_either_run_of_them_does(ready: Launcher, serial: in
 
 PROBE = """
 import pytest
-from scenes import ROOT
 
 def test_one_rank_fails(comm):
     assert comm.rank != 1

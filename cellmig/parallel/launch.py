@@ -29,8 +29,8 @@ SETTINGS = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
             "OMPI_MCA_reachable": "^netlink"}
 # Variables that launchers set for a rank: processes that inherit them would take themselves for ranks, too.
 _OF_RANKS = re.compile(r"OMPI_(?!MCA_|ALLOW_)|OPAL_|PMIX_|PRTE_(?!MCA_)|ORTE_|PMI_|MPI_LOCAL|MV2_COMM"
-                       r"|SLURM_(STEP|PROCID)|OMPI_MCA_(ess|orte_(?!default_hostfile)|pmix|initial_wdir|mpi_oversubscribe"
-                       r"|shmem_RUNTIME|PREFIXES|cpu_type|mca_base_component_path|num_procs)|CELLMIG_TERMINAL")
+                       r"|SLURM_(STEP|PROCID)|OMPI_MCA_(ess|orte_(?!default_hostfile)|pmix|initial_wdir"
+                       r"|mpi_oversubscribe|shmem_RUNTIME|PREFIXES|cpu_type|mca_base_component_path|num_procs)|CELLMIG_TERMINAL")
 _RULE = b"-" * 40  # a message of Open MPI begins and ends with it
 # In messages about the end of the program and about our signals, which the program reports itself.
 _REDUNDANT = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal")
@@ -84,8 +84,8 @@ def on_ranks(ranks: int, command: Sequence[str]) -> list[str]:
 def launch(ranks: int, command: Sequence[str]) -> int:
     """Run a command on several ranks; returns its exit code, or 3 if the ranks could not be started.
 
-    mpiexec kills its ranks a second after a SIGTERM but forwards SIGUSR1, so that SIGTERM and a first ^C reach them as
-    SIGUSR1.  They are in a process group of their own, which the terminal's ^C does not reach; a second ^C is SIGTERM.
+    mpiexec kills its ranks a second after a SIGTERM but forwards SIGUSR1, so that SIGTERM and a first ^C are passed on
+    as SIGUSR1, a second ^C as SIGTERM.  The ranks' own process group keeps the terminal's ^C from them.
     """
     if not (launcher := mpiexec()):
         return _failed("there is no mpiexec: apt install openmpi-bin")

@@ -123,7 +123,7 @@ def option_errors() -> Iterator[None]:
 
 @contextmanager
 def original_errors() -> Iterator[None]:
-    """Context in which PETSc calls our functions: an exception of theirs, which petsc4py 3.22 wraps, is raised as it was."""
+    """Context in which PETSc calls our functions: their exceptions, which petsc4py 3.22 wraps, are raised unwrapped."""
     try:
         yield
     except PETSc.Error as error:
