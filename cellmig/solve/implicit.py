@@ -19,6 +19,7 @@ from .integrate import Integrator
 from .mechanics import SKIN as EXPLICIT_SKIN
 from .reduction import Reduction
 from .static import DEFAULTS
+from .step import widen
 
 SKIN = 4.0  # margin of the search lists [spacings]: larger lists cost nothing beside an implicit step
 FINE, MOST_PARTS = 0.04, 20  # work of a step: length of pieces, if no bonds set it [spacings], and largest number
@@ -247,7 +248,7 @@ class Implicit(Integrator):
             m.renew_lists()
         self._to_petsc()
         self.newton = ts.getSNESIterations()
-        self._note_step(dt)
+        widen(self.extremes, "dt", dt, dt)
         self.count["implicit"] = self.steps
         ts.monitor(self.steps, ts.getTime())
         self.after_batch(ts.getTime())

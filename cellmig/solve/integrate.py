@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from ..parallel.options import default_options, original_errors, requested_step
 from .accounts import accounts
 from .mechanics import Mechanics
-from .step import NumericsError, StepControl, binding
+from .step import NO_EXTREMES, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
@@ -50,7 +50,7 @@ class Integrator:
         self.mechanics, self.control, self.factor = mechanics, control, factor
         self.touches, self.redone = control.touches, 0
         self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
-        self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
+        self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
         self.report: Callable[[str], None] = lambda text: None
@@ -173,7 +173,7 @@ class Integrator:
             ts.solve(m.solution)
         if ts.getConvergedReason() < 0:
             self.fail("PETSc rejected a step as often as it may",
-                        remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")
+                      remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")
         if not self.leapfrog:
             self._store(m.solution)
             m.state.exchange()
@@ -257,18 +257,14 @@ class Integrator:
             self.fail("a particle is inverted")
         if max(1.0 - limits["J_min"], limits["J_max"] - 1.0) > VOLUME:
             self.fail(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
-                        remedy=f"try {self._remedy('a larger modulus (reduced_bulk_modulus, lame)')}")
+                      remedy=f"try {self._remedy('a larger modulus (reduced_bulk_modulus, lame)')}")
         if not self.leapfrog:  # the kernel follows J through the steps of leapfrog
-            self._note_J(limits["J_min"], limits["J_max"])
+            widen(self.extremes, "J", limits["J_min"], limits["J_max"])
         return limits
 
     def note_volumes(self) -> None:
         """Update `extremes` by J in all steps of leapfrog since the last call; collective."""
-        self._note_J(*self.mechanics.volumes())
-
-    def _note_J(self, least: float, most: float) -> None:
-        self.extremes["J_min"] = min(self.extremes["J_min"], least)
-        self.extremes["J_max"] = max(self.extremes["J_max"], most)
+        widen(self.extremes, "J", *self.mechanics.volumes())
 
     def _remedy(self, *others: str) -> str:
         """A remedy for a message: smaller loads of those that the scene has, or `others`."""
@@ -286,32 +282,32 @@ class Integrator:
         ------
         NumericsError -- always.
         """
-        particle, J = self.mechanics.worst_particle(particle)
-        scene = self.mechanics.scene
         other = [] if self.leapfrog else ['time.integrator = "leapfrog"']
         remedy = remedy or f"try {self._remedy('a smaller time.step_factor', 'finer particles', *other)}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")
-        raise NumericsError(f"the numbers broke at {self.ts.getTime():.6g} µs: {cause}; particle {particle} of cell "
-                            f"{int(scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
+        raise NumericsError.at(self.mechanics, self.time, cause, particle, remedy)
 
     # ------------------------------------------------------------ PETSc's own types
 
     def _store(self, vec: PETSc.Vec) -> None:
+        """Copy a state from PETSc, unless it is in the same memory."""
         values = vec.getArray(readonly=True).reshape(-1, 4)
         if not np.shares_memory(values, self.mechanics.state.owned):
             self.mechanics.state.owned[:] = values
 
     def _rate(self, ts: Any, t: float, u: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Right-hand side for TS: the rate of the state `u` at the time t [µs]."""
         m = self.mechanics
-        kept = m.state.owned.copy()
+        before = m.state.owned.copy()
         self._store(u)
         m.prescribe(t)
         out.setArray(m.rate().ravel())
-        m.state.owned[:] = kept
+        m.state.owned[:] = before
 
     def _after_step(self, ts: Any) -> None:
+        """Update director, accounts, extremes and search lists after a step of a PETSc type."""
         m = self.mechanics
         self._store(ts.getSolution())
         m.prescribe(ts.getTime())
@@ -321,17 +317,13 @@ class Integrator:
         m.relax_director(dt)
         self._account(dt)
         self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
-        self._note_step(dt)
+        widen(self.extremes, "dt", dt, dt)
         if not np.isfinite(ts.getSolution().norm()):
             self.fail("a value is not finite any more")
         if self._checked_limits()["displaced"] > 0.5 * m.skin:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())
-
-    def _note_step(self, dt: float) -> None:
-        self.extremes["dt_min"] = min(self.extremes["dt_min"], dt)
-        self.extremes["dt_max"] = max(self.extremes["dt_max"], dt)
 
     def _account_start(self) -> None:
         self._loss, self._last_time = self.mechanics.powers(), self.ts.getTime()
@@ -386,7 +378,7 @@ class Leapfrog:
         run.note_volumes()
         run.mechanics.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
-        run._note_step(dt)
+        widen(run.extremes, "dt", dt, dt)
         ts.setTimeStep(dt)
         ts.setTime(stop if n == left else (taken + n) * dt if run.fixed_step else t + n * dt)
         ts.setStepNumber(taken + n - 1)  # PETSc adds the last step itself

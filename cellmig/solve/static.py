@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from ..parallel.options import default_options, original_errors
 from .mechanics import Mechanics
 from .plates import PlateContact
-from .step import NumericsError
+from .step import NO_EXTREMES, NumericsError, widen
 from .stiffness import Stiffness, fill, typical
 
 REPORTED = 20  # load steps that the log lists; the manifest lists all
@@ -48,7 +48,7 @@ class Static:
         """Begin at rest; collective."""
         self.mechanics = m = mechanics
         self.time, self.steps, self.redone, self.dt, self.count = 0.0, 0, 0, 0.0, {}
-        self.extremes = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
+        self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
         self.report: Callable[[str], None] = lambda text: None
         self.newton: list[tuple[float, list[float]]] = []
@@ -236,9 +236,8 @@ class Static:
         self.steps += 1
         self.count["load"] = self.steps
         limits = m.limits()
-        for name, value, worse in (("J_min", limits["J_min"], min), ("J_max", limits["J_max"], max),
-                                   ("dt_min", self.dt, min), ("dt_max", self.dt, max)):
-            self.extremes[name] = worse(self.extremes[name], value)
+        widen(self.extremes, "J", limits["J_min"], limits["J_max"])
+        widen(self.extremes, "dt", self.dt, self.dt)
         norms = self.newton[-1][1]
         if self.steps <= REPORTED:
             self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
@@ -261,11 +260,9 @@ class Static:
         ------
         NumericsError -- always.
         """
-        particle, J = self.mechanics.worst_particle(particle)
         remedy = remedy or ("try smaller loads or displacements, supports that hold all rigid motions, more "
                             "time.samples, or time.integrator = \"leapfrog\" with damping")
-        raise NumericsError(f"the numbers broke at {self.time:.6g} µs: {cause}; particle {particle} of cell "
-                            f"{int(self.mechanics.scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
+        raise NumericsError.at(self.mechanics, self.time, cause, particle, remedy)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -16,6 +16,22 @@ TYPICAL = 0.94  # smallest gap of a contact over the range of its bonds, measure
 class NumericsError(RuntimeError):
     """The numerical solution failed: a value is not finite, a particle is inverted, or the step is too small."""
 
+    @classmethod
+    def at(cls, mechanics: Any, time: float, cause: str, particle: int | None, remedy: str) -> NumericsError:
+        """The error at a time [µs], with a particle, by default the one with the largest |ln J|; collective."""
+        particle, J = mechanics.worst_particle(particle)
+        return cls(f"the numbers broke at {time:.6g} µs: {cause}; particle {particle} of cell "
+                   f"{int(mechanics.scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
+
+
+NO_EXTREMES = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}
+
+
+def widen(extremes: dict[str, float], name: str, least: float, most: float) -> None:
+    """Extend the range of a quantity, as in NO_EXTREMES: "J" [-] or "dt" [µs], to the values `least` and `most`."""
+    low, high = f"{name}_min", f"{name}_max"
+    extremes[low], extremes[high] = min(extremes[low], least), max(extremes[high], most)
+
 
 class StepControl:
     """Largest stable step of leapfrog.

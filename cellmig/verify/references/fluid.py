@@ -82,7 +82,7 @@ def shear_decay(count: int) -> Measured:
                         {"rate": abs(rate / (law.viscosity / law.density * k**2) - 1.0)}, count)
 
 
-def ringing(count: int, case, mode, amplitude: float, time: float) -> tuple[float, float]:
+def ringing(case, mode, amplitude: float, time: float) -> tuple[float, float]:
     """Spacing [µm], and largest error of the rim over `time` [µs], relative to the initial amplitude of the mode."""
     with built(case) as sim:
         X, rim = sim.scene.X, sim.scene.surface(0)
@@ -114,7 +114,7 @@ def drop_oscillation(count: int) -> Measured:
     n, nu = 2, law.viscosity / law.density
     guess = complex(-2 * n * (n - 1) * nu / RADIUS**2, np.sqrt(n * (n * n - 1) * TENSION / law.density / RADIUS**3))
     mode = Drop(law, RADIUS, n, TENSION, guess)
-    h, missed = ringing(count, case, mode, 0.01, 2.0 * np.pi / mode.s.imag)
+    h, missed = ringing(case, mode, 0.01, 2.0 * np.pi / mode.s.imag)
     return Measured(h, {"rim": missed}, count)
 
 
@@ -133,5 +133,5 @@ def drop_sound(count: int) -> Measured:
         k = jn_zeros(0, 1)[0] / RADIUS
         guess = complex(-law.viscosity / law.density * k**2, k * np.sqrt(law.reduced_bulk_modulus / law.density))
         mode = Drop(law, RADIUS, 0, 0.0, guess)
-        h, found[name] = ringing(count, case, mode, 1e-4, 6.0 * np.pi / mode.s.imag)
+        h, found[name] = ringing(case, mode, 1e-4, 6.0 * np.pi / mode.s.imag)
     return Measured(h, found, count)
