@@ -1,1 +1,1 @@
-"""Is it fast: speed, scaling, error against time."""
+"""Performance: speed, parallel scaling, run time against error."""

@@ -1,1 +1,1 @@
-"""What a run leaves behind: frames, tables, manifest and log.  Observers: nothing here changes the state."""
+"""Files of a run: frames, tables, checkpoints, manifest and log.  Nothing here changes the state."""

@@ -106,7 +106,7 @@ def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[
     return jobs
 
 
-# ------------------------------------------------------------------------------------------------------- what is said
+# ------------------------------------------------------------------------------------------------------------- tables
 
 
 def table(claims: list[Claim], seeds: int) -> list[str]:

@@ -183,7 +183,7 @@ def _colour_range(values: np.ndarray) -> tuple[Normalize, str]:
 
 
 def _on_substrate(directory: Path) -> bool:
-    """Whether the scene has a substrate; if the manifest does not tell yet, a run on one is the rule."""
+    """Whether the scene has a substrate; assumed while the manifest has no case yet."""
     case = read_manifest(directory).get("case")
     return case is None or "substrate" in case.get("adhesion", {})
 

@@ -1,1 +1,1 @@
-"""Runs, one or many: what they leave, resume, compare, sweep."""
+"""Runs, one or many: execution, checkpoints, results, comparison, sweeps."""

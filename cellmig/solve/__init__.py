@@ -1,1 +1,1 @@
-"""Time integration: the right-hand side of equation (2) on a rank, its stable step, and PETSc's TS."""
+"""Time integration and equilibrium: equation (2) on a rank, stable steps, tangents, PETSc's TS and SNES."""

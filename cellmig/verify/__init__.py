@@ -1,1 +1,1 @@
-"""Is it right: references with known solutions, sensitivity, random scenes."""
+"""Verification: references with known solutions, sensitivity, random scenes."""

@@ -171,7 +171,7 @@ def _outlines_wrong(outlines: Sequence[np.ndarray]) -> list[str]:
     return wrong
 
 
-# ------------------------------------------------------------------------------------------------------ what is said
+# ------------------------------------------------------------------------------------------------------------ tables
 
 
 def table(verdicts: Sequence[Verdict]) -> list[str]:

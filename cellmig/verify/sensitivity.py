@@ -100,7 +100,7 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
 
     Returns
     -------
-    int -- exit code: 0, that of the first run that failed, 1 if ranks change the bits, or 75 if it was asked to stop.
+    int -- exit code: 0, that of the first run that failed, 1 if ranks change the bits, or 75 after a signal to stop.
     """
     jobs = plan(out, quick)
     with stop_requests() as asked:
@@ -142,7 +142,7 @@ def plan(out: Path, quick: bool) -> dict[tuple[str, str], Job]:
     return jobs
 
 
-# -------------------------------------------------------------------------------------------------- what is measured
+# ------------------------------------------------------------------------------------------------------ measurements
 
 
 def measure(outcome: Outcome) -> dict[str, float]:
@@ -220,7 +220,7 @@ def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, An
     return rows
 
 
-# -------------------------------------------------------------------------------------------------------- what is said
+# -------------------------------------------------------------------------------------------------------------- tables
 
 
 def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) -> list[str]:

@@ -180,7 +180,7 @@ def measure_all(points: Sequence[Point], at_once: int, asked: Sequence[int] = ()
             worker.end()
 
 
-# ------------------------------------------------------------------------------------------------------- what is said
+# ------------------------------------------------------------------------------------------------------------- tables
 
 
 def table(verdicts: Sequence[Verdict]) -> list[str]:
