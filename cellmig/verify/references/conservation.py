@@ -39,9 +39,9 @@ def cell_cell(count: int) -> Measured:
                          "torque": float(abs(turn.sum()) / np.abs(turn).sum())}, count)
 
 
-@reference("spin", shows="moment of momentum of a disc that spins and rings for 2 µs", source="nothing turns it",
+@reference("spin", shows="angular momentum of a disc that rotates and vibrates for 2 µs", source="no external torque",
            at=(100, 200, 400), seconds=3.0,
-           expected={"moment": exact(1e-9, "a symmetric Cauchy stress turns nothing, and leapfrog keeps x × m v")})
+           expected={"moment": exact(1e-9, "a symmetric Cauchy stress has no torque, leapfrog conserves x × m v")})
 def spin(count: int) -> Measured:
     """The elastic stabilisation is off: it keeps the moment of momentum only where x is linear in X."""
     gradient = [["0.1 /us", "-0.3 /us"], ["0.3 /us", "-0.1 /us"]]
@@ -54,7 +54,7 @@ def spin(count: int) -> Measured:
         return Measured(sim.scene.templates[0].spacing, {"moment": abs(found[1] / found[0] - 1.0)}, count)
 
 
-@reference("energy", shows="what the ledger misses after 1 µs, over its largest entry; the step is the size",
+@reference("energy", shows="energy error of the ledger after 1 µs; the step is the size",
            source="eq. (2) times the velocity: energies and works add up", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
                      for name in ("paper", "director_radial", "all_protrude")})

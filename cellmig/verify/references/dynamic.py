@@ -36,7 +36,7 @@ def elastic(width: float, height: float, count: int, lame: str, *held: dict, **t
 # --------------------------------------------------------------------------------------------------------- one wave
 
 
-@reference("standing-wave", shows="sound stands in a block of 4 x 1 µm between smooth walls, two periods, L2",
+@reference("standing-wave", shows="compression wave that stands in a block of 4 x 1 µm, two periods, L2",
            source="u = A cos(π x/L) sin ωt, ω = (π/L) sqrt((λ + 2G)/ρ)", at=(300, 1250, 5000), quick=(300, 600, 1250),
            seconds=15.0, coarse={"soft across": 7.5e-5},
            expected={name + part: converges(2, why, ELASTIC)
@@ -128,7 +128,7 @@ def manufactured(count: int, lame: str, pulled: bool, size: float = SIZE, squeez
     return elastic(2.0, 2.0, count, lame, moved, loads=loads, start=waves.start(), **tables), waves
 
 
-@reference("manufactured-space", shows="a block of 2 x 2 µm moves as three waves that forces make a solution, L2",
+@reference("manufactured-space", shows="manufactured solution of three plane waves in a block of 2 x 2 µm, L2",
            source="manufactured solution (Roache 2002): force on the body, moved surface or tractions",
            at=(300, 1000, 3000), quick=(150, 300, 700), seconds=20.0,
            expected={f"{how}, {name}": converges(2, SMOOTH, {} if name == "stiff, squeezed" else ELASTIC)
@@ -164,7 +164,7 @@ def after(kind: str, ns: float) -> np.ndarray:
 @reference("manufactured-time", shows="the same with 100 particles in finite strain; the step is the size",
            source="against -ts_rk_type 5dp at 1 ns", unit="ns", at=(20.0, 10.0, 5.0), seconds=10.0,
            expected={kind: converges(order, "PETSc's manual, TS" if kind != "leapfrog" else
-                                     "Störmer-Verlet; what is held is exact at the end of each step", floor=1e-11)
+                                     "Störmer-Verlet; supports are exact at the end of each step", floor=1e-11)
                      for kind, order in STEPS.items()})
 def manufactured_time(ns: float) -> Measured:
     """Loads and supports change within a step, so that stages of Runge-Kutta methods see different ones."""

@@ -25,7 +25,7 @@ def missed(kind: str, step: float, *sets: str) -> float:
     return relative_rms(after(kind, step, *sets), after("rk 5dp", 0.25, *sets))
 
 
-@reference("step", shows="an elastic disc of 100 particles rings for 1 µs by each integrator; the step is the size",
+@reference("step", shows="elastic disc of 100 particles vibrates for 1 µs by each integrator; the step is the size",
            source="against -ts_rk_type 5dp at 0.25 ns", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
            expected={kind: converges(order, "PETSc's manual, TS" if kind != "leapfrog" else
                                      "symplectic Euler with v half a step late is Störmer-Verlet (Hairer et al. 2003)",

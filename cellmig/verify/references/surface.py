@@ -36,7 +36,7 @@ def on_the_circle(law, a: float, R: float = RADIUS) -> float:
                      for x, y in pairwise(parts) if y > x)
 
 
-@reference("cylinder-on-plane", shows="pull F(a) on a rigid cylinder at gaps of 1.5 ε and 2.5 ε, and the gap of none",
+@reference("cylinder-on-plane", shows="attraction F(a) of a rigid cylinder at gaps of 1.5 ε and 2.5 ε; gap without force",
            source="eqs. (4)-(6) along a circle; along its parabola with Γ, zero at √(35/48) ε",
            at=(400, 900, 2000, 4500), seconds=5.0,
            expected={"F(1.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
@@ -57,7 +57,7 @@ def cylinder_on_plane(count: int) -> Measured:
 
 @reference("closed-form", shows="F(a) at 1.2 ε of cylinders with a/R as size: closed form against the circle",
            source="eqs. (4)-(6) along a parabola: F(a) = (4Nσ/ε) √(2πR) […]", unit="", at=(0.024, 0.012, 0.006),
-           expected={"F": converges(1, "parabola for circle: a share a/R")})
+           expected={"F": converges(1, "parabola for the circle: relative error a/R")})
 def closed_form(size: float) -> Measured:
     """The closed form, which replaces the circle by its parabola, has an error of its own; there are no particles."""
     from scipy.special import gamma
