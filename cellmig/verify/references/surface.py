@@ -36,7 +36,7 @@ def on_the_circle(law, a: float, R: float = RADIUS) -> float:
                      for x, y in pairwise(parts) if y > x)
 
 
-@reference("cylinder-on-plane", shows="attraction F(a) of a rigid cylinder at gaps of 1.5 ε and 2.5 ε; gap without force",
+@reference("cylinder-on-plane", shows="F(a) of a rigid cylinder at gaps of 1.5 ε and 2.5 ε; gap without force",
            source="eqs. (4)-(6) along a circle; along its parabola with Γ, zero at √(35/48) ε",
            at=(400, 900, 2000, 4500), seconds=5.0,
            expected={"F(1.5 ε)": converges(2, "a polygon for the circle: its sagitta is of h²"),
