@@ -58,15 +58,18 @@ def outside_mpi() -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def on_ranks(outside_mpi: dict[str, str]) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """`on_ranks(2, "-m", "cellmig", …)`: Python on that many ranks, for serial tests; `env` adds to its environment."""
+    """`on_ranks(2, "-m", "cellmig", …)`: Python on that many ranks, for serial tests; `env` adds to its environment.
+
+    On one it is this Python itself, without mpiexec.
+    """
 
     def start(ranks: int, *arguments: object, env: dict[str, str] | None = None, timeout: float = 240,
               **options: object) -> subprocess.CompletedProcess[str]:
         from cellmig.parallel import launch
 
-        command = launch.on_ranks(ranks, [sys.executable, *map(str, arguments)])
-        return subprocess.run(command, env=outside_mpi | (env or {}), text=True,
-                              stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout, **options)
+        command = [sys.executable, *map(str, arguments)]
+        return subprocess.run(launch.on_ranks(ranks, command) if ranks > 1 else command, env=outside_mpi | (env or {}),
+                              text=True, stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout, **options)
 
     return start
 
@@ -74,7 +77,7 @@ def on_ranks(outside_mpi: dict[str, str]) -> Callable[..., subprocess.CompletedP
 @pytest.fixture(scope="session")
 def cellmig(on_ranks: Callable[..., subprocess.CompletedProcess[str]]) -> Callable[..., object]:
     """`cellmig(2, "resume", …)`: the program on some ranks."""
-    return lambda ranks, *words, **more: on_ranks(ranks, "-m", "cellmig", *words, timeout=60, **more)
+    return lambda ranks, *words, **more: on_ranks(ranks, "-m", "cellmig", *words, **more)
 
 
 # ------------------------------------------------------------------------------------------------ what is selected

@@ -55,8 +55,8 @@ def test_where_ranks_cannot_start_there_is_a_reason_and_exit_code_3(started_by, 
     assert bool(done.stderr) == bool(said)
 
 
-def test_a_transport_that_is_not_there_has_open_mpis_reason(on_ranks: Callable) -> None:
-    done = on_ranks(2, "-m", "cellmig", CASES["one_cell"], *SMALL, env={"OMPI_MCA_btl": "nosuch"})
+def test_a_transport_that_is_not_there_has_open_mpis_reason(cellmig: Callable) -> None:
+    done = cellmig(2, CASES["one_cell"], *SMALL, env={"OMPI_MCA_btl": "nosuch"})
     assert done.returncode == 3 and "nosuch" in done.stderr and "could not start 2 ranks" in done.stderr
 
 
@@ -78,9 +78,9 @@ def test_what_a_launcher_tells_its_ranks_is_kept_from_their_children(monkeypatch
 
 
 @pytest.mark.slow
-def test_a_sweep_on_ranks_runs_though_it_is_on_ranks_itself(on_ranks: Callable, tmp_path: Path) -> None:
-    done = on_ranks(2, "-m", "cellmig", "sweep", CASES["one_cell"], "--vary", "seed=1:2", "--ranks", "2", *SMALL[:2],
-                    "--set", "time.end=0.1 us", "--out", tmp_path / "sweep")
+def test_a_sweep_on_ranks_runs_though_it_is_on_ranks_itself(cellmig: Callable, tmp_path: Path) -> None:
+    done = cellmig(2, "sweep", CASES["one_cell"], "--vary", "seed=1:2", "--ranks", "2", *SMALL[:2],
+                   "--set", "time.end=0.1 us", "--out", tmp_path / "sweep")
     assert (done.returncode, done.stderr) == (0, "")
     runs = [read_manifest(run) for run in (tmp_path / "sweep/runs").iterdir()]
     assert [(run["ranks"], run["exit_status"]) for run in runs] == [(2, 0)] * 2
@@ -170,8 +170,8 @@ def test_ranks_that_would_have_nothing_to_do_are_refused_before_they_start(ranks
     assert done.stderr.startswith(f"cellmig: -n: {ranks} ranks for {particles} particles") and done.stdout == ""
 
 
-def test_ranks_that_a_foreign_mpiexec_starts_are_refused_likewise(on_ranks: Callable, tmp_path: Path) -> None:
-    done = on_ranks(3, "-m", "cellmig", CASES["one_cell"], "--set", "particles.per_cell=11", "--out", tmp_path / "run")
+def test_ranks_that_a_foreign_mpiexec_starts_are_refused_likewise(cellmig: Callable, tmp_path: Path) -> None:
+    done = cellmig(3, CASES["one_cell"], "--set", "particles.per_cell=11", "--out", tmp_path / "run")
     assert done.returncode == 2 and done.stderr.count("3 ranks for 11 particles") == 1
 
 

@@ -17,6 +17,8 @@ from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.diff import diff
 
+pytestmark = pytest.mark.serial
+
 CASE = (CASES["two_three"], "--set", "particles.per_cell=60", "--set", "time.end=1 us", "--set", "time.samples=4",
         "--set", "time.frames=2", "--set", "time.step=2 ns", "--quiet")
 TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv")
@@ -48,11 +50,11 @@ def test_what_falls_together_is_one_time_with_any_number_of_samples():
 
 
 @pytest.fixture(scope="module")
-def cellmig(on_ranks) -> Callable[..., str]:
+def cellmig(cellmig) -> Callable[..., str]:
     """`cellmig(3, "resume", …)`: the program on some ranks; what it said went wrong."""
 
     def start(ranks: int, *words: object, code: int = 0) -> str:
-        done: subprocess.CompletedProcess = on_ranks(ranks, "-m", "cellmig", *words, timeout=60)
+        done: subprocess.CompletedProcess = cellmig(ranks, *words)
         assert done.returncode == code and "Traceback" not in done.stderr, done
         return done.stderr
 
@@ -68,7 +70,6 @@ def made(cellmig, tmp_path_factory) -> Path:
     return home
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("ranks", [1, 3])
 def test_a_run_that_is_done_goes_on_to_a_later_end_with_the_bits_of_one_that_had_it(cellmig, made, tmp_path, ranks):
     cellmig(ranks, *CASE, "--out", tmp_path / "run")
@@ -84,7 +85,6 @@ def test_a_run_that_is_done_goes_on_to_a_later_end_with_the_bits_of_one_that_had
     assert a["run_id"] != b["run_id"] and a["exit_status"] == 0
 
 
-@pytest.mark.serial
 def test_an_end_between_samples_stays_in_the_tables_and_the_samples_go_on_in_their_rhythm(cellmig, tmp_path):
     cellmig(1, *CASE, "--out", tmp_path / "run", "--until", "0.6 us")
     cellmig(1, "resume", tmp_path / "run", "--until", "1 us", "--quiet")
@@ -92,7 +92,6 @@ def test_an_end_between_samples_stays_in_the_tables_and_the_samples_go_on_in_the
     assert [frame.time for frame in frames(tmp_path / "run")] == [0.0, 0.5, 0.6, 1.0]
 
 
-@pytest.mark.serial
 def test_a_run_that_was_stopped_gets_another_end_but_none_before_where_it_is(cellmig, made, tmp_path):
     cellmig(1, *CASE, "--out", tmp_path / "run", "--wall-time", "1 s", code=75)
     assert "µs already, beyond 1e-06 µs" in cellmig(1, "resume", tmp_path / "run", "--until", "1 ps", code=2)
@@ -104,7 +103,6 @@ def test_a_run_that_was_stopped_gets_another_end_but_none_before_where_it_is(cel
 # ------------------------------------------------------------------------------------------------------ another case
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("ranks", [1, 3])
 def test_another_case_starts_at_zero_with_the_last_state_of_a_run(cellmig, made, tmp_path, ranks):
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
@@ -125,7 +123,6 @@ def test_another_case_starts_at_zero_with_the_last_state_of_a_run(cellmig, made,
     assert child["worst_closure"] < 1e-3  # measured 5e-9: the ledger counts from the state that it began with
 
 
-@pytest.mark.serial
 def test_a_case_that_started_from_a_run_goes_on_like_any_other(cellmig, made, tmp_path):
     words = (*CASE, "--from", made / "short")
     cellmig(1, *words, "--out", tmp_path / "whole")
@@ -136,7 +133,6 @@ def test_a_case_that_started_from_a_run_goes_on_like_any_other(cellmig, made, tm
     assert read_manifest(tmp_path / "run")["from"] == read_manifest(tmp_path / "whole")["from"]
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("change", ["particles.per_cell=61", "cells.0.nucleus_ratio=0.4"])
 def test_a_case_of_other_particles_cannot_start_from_a_run(cellmig, made, tmp_path, change):
     said = cellmig(1, *CASE, "--from", made / "short", "--out", tmp_path / "run", "--set", change, code=2)
@@ -144,7 +140,6 @@ def test_a_case_of_other_particles_cannot_start_from_a_run(cellmig, made, tmp_pa
     assert read_manifest(tmp_path / "run")["exit_status"] == 2
 
 
-@pytest.mark.serial
 def test_where_there_is_no_run_to_start_from_that_is_said(cellmig, tmp_path):
     said = cellmig(1, *CASE, "--from", tmp_path / "none", "--out", tmp_path / "run", code=5)
     assert "none' has no checkpoint to start from" in said and not (tmp_path / "run").exists()

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -38,25 +39,19 @@ Ended = subprocess.CompletedProcess
 
 
 @pytest.fixture(scope="module")
-def alone(outside_mpi: dict[str, str]) -> Callable[..., Ended]:
+def alone(cellmig: Callable[..., Ended]) -> Callable[..., Ended]:
     """`alone("info", …)`: the program in one process, without mpiexec."""
-
-    def start(*arguments: object, env: dict[str, str] | None = None, **options: object) -> Ended:
-        command = [sys.executable, "-m", "cellmig", *map(str, arguments)]
-        return subprocess.run(command, env=outside_mpi | (env or {}), text=True, stdin=subprocess.DEVNULL,
-                              capture_output=True, timeout=60, **options)
-
-    return start
+    return partial(cellmig, 1)
 
 
 @pytest.fixture(scope="module")
-def runs(on_ranks: Callable[..., Ended], tmp_path_factory: pytest.TempPathFactory) -> dict[int | str, Path]:
+def runs(cellmig: Callable[..., Ended], tmp_path_factory: pytest.TempPathFactory) -> dict[int | str, Path]:
     """A short run of the paper's scene on 1, 2, 3 and 4 ranks, and on 2 without pruning."""
     home = tmp_path_factory.mktemp("runs")
     made = {}
     for name, ranks, more in [(1, 1, ()), (2, 2, ()), (3, 3, ()), (4, 4, ()), ("whole", 2, ("--no-prune",))]:
         made[name] = home / f"run-{name}"
-        done = on_ranks(ranks, "-m", "cellmig", PAPER, *SHORT, *more, "--out", made[name], timeout=60)
+        done = cellmig(ranks, PAPER, *SHORT, *more, "--out", made[name])
         assert (done.returncode, done.stderr) == (0, ""), done
     return made
 
@@ -183,8 +178,8 @@ def test_the_log_is_the_same_on_screen_and_in_the_file_and_starts_within_a_scree
     ([PAPER, "-ts_type", "arkimex"], ["-ts_type", "'arkimex' splits", "leapfrog, euler, rk, ssp"]),
     ([PAPER, *SHORT, "--quiet", "-ts_dt", "quick"], ["no numeric value"]),
 ])
-def test_a_wrong_call_gets_one_message_from_all_ranks_together(on_ranks, tmp_path, call, parts):
-    done = on_ranks(3, "-m", "cellmig", *call, cwd=tmp_path, timeout=30)
+def test_a_wrong_call_gets_one_message_from_all_ranks_together(cellmig, tmp_path, call, parts):
+    done = cellmig(3, *call, cwd=tmp_path)
     refused(done, 2, *parts)
     assert done.stdout == ""
 
@@ -219,17 +214,17 @@ def test_all_mistakes_of_a_case_are_told_with_their_lines(alone, tmp_path):
     assert not (tmp_path / "output").exists()
 
 
-def test_a_place_that_cannot_be_written_or_holds_other_files_is_refused(on_ranks, tmp_path):
+def test_a_place_that_cannot_be_written_or_holds_other_files_is_refused(cellmig, tmp_path):
     (tmp_path / "file").touch()
-    refused(on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path / "file/run"), 5, "--out DIR")
-    refused(on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path), 5, "not a run's")
+    refused(cellmig(2, PAPER, *SHORT, "--out", tmp_path / "file/run"), 5, "--out DIR")
+    refused(cellmig(2, PAPER, *SHORT, "--out", tmp_path), 5, "not a run's")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_help_and_what_looks_at_runs_come_once_on_several_ranks(on_ranks, runs):
+def test_help_and_what_looks_at_runs_come_once_on_several_ranks(cellmig, runs):
     for call, first in ((["--help"], "usage: cellmig CASE.toml"), (["run", "--help"], "usage: cellmig run"),
                         (["info", runs[1]], "directory"), (["validate", CASES["nucleus"], *COARSE], "An elastic")):
-        done = on_ranks(2, "-m", "cellmig", *call, timeout=30)
+        done = cellmig(2, *call)
         assert (done.returncode, done.stderr, done.stdout.count(first)) == (0, "", 1), done
 
 
@@ -240,10 +235,10 @@ def test_help_and_what_looks_at_runs_come_once_on_several_ranks(on_ranks, runs):
     (2, "hello world", (), ".petscrc line 1: hello"), (2, "-ts_dt", (), "-ts_dt: expects a step"),
     (1, "-ts_dt -1", (), "-ts_dt: expects a step"), (1, "-ts_dt abc", (), "abc"),
     (2, "", ("-a", os.fsdecode(b"\xe9")), "utf-8")])
-def test_options_of_petsc_that_cannot_be_read_are_told_in_one_line(on_ranks, tmp_path, ranks, rc, more, said):
+def test_options_of_petsc_that_cannot_be_read_are_told_in_one_line(cellmig, tmp_path, ranks, rc, more, said):
     (tmp_path / ".petscrc").write_text(f"{rc}\n")
-    done = on_ranks(ranks, "-m", "cellmig", PAPER, *SHORT, *more, "--out", "run", "--quiet", cwd=tmp_path, timeout=60,
-                    env={"PYTHONPATH": str(PAPER.parent.parent)})
+    done = cellmig(ranks, PAPER, *SHORT, *more, "--out", "run", "--quiet", cwd=tmp_path,
+                   env={"PYTHONPATH": str(PAPER.parent.parent)})
     told = [line for line in done.stderr.splitlines() if line.startswith("cellmig: ")]
     assert done.returncode == 2 and len(told) == 1 and said in told[0] and "Traceback" not in done.stderr, done
 
@@ -328,15 +323,15 @@ def test_without_a_compiler_of_the_system_that_of_ziglang_is_taken(alone, tmp_pa
     assert (done.returncode, done.stderr) == (0, "") and (tmp_path / "ziglang/called").exists()
 
 
-def test_a_compiler_that_is_not_there_is_named(on_ranks, tmp_path):
+def test_a_compiler_that_is_not_there_is_named(cellmig, tmp_path):
     lacks = {"CC": "/nonexistent", "CELLMIG_CACHE": str(tmp_path / "cache")}
-    refused(on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path / "run", env=lacks), 3, "/nonexistent")
+    refused(cellmig(2, PAPER, *SHORT, "--out", tmp_path / "run", env=lacks), 3, "/nonexistent")
 
 
-def test_a_kernel_cache_that_cannot_be_written_does_not_keep_a_run_from_running(on_ranks, tmp_path):
+def test_a_kernel_cache_that_cannot_be_written_does_not_keep_a_run_from_running(cellmig, tmp_path):
     (tmp_path / "file").touch()
-    done = on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path / "run",
-                    env={"CELLMIG_CACHE": str(tmp_path / "file/cache")})
+    done = cellmig(2, PAPER, *SHORT, "--out", tmp_path / "run",
+                   env={"CELLMIG_CACHE": str(tmp_path / "file/cache")})
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -365,9 +360,9 @@ def test_a_missing_module_is_named_with_what_installs_it(alone, tmp_path):
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_a_step_far_too_large_is_refused_by_the_numbers_with_cause_and_remedy(on_ranks, tmp_path, ranks):
-    done = on_ranks(ranks, "-m", "cellmig", PAPER, *COARSE, "--until", "5 us", "--set", "time.step=20 ns", "--out",
-                    tmp_path / "run", timeout=60)
+def test_a_step_far_too_large_is_refused_by_the_numbers_with_cause_and_remedy(cellmig, tmp_path, ranks):
+    done = cellmig(ranks, PAPER, *COARSE, "--until", "5 us", "--set", "time.step=20 ns", "--out",
+                   tmp_path / "run")
     refused(done, 4, "the numbers broke at", "particle ", "of cell ", "times the stable one", 'time.step = "auto"')
     assert "TOO LARGE" in done.stdout and "20 ns as given" in done.stdout
     manifest = read_manifest(tmp_path / "run")
@@ -460,8 +455,8 @@ def test_options_of_petsc_are_obeyed(alone, runs, tmp_path, options, integrator,
         assert np.abs(u - reference).max() < error * np.abs(reference).max()
 
 
-def test_an_option_that_nothing_uses_is_reported(on_ranks, tmp_path):
-    done = on_ranks(2, "-m", "cellmig", PAPER, *SHORT, "--out", tmp_path / "run", "-ts_typ", "rk")
+def test_an_option_that_nothing_uses_is_reported(cellmig, tmp_path):
+    done = cellmig(2, PAPER, *SHORT, "--out", tmp_path / "run", "-ts_typ", "rk")
     assert done.returncode == 0 and "nothing has asked for -ts_typ rk so far: is it misspelt?" in done.stdout
     assert done.stdout.count("PETSc options that nothing used: -ts_typ rk\n") == 1
     assert read_manifest(tmp_path / "run")["unused_options"] == ["-ts_typ rk"]
