@@ -27,7 +27,7 @@ def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
 def change(case: Any, changes: Mapping[str, Any]) -> Any:
     """The case with other values, as in a case file; the old one stays as it is.
 
-    >>> finer = change(case, {"particles.per_cell": 3000, "adhesion.cells.bonds": "2000 /um^2"})
+    >>> finer = change(case, {"particles.per_cell": 3000, "adhesion.cells.bond_density": "2000 /um^2"})
     """
     from .case.load import change as changed
 
@@ -84,7 +84,8 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
     Parameters
     ----------
     path : Path -- case file.
-    vary : dict -- dotted key to its values: ``{"adhesion.cells.bonds": ["1000 /um^2", "2000 /um^2"], "seed": [1, 2]}``.
+    vary : dict -- dotted key to its values: ``{"adhesion.cells.bond_density": ["1000 /um^2", "2000 /um^2"],
+        "seed": [1, 2]}``.
     out : Path -- directory of the runs and of sweep.csv, sweep.png and sweep.pdf.
     sets : list of str -- changes to all, "particles.per_cell=300".
     jobs : int -- runs at a time; by default one for each core.

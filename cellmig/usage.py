@@ -117,7 +117,7 @@ def _sweep(commands: Any) -> None:
                                 "are cores.  What is done already is kept: the same command goes on, and more values "
                                 "add runs.  sweep.csv has a row for each run and cell at its end (cell 0 is the "
                                 "aggregate).", epilog="cellmig sweep cases/all_protrude.toml --vary "
-                                "adhesion.cells.bonds='1000,2000,4000 /um^2' --vary seed=1:8")
+                                "adhesion.cells.bond_density='1000,2000,4000 /um^2' --vary seed=1:8")
     sweep.add_argument("case", type=Path, help="case file")
     sweep.add_argument("--vary", action="append", required=True, metavar="KEY=A,B,C", help="values of a key: a.b=1,2,4 "
                        "or a.b='1,2,4 kPa' or seed=1:8 (both ends included); again for another key")

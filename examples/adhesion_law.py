@@ -16,59 +16,59 @@ from cellmig.case.registry import law, quantity
 class Spring:
     r"""Bonds with U(r) = -σ (1 - s²)², s = (r - ε)/(c - ε), from ε to the cutoff c; below ε a spring as stiff."""
 
-    bonds: float = quantity("1/um^2", "bond density N", minimum=0)
-    energy: float = quantity("pN um", "depth of the well σ", minimum=0)
-    range: float = quantity("um", "equilibrium distance ε", above=0)
+    bond_density: float = quantity("1/um^2", "bond density N", minimum=0)
+    well_depth: float = quantity("pN um", "depth of the well σ", minimum=0)
+    equilibrium_distance: float = quantity("um", "equilibrium distance ε", above=0)
     cutoff: float = quantity("um", "distance c at which a bond lets go", "30 nm", above=0)
 
     @property
     def work(self) -> float:
         """Work of adhesion w = N σ [pN/µm]."""
-        return self.bonds * self.energy
+        return self.bond_density * self.well_depth
 
     @property
     def cap(self) -> float:
         """Distance below which the potential is quadratic, ε [µm]."""
-        return self.range
+        return self.equilibrium_distance
 
     @property
     def width(self) -> float:
         """Width of the well, c - ε [µm]."""
-        return self.cutoff - self.range
+        return self.cutoff - self.equilibrium_distance
 
     def stiffness(self, least: float) -> float:
         """Largest N U'' [Pa/µm] of a contact whose gaps are at least `least` [µm]: the time step follows it."""
-        s = max(0.0, (least - self.range) / self.width)
+        s = max(0.0, (least - self.equilibrium_distance) / self.width)
         return self.work / self.width**2 * max(0.0, 4.0 - 12.0 * s * s)
 
     def potential(self, r):
         """U, the energy of a bond of length r [pN µm]."""
-        s = (r - self.range) / self.width
+        s = (r - self.equilibrium_distance) / self.width
         well = where(s > 0.0, (1.0 - s * s) * (1.0 - s * s), 1.0 - 2.0 * s * s)
-        return where(s < 1.0, -self.energy * well, 0.0)
+        return where(s < 1.0, -self.well_depth * well, 0.0)
 
     def slope(self, r):
         """dU/dr, minus the bond's force [pN]."""
-        s = (r - self.range) / self.width
+        s = (r - self.equilibrium_distance) / self.width
         pull = where(s > 0.0, 4.0 * s * (1.0 - s * s), 4.0 * s)
-        return where(s < 1.0, self.energy / self.width * pull, 0.0)
+        return where(s < 1.0, self.well_depth / self.width * pull, 0.0)
 
     def primitive(self, r):
         """Primitive of U, zero from the cutoff on [pN µm²]: integrates it along a surface exactly."""
-        s = (r - self.range) / self.width
+        s = (r - self.equilibrium_distance) / self.width
         area = s - s * s * s * (2.0 / 3.0) + where(s > 0.0, 0.2 * s * s * s * s * s, 0.0)
-        return where(s < 1.0, self.energy * self.width * (8.0 / 15.0 - area), 0.0)
+        return where(s < 1.0, self.well_depth * self.width * (8.0 / 15.0 - area), 0.0)
 
 
 case = cellmig.load("cases/one_cell.toml")
 coarse = cellmig.change(case, {"particles.per_cell": 300, "time.end": "40 us", "time.frames": 4, "time.samples": 40})
-bonds = {"bonds": "8000 /um^2", "energy": "0.03 pN um", "range": "10 nm"}
+bonds = {"bond_density": "8000 /um^2", "well_depth": "0.03 pN um", "equilibrium_distance": "10 nm"}
 
 contact = {}
 for name in ("seifert", "spring"):
     changed = cellmig.change(coarse, {"adhesion.substrate": {"law": name, **bonds}})
     record = cellmig.run(changed, out=f"output/adhesion_law/{name}", quiet=True)
     contact[name] = record.table("history")["substrate_contact_um"][-1]
-    closure = record.table("ledger")["closure"].max()
+    error = record.table("ledger")["energy_error"].max()
     print(f"{name}: contact with the substrate {contact[name]:.2f} um after 40 us; "
-          f"{100 * closure:.2g} % of the energy does not add up")
+          f"{100 * error:.2g} % of the energy does not add up")

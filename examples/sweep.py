@@ -9,7 +9,7 @@ import cellmig
 
 rows = cellmig.sweep(
     "cases/one_cell.toml",
-    {"adhesion.substrate.bonds": ["4000 /um^2", "8000 /um^2", "16000 /um^2"],
+    {"adhesion.substrate.bond_density": ["4000 /um^2", "8000 /um^2", "16000 /um^2"],
      "cortex.line_tension": ["20 pN/um", "80 pN/um"]},
     out="output/example_sweep", sets=["particles.per_cell=150", "time.end=20 us", "time.samples=20", "time.frames=1"])
 
@@ -18,7 +18,7 @@ figure = Figure(figsize=(4, 3), layout="constrained")
 ax = figure.subplots()
 for tension in (20.0, 80.0):
     line = [row for row in cells if row["cortex.line_tension [pN/um]"] == tension]
-    bonds = [row["adhesion.substrate.bonds [/um^2]"] for row in line]
+    bonds = [row["adhesion.substrate.bond_density [/um^2]"] for row in line]
     contact = [row["substrate_contact_um"] for row in line]
     ax.plot(bonds, contact, "o-", label=f"cortical tension {tension:g} pN/µm")
     print(f"tension {tension:g} pN/um: contact {', '.join(f'{length:.2f}' for length in contact)} um after 20 us")

@@ -103,7 +103,7 @@ def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", int
                                     "holes": [["0.5 um", "0 um", "0.4 um"]]}}
     body = {"name": "Piece", "centre": ["3 um", "1 um"], **shapes[shape], **(cell or {})}
     return specimens.piece(body, per_cell, time={"end": end, "integrator": integrator, "step": step},
-                        material={"lame": "17 kPa"}, **sections)
+                        material={"volumetric_modulus": "17 kPa"}, **sections)
 
 
 def plate(name: str, height: float, normal: float, moves: float) -> dict:

@@ -45,7 +45,7 @@ VALUES = """0 -1 1 7 91 1e308 -1e308 1e-320 nan inf -inf true "" "auto" "free" [
 LINES = ["[[cells]]", "[cells]", "[adhesion.cells]", "[director]", "[time]", "[[loads]]", "[[supports]]", "[[plates]]",
          "[[probes]]", "[particles]", "[materials.nucleus]", "[cortex]", "[friction]", 'extends = "paper.toml"',
          'name = "x"', 'parts = ["surface"]', 'traction = ["0 Pa", "1 Pa"]', 'pressure = "1 kPa"', "holes = [[", "}",
-         'history = { law = "sine", period = "1 us" }', 'holes = [["0 um", "0 um", "0.2 um"]]', "a = {b = {c = {}}}",
+         'load_curve = { law = "sine", period = "1 us" }', 'holes = [["0 um", "0 um", "0.2 um"]]', "a = {b = {c = {}}}",
          'cutouts = [[["0 um", "0 um"], ["1 um", "0 um"], ["0 um", "1 um"]]]', "[" * 2000, "x = " + "[" * 500]
 
 

@@ -32,7 +32,8 @@ def test_a_changed_case_is_another_and_the_old_one_stays(case):
 
 
 def test_a_table_may_be_changed_as_a_whole(case):
-    elastic = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "1 kPa", "C2": "0 Pa", "lame": "100 kPa"}
+    elastic = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "1 kPa", "C2": "0 Pa",
+               "volumetric_modulus": "100 kPa"}
     assert cellmig.change(case, {"materials.cytoplasm": elastic}).materials["cytoplasm"].law == "mooney-rivlin"
 
 

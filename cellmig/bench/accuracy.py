@@ -32,11 +32,11 @@ QUICK = {"disc": (91, 331, 631, 1485), "drop": (91, 331, 631, 1485), "cell": (91
 FINEST, QUICK_FINEST = 12000, 1485  # particles of the reference runs of the cell
 # Single changes, at two sizes.
 SINGLE = {"dilation": (1.4, 1.6, 2.0, 2.6, 3.0), "step_factor": (0.4, 0.6, 0.95), "stabilisation": (0.0, 0.5, 2.0),
-          "stiffening": (0.0, 0.25, 1.0, 2.0), "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2),
+          "hourglass_modulus": (0.0, 0.25, 1.0, 2.0), "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2),
           "integrator": ("rk", "ssp", "bdf")}
 # All combinations at all sizes: choices from which an accuracy is picked, and the stabilisation, which matters most.
 CROSSED = {"dilation": (1.8, 2.2), "step_factor": (0.8, 0.95), "modulus": (1.25, 5.0)}
-ALSO = {"dilation": (1.8, 2.2), "stabilisation": (0.25, 1.0), "stiffening": (0.5, 1.0)}
+ALSO = {"dilation": (1.8, 2.2), "stabilisation": (0.25, 1.0), "hourglass_modulus": (0.5, 1.0)}
 SLOW_INTEGRATORS = 400  # largest number of particles of the cell with PETSc's types, which take minutes
 PROBE = 1e6  # particle-steps of a time measurement
 

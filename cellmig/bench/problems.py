@@ -26,8 +26,8 @@ class Setting:
     """Numerical choices.
 
     per_cell : particles;  dilation : of the kernel;  integrator : "leapfrog" or a type of PETSc's TS;  step_factor :
-    step over the stable one;  stabilisation : its viscosity over the default of the law;  stiffening : of the nucleus;
-    modulus : reduced bulk modulus [MPa];  bulk_viscosity : over ρ c h.
+    step over the stable one;  stabilisation : its viscosity over the default of the law;  hourglass_modulus : of the
+    nucleus, over G;  modulus : reduced bulk modulus [MPa];  bulk_viscosity : over ρ c h.
     """
 
     per_cell: int = 1485
@@ -35,7 +35,7 @@ class Setting:
     integrator: str = "leapfrog"
     step_factor: float = 0.8
     stabilisation: float = 1.0
-    stiffening: float = 0.5
+    hourglass_modulus: float = 0.5
     modulus: float = 5.0
     bulk_viscosity: float = 0.05
 
@@ -80,8 +80,8 @@ class Problem:
         for material in tree["materials"].values():
             law = laws("material")[material["law"]]
             material["stabilisation"] = setting.stabilisation * declared(law)["stabilisation"].default
-            if "stiffening" in declared(law):
-                material["stiffening"] = setting.stiffening
+            if "hourglass_modulus" in declared(law):
+                material["hourglass_modulus"] = setting.hourglass_modulus
             else:
                 material["reduced_bulk_modulus"] = f"{setting.modulus:g} MPa"
         return from_dict(tree, f"{self.name}.toml")
@@ -195,7 +195,7 @@ PROBLEMS = {p.name: p for p in (
     Problem("disc", "elastic", "elastic disc released, two periods", _disc, tuple(0.0881 * np.arange(1, 41)), semi_axes,
             judge_disc, start=((0.05, 0.0), (0.0, -0.05)), without=("modulus",)),
     Problem("drop", "fluid", "viscous drop that stretches, 5 µs", _drop, (1.0, 2.0, 5.0), semi_axes, judge_drop,
-            without=("stiffening",)),
+            without=("hourglass_modulus",)),
     Problem("cell", "cell on substrate", "the paper's cell spreads, 40 µs", _cell, tuple(np.arange(2.0, 41.0, 2.0)),
             spreading, judge_cell, own=True),
 )}

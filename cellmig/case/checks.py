@@ -18,7 +18,7 @@ from .values import declared
 MOST_PARTICLES = 1e9
 MOST_TOLD = 20  # overlaps that are told: when all cells overlap, so do all pairs
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
-             ("range", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
+             ("equilibrium_distance", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
 
 def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
@@ -148,8 +148,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
                 source.wrong((*path, key), f"{why}, from rest: nothing moves at the start")
     for kind in ("supports", "loads", "plates"):
         for item, path in found[kind]:
-            if item.history.value(0.0) and _acts(item):
-                source.wrong((*path, "history"), f"{why} under loads that grow with time from zero: "
+            if item.load_curve.value(0.0) and _acts(item):
+                source.wrong((*path, "load_curve"), f"{why} under loads that grow with time from zero: "
                              'expects such as { law = "ramp", duration = "1 us" }')
 
 

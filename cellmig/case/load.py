@@ -84,7 +84,7 @@ class _Reader:
         self.known_keys(data, (), {case_path(f) for f in fields.values()})
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
-        floor = getattr(found["substrate"], "range", 0.0) if on_substrate else None
+        floor = getattr(found["substrate"], "equilibrium_distance", 0.0) if on_substrate else None
         found["cells"] = expand(self.wrong, found["cells"], floor, self.changed)
         if not self.partial:
             resolution(self.source)
@@ -230,7 +230,11 @@ class _Reader:
             if key in fields and key not in given:
                 found[key] = self.value(values.in_table(fields[key], data.get("unit")), value, (*path, key))
             elif key not in fields and others is not None and key not in others:
-                self.wrong((*path, key), f"no such key{suggest(key, [*fields, *others])}")
+                renamed = next((name for name, f in fields.items() if f.metadata.get("formerly") == key), None)
+                self.wrong((*path, key), f"is called '{renamed}' now" if renamed else
+                           f"no such key{suggest(key, [*fields, *others])}")
+                if renamed:
+                    found[renamed] = self.value(values.in_table(fields[renamed], data.get("unit")), value, (*path, key))
         for key, f in fields.items():
             if key not in found and "default_law" in f.metadata:
                 found[key] = self.law(f.metadata["kind"], {}, (*path, key), f.metadata["default_law"])

@@ -16,9 +16,11 @@ from .messages import suggest
 NEEDED = {
     "material": ("density", "energy", "stress", "out_of_plane", "bulk_modulus", "shear_modulus", "sound_speed",
                  "stabilisation", "viscosity", "numerical_modulus", "numerical_viscosity"),
-    "adhesion": ("bonds", "energy", "range", "cutoff", "cap", "work", "stiffness", "potential", "slope", "primitive"),
-    "protrusion": ("cells", "strength", "height", "ramp", "ramp_slope", "front", "hold", "random"),
-    "cortex": ("energy", "tension"), "friction": ("coefficient", "drag"), "history": ("value", "rate", "acceleration"),
+    "adhesion": ("bond_density", "well_depth", "equilibrium_distance", "cutoff", "cap", "work", "stiffness",
+                 "potential", "slope", "primitive"),
+    "protrusion": ("cells", "protrusion_ratio", "height", "ramp", "ramp_slope", "front", "hold", "random"),
+    "cortex": ("energy", "tension"), "friction": ("coefficient", "drag"),
+    "load_curve": ("value", "rate", "acceleration"),
     "shape": ("area", "lowest", "outline", "particles", "parts"),
 }
 _included: dict[str, str] = {}  # path to SHA-256

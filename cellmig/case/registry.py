@@ -47,7 +47,7 @@ def discover(package: Any) -> None:
 
 def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: float | None = None,
              minimum: float | None = None, maximum: float | None = None, shape: tuple = (),
-             words: tuple = (), formula: bool = False) -> Any:
+             words: tuple = (), formula: bool = False, formerly: str = "") -> Any:
     """A parameter with a unit: dataclass field whose value is a float in the code's units.
 
     Parameters
@@ -59,9 +59,10 @@ def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: 
     shape : tuple of int -- () for one number, (2,) a vector, (None, 2) any number of vectors: nested tuples.
     words : tuple of str -- what may stand in place of a number, e.g. ("auto",).
     formula : bool -- whether an `Expression` of x and y may stand in place of a number.
+    formerly : str -- the key that a case had in its place before: who writes it is told the new one.
     """
     return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum, shape=shape, words=words,
-                     formula=formula)
+                     formula=formula, formerly=formerly)
 
 
 def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> Any:
@@ -70,7 +71,7 @@ def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> 
     `choices=(…)` lists what is allowed, `known=(…)` what is usual (near misses are refused, other names are not);
     `above`, `minimum`, `maximum` bound an int; `items="cell"` makes a tuple one of cell names, "count" of counts;
     `or_file` reads the file whose name stands for a value; `scaled` is for lengths that are pure numbers if the table
-    has a `unit`; `reader` makes that from what stands in the case, and
+    has a `unit`; `formerly` is its former key; `reader` makes that from what stands in the case, and
     `written()` is its inverse; `refers="material"` makes a string the name of a material.
     """
     from .units import number

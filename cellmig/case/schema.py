@@ -102,7 +102,8 @@ class Support(OnPart):
 
     displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y "
                                    "from the centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
-    history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
+    load_curve: Any = parameter("how it changes with time", None, kind="load_curve", default_law="constant",
+                                formerly="history")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,8 @@ class Load(OnPart):
                                       "and y from the centre, where the surface was", None, formula=True)
     body: tuple | None = quantity("Pa/um", "force per reference volume, may be formulas of x and y from the centre",
                                   None, shape=(2,), formula=True)
-    history: Any = parameter("how it changes with time", None, kind="history", default_law="constant")
+    load_curve: Any = parameter("how it changes with time", None, kind="load_curve", default_law="constant",
+                                formerly="history")
 
     def __post_init__(self) -> None:
         """Refuse a load that is none, or two; the messages are for the user."""
@@ -134,7 +136,8 @@ class Plate:
     point: tuple = quantity("um", "a point of its face", shape=(2,))
     normal: tuple = quantity("", "direction out of it, of any length", shape=(2,))
     displacement: tuple = quantity("um", "how far it moves", (0.0, 0.0), shape=(2,))
-    history: Any = parameter("how that changes with time", None, kind="history", default_law="constant")
+    load_curve: Any = parameter("how that changes with time", None, kind="load_curve", default_law="constant",
+                                formerly="history")
 
     def __post_init__(self) -> None:
         """Refuse a plate without a direction; the message is for the user."""

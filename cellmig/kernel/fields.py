@@ -27,7 +27,7 @@ _TYPES = {
     # state (ux uy vx vy) of owned and ghosts, and what the rows keep
     "state": "double *", "X": "double *", "F": "double *", "Q": "double *", "force": "double *",
     "volume": "double *", "inverse_mass": "double *", "per_mass": "double *", "bulk_damping": "double *",
-    "step_memory": "double *", "viscous_loss": "double *", "numerical_loss": "double *",
+    "step_memory": "double *", "viscous_loss": "double *", "artificial_dissipation": "double *",
     # blocks of rows, and by their stencils the neighbours
     "block": "int32_t *",
     "first": "long *", "column": "uint32_t *", "gradient": "coefficient *", "adjoint": "coefficient *",
@@ -55,16 +55,16 @@ _TYPES = {
     "director_mobility": "double *", "director_weight": "double *", "n_anchors": "long", "n_anchors_anywhere": "long",
     "anchor": "int32_t *", "anchor_offset": "double *", "anchor_owned": "int32_t *",
     # supports, loads and plates at the time of the clock
-    "clock": "double *", "n_held": "long", "held": "int32_t *", "held_value": "double *", "held_history": "int32_t *",
+    "clock": "double *", "n_held": "long", "held": "int32_t *", "held_value": "double *", "held_curve": "int32_t *",
     "held_before": "double *", "reaction": "double *",
     "n_loaded": "long", "loaded": "int32_t *", "load": "double *", "load_before": "double *",
-    "n_dead": "long", "dead": "int32_t *", "dead_force": "double *", "dead_history": "int32_t *",
-    "n_pressed": "long", "pressed": "int32_t *", "pressure": "double *", "pressed_history": "int32_t *",
-    "n_plates": "long", "plate": "double *", "plate_history": "int32_t *", "n_platable": "long",
+    "n_dead": "long", "dead": "int32_t *", "dead_force": "double *", "dead_curve": "int32_t *",
+    "n_pressed": "long", "pressed": "int32_t *", "pressure": "double *", "pressed_curve": "int32_t *",
+    "n_plates": "long", "plate": "double *", "plate_curve": "int32_t *", "n_platable": "long",
     "platable": "int32_t *", "plate_before": "double *", "plate_force": "double *",
     # parameters of the laws
     "substrate": "double *", "contact": "double *", "protrusion": "double *", "cortex": "double *",
-    "friction": "double *", "histories": "double *",
+    "friction": "double *", "load_curves": "double *",
     # ghosts
     "state_vec": "void *", "director_vec": "void *",
     "acceleration": "double *",

@@ -123,23 +123,23 @@ def c_source(materials: list, terms: Terms, fields: Sequence[Field] = ()) -> tup
            "ACTIVE": terms.active, "DIRECTOR": terms.director != "none" or terms.active,
            "DIRECTOR_RELAXES": terms.director == "relaxing"}
     parts += [f"#define {name} 1" for name, present in has.items() if present]
-    if terms.histories is not None:
-        parts += ["#define BOUNDARY 1", *_histories(terms.histories, vectors)]
+    if terms.load_curves is not None:
+        parts += ["#define BOUNDARY 1", *_load_curves(terms.load_curves, vectors)]
     return "\n".join([*parts, STEP.read_text(encoding="utf-8")]), vectors
 
 
-def _histories(laws: tuple, vectors: dict) -> list[str]:
+def _load_curves(laws: tuple, vectors: dict) -> list[str]:
     """Factors on supports, loads and plates and their rates, by the number of the time law."""
-    parts, vectors["histories"] = [], []
+    parts, vectors["load_curves"] = [], []
     for method in ("value", "rate", "acceleration"):
         choice = []
         for i, law in enumerate(laws):
             t = Translator(law, "double")
-            parts.append(t.function(method, f"history_{i}_{method}"))
-            at = len(vectors["histories"])
-            choice.append(f"    if (i == {i}) return history_{i}_{method}(s->histories + {at}, t);\n")
-            vectors["histories"] += t.vector()
-        parts.append(f"static inline double history_{method}(const KernelData *s, long i, double t)\n{{\n"
+            parts.append(t.function(method, f"load_curve_{i}_{method}"))
+            at = len(vectors["load_curves"])
+            choice.append(f"    if (i == {i}) return load_curve_{i}_{method}(s->load_curves + {at}, t);\n")
+            vectors["load_curves"] += t.vector()
+        parts.append(f"static inline double load_curve_{method}(const KernelData *s, long i, double t)\n{{\n"
                      f"    (void)s, (void)i, (void)t;\n{''.join(choice)}    return 0;\n}}\n")
     return parts
 

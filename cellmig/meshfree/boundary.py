@@ -18,54 +18,54 @@ GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 /
 
 @dataclass(frozen=True)
 class Boundary:
-    """Supports, loads and plates of a scene, by global ids of particles; each has a history, a factor in time.
+    """Supports, loads and plates of a scene, by global ids of particles; each has a load curve, a factor in time.
 
     Attributes
     ----------
-    histories : tuple -- the different laws of kind history.
+    load_curves : tuple -- the different laws of kind load_curve.
     names : tuple of str -- of the supports, then of the plates; columns of reactions begin with them.
     held : (k, 2) int -- prescribed degrees of freedom: particle and component.
     held_value : (k,) -- their displacements [µm].
-    held_history, held_support : (k,) int -- numbers of their histories and supports.
+    held_curve, held_support : (k,) int -- numbers of their load curves and supports.
     dead : (d,) int -- particles under dead loads: tractions and body forces, which keep their direction.
     dead_force : (d, 2) -- forces on these [pN/µm].
-    dead_history : (d,) int -- numbers of their histories.
+    dead_curve : (d,) int -- numbers of their load curves.
     pressed : (p, 2) int -- ends of the segments under pressure.
     pressure : (p,) -- pressures on these [Pa].
-    pressed_history : (p,) int -- numbers of their histories.
+    pressed_curve : (p,) int -- numbers of their load curves.
     plate : (n, 6) -- unit normal [-], point [µm] and displacement [µm] of each plate.
-    plate_history : (n,) int -- numbers of their histories.
+    plate_curve : (n,) int -- numbers of their load curves.
     """
 
-    histories: tuple
+    load_curves: tuple
     names: tuple
     held: np.ndarray
     held_value: np.ndarray
-    held_history: np.ndarray
+    held_curve: np.ndarray
     held_support: np.ndarray
     dead: np.ndarray
     dead_force: np.ndarray
-    dead_history: np.ndarray
+    dead_curve: np.ndarray
     pressed: np.ndarray
     pressure: np.ndarray
-    pressed_history: np.ndarray
+    pressed_curve: np.ndarray
     plate: np.ndarray
-    plate_history: np.ndarray
+    plate_curve: np.ndarray
 
     @classmethod
     def of(cls, case: Any, scene: Scene) -> Boundary:
         """Supports, loads and plates of a case on its scene."""
-        histories = histories_of(case)
+        load_curves = load_curves_of(case)
 
         def number(items: Sequence) -> np.ndarray:
-            return np.array([histories.index(item.history) for item in items], np.int32)
+            return np.array([load_curves.index(item.load_curve) for item in items], np.int32)
 
         who = _named(case)
         held, value, support = _held(case, scene, who)
         dead, force, dead_load = _dead(case, scene, who)
         pressed, pressure, pressed_load = _pressed(case, scene, who)
         plate = [[*(np.array(p.normal) / np.hypot(*p.normal)), *p.point, *p.displacement] for p in case.plates]
-        return cls(histories, tuple(s.name for s in (*case.supports, *case.plates)),
+        return cls(load_curves, tuple(s.name for s in (*case.supports, *case.plates)),
                    held, value, number(case.supports)[support], support,
                    dead, force, number(case.loads)[dead_load],
                    pressed, pressure, number(case.loads)[pressed_load],
@@ -79,24 +79,24 @@ class Boundary:
         at = base.local(self.held[:, 0])
         on = np.flatnonzero((at >= 0) & (at < base.n_owned))
         kernel["n_held"], kernel["held"] = len(on), 4 * at[on] + self.held[on, 1]
-        kernel["held_value"], kernel["held_history"] = self.held_value[on], self.held_history[on]
+        kernel["held_value"], kernel["held_curve"] = self.held_value[on], self.held_curve[on]
         kernel["held_before"], kernel["reaction"] = np.zeros((len(on), 2)), np.zeros(len(on))
 
         at = base.local(self.dead)
         on = np.flatnonzero((at >= 0) & (at < base.n_owned))
         kernel["n_dead"], kernel["dead"] = len(on), at[on]
-        kernel["dead_force"], kernel["dead_history"] = self.dead_force[on], self.dead_history[on]
+        kernel["dead_force"], kernel["dead_curve"] = self.dead_force[on], self.dead_curve[on]
         ends = base.local(self.pressed.ravel()).reshape(-1, 2)
         near = np.flatnonzero(((ends >= 0) & (ends < base.n_owned)).any(axis=1))
         kernel["n_pressed"], kernel["pressed"] = len(near), ends[near]
-        kernel["pressure"], kernel["pressed_history"] = self.pressure[near], self.pressed_history[near]
+        kernel["pressure"], kernel["pressed_curve"] = self.pressure[near], self.pressed_curve[near]
         loaded = np.unique(np.concatenate([at[on], ends[near].ravel()]))
         kernel["n_loaded"], kernel["loaded"] = len(loaded), loaded
         kernel["load"], kernel["load_before"] = np.zeros((capacity, 2)), np.zeros((capacity, 2))
 
         local = base.local(surface) if len(self.plate) else np.zeros(0, np.int64)
         kernel["n_platable"], kernel["platable"] = len(local), local
-        kernel["n_plates"], kernel["plate"], kernel["plate_history"] = len(self.plate), self.plate, self.plate_history
+        kernel["n_plates"], kernel["plate"], kernel["plate_curve"] = len(self.plate), self.plate, self.plate_curve
         kernel["plate_before"] = np.zeros((len(local), 2))
         kernel["plate_force"] = np.zeros((len(local), len(self.plate)))
         kernel["clock"] = np.zeros(3)
@@ -106,9 +106,9 @@ class Boundary:
         return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]
 
 
-def histories_of(case: Any) -> tuple:
-    """The different histories of the supports, loads and plates of a case."""
-    return tuple(dict.fromkeys(item.history for item in (*case.supports, *case.loads, *case.plates)))
+def load_curves_of(case: Any) -> tuple:
+    """The different load curves of the supports, loads and plates of a case."""
+    return tuple(dict.fromkeys(item.load_curve for item in (*case.supports, *case.loads, *case.plates)))
 
 
 def _named(case: Any) -> dict[str, int]:

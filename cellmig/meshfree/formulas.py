@@ -14,11 +14,11 @@ from .body import Scene
 from .boundary import GAUSS, particles_of, segments_of
 
 TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding
-TIMES = 1001  # number of times, from the start to the end, at which a history is checked
+TIMES = 1001  # number of times, from the start to the end, at which a load curve is checked
 
 
 def check(case: Any, scene: Scene) -> None:
-    """Check the formulas and histories of a case.
+    """Check the formulas and load curves of a case.
 
     Raises CaseError, which holds all of those that have no finite value.
     """
@@ -34,10 +34,10 @@ def check(case: Any, scene: Scene) -> None:
                             f"centre of '{case.cells[cell].name}': it is {found:g} there"))
     for kind in ("supports", "loads", "plates"):
         for item in getattr(case, kind):
-            if item.history not in checked and (time := _undefined_time(item.history, case.time.end)) is not None:
-                wrong[kind, item.name] = Mistake(case.path, None, f"{kind}.{item.name}.history",
+            if item.load_curve not in checked and (time := _undefined_time(item.load_curve, case.time.end)) is not None:
+                wrong[kind, item.name] = Mistake(case.path, None, f"{kind}.{item.name}.load_curve",
                                                  f"has no finite value and rate at {time:.4g} us")
-            checked.add(item.history)
+            checked.add(item.load_curve)
     if wrong:
         raise CaseError(wrong.values())
 
@@ -77,11 +77,11 @@ def _undefined(value: Expression, X: np.ndarray) -> tuple[float, float, float] |
 
 
 @np.errstate(all="ignore")
-def _undefined_time(history: Any, end: float) -> float | None:
-    """The first time [µs] at which a history or one of its derivatives is not finite."""
+def _undefined_time(curve: Any, end: float) -> float | None:
+    """The first time [µs] at which a load curve or one of its derivatives is not finite."""
     times = np.linspace(0.0, end, TIMES)
     for t in times.tolist():
-        values = [float(of(t)) for of in (history.value, history.rate, history.acceleration)]
+        values = [float(of(t)) for of in (curve.value, curve.rate, curve.acceleration)]
         if not np.isfinite(values).all():
             return t
     return None

@@ -9,7 +9,7 @@ from typing import Any
 from ..case.schema import Case, particle_count
 from ..model.protrusion import EdgeProtrusion
 from ..model.seifert import Seifert, solid
-from .boundary import histories_of
+from .boundary import load_curves_of
 
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
@@ -25,7 +25,7 @@ class Terms:
     active : bool -- whether there is an active stress -ζ h⊗h.
     stabilised, bulk_damped, stiffened : bool -- whether there are numerical viscosities, and a numerical stiffness.
     acceleration : tuple or None -- of the body force (2,) [µm/µs²].
-    histories : tuple or None -- laws of kind history of supports, loads and plates.
+    load_curves : tuple or None -- laws of kind load_curve of supports, loads and plates.
     single : bool -- whether the coefficients of neighbours are stored in single precision.
     skipped : dict -- by name of an absent term, the reason for the log.
     """
@@ -41,7 +41,7 @@ class Terms:
     bulk_damped: bool = True
     stiffened: bool = False
     acceleration: tuple | None = None
-    histories: tuple | None = None
+    load_curves: tuple | None = None
     single: bool = False
     skipped: dict = field(default_factory=dict)
 
@@ -61,17 +61,17 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     def why(*conditions: tuple[bool, str]) -> str | None:
         return next((reason for holds, reason in conditions if holds), None)
 
-    nothing = Seifert(bonds=0.0, energy=0.0, range=0.01)
+    nothing = Seifert(0.0, 0.0, equilibrium_distance=0.01)
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
-    between = case.contact or dataclasses.replace(nothing, range=_thin(case))
+    between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))
     contact = unless(why((len(case.cells) == 1, "one cell alone"),
                          (case.static and case.contact is None, "the case has none")),
                      "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
                             (push is not None and not push.cells, "no cell protrudes"),
-                            (push is not None and push.strength == 0, "its strength is zero"),
+                            (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
                             (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
                         "protrusion", push or EdgeProtrusion(cells=(), random=False))
     uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
@@ -95,12 +95,14 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
     single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
-                     "supports, loads, plates", histories_of(case))
+                     "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
                  director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, histories=outside, single=single, skipped=skipped)
+                 acceleration=force, load_curves=outside, single=single, skipped=skipped)
 
 
 def _thin(case: Case) -> float:
     """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
-    return case.substrate.range if case.substrate else 1e-3 * min(c.shape.area for c in case.cells) ** 0.5
+    if case.substrate:
+        return case.substrate.equilibrium_distance
+    return 1e-3 * min(c.shape.area for c in case.cells) ** 0.5

@@ -18,10 +18,12 @@ class MooneyRivlin:
     density: float = quantity("kg/m^3", "mass density ρ0", "1000 kg/m^3", above=0)
     C1: float = quantity("Pa", "first constant C1 of equation (8)", above=0)
     C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
-    lame: float = quantity("Pa", "volumetric constant λ of equation (8)", above=0)
+    volumetric_modulus: float = quantity("Pa", "volumetric constant λ of equation (8), a quarter of the bulk modulus",
+                                         above=0, formerly="lame")
     stabilisation: float = quantity("", "viscosity of the numerical stabilisation over ρ c h, c = sqrt(G/ρ)", 0.15,
                                     minimum=0)
-    stiffening: float = quantity("", "modulus of the numerical stabilisation over G", 0.5, minimum=0)
+    hourglass_modulus: float = quantity("", "modulus of the numerical stabilisation over G", 0.5, minimum=0,
+                                        formerly="stiffening")
 
     energy_column = "elastic"
     viscosity = 0.0
@@ -34,7 +36,7 @@ class MooneyRivlin:
     @property
     def bulk_modulus(self) -> float:
         """Bulk modulus at rest K = 4 λ [Pa]."""
-        return 4.0 * self.lame
+        return 4.0 * self.volumetric_modulus
 
     @property
     def sound_speed(self) -> float:
@@ -44,7 +46,7 @@ class MooneyRivlin:
     @property
     def numerical_modulus(self) -> float:
         """Modulus of the elastic stabilisation [Pa]."""
-        return self.stiffening * self.shear_modulus
+        return self.hourglass_modulus * self.shear_modulus
 
     def numerical_viscosity(self, spacing: float) -> float:
         """Viscosity of the viscous stabilisation [Pa µs] for particles `spacing` [µm] apart."""
@@ -56,7 +58,8 @@ class MooneyRivlin:
         c = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11
         I3 = (F00 * F11 - F01 * F10) ** 2
         a = cbrt(I3)
-        return (self.C1 * (c + 1.0 - 3.0 * a) + self.C2 * (I3 + c - 3.0 * a * a) + 0.5 * self.lame * log(I3) ** 2)
+        volume = 0.5 * self.volumetric_modulus * log(I3) ** 2
+        return self.C1 * (c + 1.0 - 3.0 * a) + self.C2 * (I3 + c - 3.0 * a * a) + volume
 
     def stress(self, F):
         """First Piola-Kirchhoff stress P = F S [Pa], with S of equation (9)."""
@@ -68,7 +71,7 @@ class MooneyRivlin:
         I3 = J * J
         a = cbrt(I3)
         first = self.C1 + self.C2 * (C00 + C11 + 1.0)
-        third = (self.C1 * a + 2.0 * self.C2 * a * a - self.lame * log(I3)) / I3
+        third = (self.C1 * a + 2.0 * self.C2 * a * a - self.volumetric_modulus * log(I3)) / I3
         S00 = 2.0 * (first - self.C2 * C00 - third * C11)
         S11 = 2.0 * (first - self.C2 * C11 - third * C00)
         S01 = 2.0 * (third - self.C2) * C01
@@ -82,4 +85,5 @@ class MooneyRivlin:
         I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
         I3 = J * J
         a = cbrt(I3)
-        return 2.0 * (self.C1 + self.C2 * (I1 - 1.0) - (self.C1 * a + 2.0 * self.C2 * a * a - self.lame * log(I3))) / J
+        third = self.C1 * a + 2.0 * self.C2 * a * a - self.volumetric_modulus * log(I3)
+        return 2.0 * (self.C1 + self.C2 * (I1 - 1.0) - third) / J

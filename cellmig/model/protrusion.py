@@ -23,10 +23,12 @@ class EdgeProtrusion:
     """
 
     cells: tuple = parameter("names of the cells that protrude", items="cell")
-    strength: float = quantity("", "ratio β of the push to the adhesion energy", 0.06, minimum=0)
+    protrusion_ratio: float = quantity("", "ratio β of the push to the adhesion energy", 0.06, minimum=0,
+                                       formerly="strength")
     height: float = quantity("um", "height ℓ of the pushing edge, at most the cutoff of the bonds", "1 um", above=0)
     random: bool = parameter("whether α is random in [0, 1]; else it is 1/2 everywhere", True)
-    patch: float = quantity("um", "distance of the points where α is drawn, linear between them", "0.4 um", above=0)
+    correlation_length: float = quantity("um", "distance of the points where α is drawn, linear between them", "0.4 um",
+                                         above=0, formerly="patch")
 
     def front(self, x):
         """Share of the push at a distance x [µm] ahead of the mean of the cell's surface [-]: 0 behind, 1 ahead."""

@@ -22,45 +22,47 @@ class Seifert:
     repulsion, from 1 (the paper's bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
     """
 
-    bonds: float = quantity("1/um^2", "bond density N", minimum=0)
-    energy: float = quantity("pN um", "depth of the well σ", minimum=0)
-    range: float = quantity("um", "equilibrium distance ε", above=0)
+    bond_density: float = quantity("1/um^2", "bond density N", minimum=0, formerly="bonds")
+    well_depth: float = quantity("pN um", "depth of the well σ", minimum=0, formerly="energy")
+    equilibrium_distance: float = quantity("um", "equilibrium distance ε", above=0, formerly="range")
     cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "1 um", above=0)
     attraction: float = quantity("", "share a of the bonds that attract; all repel", 1, minimum=0, maximum=1)
 
     @property
     def work(self) -> float:
         """Work of adhesion w = a N σ [pN/µm]."""
-        return self.attraction * self.bonds * self.energy
+        return self.attraction * self.bond_density * self.well_depth
 
     @property
     def solid(self) -> Seifert:
         """The same adhesion between bodies that repel each other by WALL at least, however few bonds they have."""
-        if self.bonds * self.energy >= WALL:
+        if self.bond_density * self.well_depth >= WALL:
             return self
-        energy = self.energy or 1.0
-        return replace(self, energy=energy, bonds=WALL / energy, attraction=self.work / WALL)
+        depth = self.well_depth or 1.0
+        return replace(self, well_depth=depth, bond_density=WALL / depth, attraction=self.work / WALL)
 
     @property
     def cap(self) -> float:
         """Distance below which the potential is quadratic, 0.8 ε [µm]."""
-        return 0.8 * self.range
+        return 0.8 * self.equilibrium_distance
 
     def stiffness(self, least: float) -> float:
         """Largest stiffness N U'' [Pa/µm] of a contact with gaps of at least `least` [µm]; 47 N σ/ε² if pressed."""
-        q = (self.range / max(least, self.cap)) ** 2
-        share = 1.0 if least < self.range else self.attraction
-        return share * self.bonds * self.energy / self.range**2 * max(q * q * (20.0 * q - 12.0), 0.0)
+        eps = self.equilibrium_distance
+        q = (eps / max(least, self.cap)) ** 2
+        share = 1.0 if least < eps else self.attraction
+        return share * self.bond_density * self.well_depth / eps**2 * max(q * q * (20.0 * q - 12.0), 0.0)
 
     @property
     def lift(self) -> float:
         """Energy by which the repulsion is higher than that of the paper's bonds, (1 - a) σ [pN µm]."""
-        return (1.0 - self.attraction) * self.energy
+        return (1.0 - self.attraction) * self.well_depth
 
     @property
     def well_primitive(self) -> float:
         """What makes the primitive continuous at ε [pN µm²]."""
-        return -(1.0 - self.attraction) * self.pair_primitive(self.range) - self.lift * self.range
+        eps = self.equilibrium_distance
+        return -(1.0 - self.attraction) * self.pair_primitive(eps) - self.lift * eps
 
     @property
     def shift(self) -> float:
@@ -80,7 +82,7 @@ class Seifert:
     @property
     def cap_curvature(self) -> float:
         """U'' at the cap [pN/µm]."""
-        return self.energy / self.range**2 * (20.0 / 0.8**6 - 12.0 / 0.8**4)
+        return self.well_depth / self.equilibrium_distance**2 * (20.0 / 0.8**6 - 12.0 / 0.8**4)
 
     @property
     def cut_potential(self) -> float:
@@ -104,25 +106,25 @@ class Seifert:
 
     def pair(self, r):
         """Equation (3) as it stands [pN µm]."""
-        q = (self.range / r) ** 2
-        return self.energy * (q * q - 2.0 * q)
+        q = (self.equilibrium_distance / r) ** 2
+        return self.well_depth * (q * q - 2.0 * q)
 
     def pair_slope(self, r):
         """dU/dr of equation (3), minus equation (4) [pN]."""
-        q = (self.range / r) ** 2
-        return -4.0 * self.energy * (q * q - q) / r
+        q = (self.equilibrium_distance / r) ** 2
+        return -4.0 * self.well_depth * (q * q - q) / r
 
     def pair_primitive(self, r):
         """Primitive of equation (3), σ [2 ε²/r - ε⁴/(3 r³)] [pN µm²]."""
-        q = (self.range / r) ** 2
-        return self.energy * r * (2.0 * q - q * q / 3.0)
+        q = (self.equilibrium_distance / r) ** 2
+        return self.well_depth * r * (2.0 * q - q * q / 3.0)
 
     def potential(self, r):
         """Energy of a bond of length r, with cap and cutoff [pN µm]."""
         s = r - self.cap
         inner = self.cap_potential + s * (self.cap_slope + 0.5 * s * self.cap_curvature)
         uncut = where(r < self.cap, inner, self.pair(where(r < self.cap, self.cap, r)))
-        shared = where(r < self.range, uncut + self.lift, self.attraction * uncut)
+        shared = where(r < self.equilibrium_distance, uncut + self.lift, self.attraction * uncut)
         cut = shared - self.attraction * self.cut_potential - self.shift * (r - self.cutoff)
         return where(r < self.cutoff, cut, 0.0)
 
@@ -130,7 +132,7 @@ class Seifert:
         """d(potential)/dr, minus the bond's force [pN]."""
         inner = self.cap_slope + (r - self.cap) * self.cap_curvature
         uncut = where(r < self.cap, inner, self.pair_slope(where(r < self.cap, self.cap, r)))
-        shared = where(r < self.range, uncut, self.attraction * uncut)
+        shared = where(r < self.equilibrium_distance, uncut, self.attraction * uncut)
         return where(r < self.cutoff, shared - self.shift, 0.0)
 
     def primitive(self, r):
@@ -140,7 +142,8 @@ class Seifert:
             self.cap_potential + s * (0.5 * self.cap_slope + s * self.cap_curvature / 6.0)
         )
         uncut = where(r < self.cap, inner, self.pair_primitive(where(r < self.cap, self.cap, r)))
-        shared = where(r < self.range, uncut + self.lift * r + self.well_primitive, self.attraction * uncut)
+        raised = uncut + self.lift * r + self.well_primitive
+        shared = where(r < self.equilibrium_distance, raised, self.attraction * uncut)
         t = r - self.cutoff
         cut = shared - self.attraction * (self.cut_primitive + t * self.cut_potential) - 0.5 * t * t * self.shift
         return where(r < self.cutoff, cut, 0.0)
@@ -149,5 +152,5 @@ class Seifert:
 def solid(law: Any) -> Any:
     """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
     if law.work == 0.0:
-        law = Seifert(bonds=0.0, energy=0.0, range=law.range, cutoff=law.cutoff)
+        law = Seifert(0.0, 0.0, equilibrium_distance=law.equilibrium_distance, cutoff=law.cutoff)
     return getattr(law, "solid", law)

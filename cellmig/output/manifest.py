@@ -30,6 +30,8 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     except (ValueError, RecursionError) as error:
         raise OutputError(f"'{path}' is not a manifest: {error}") from error
+    if isinstance(manifest, dict) and "worst_closure" in manifest:  # of an older run
+        manifest["worst_energy_error"] = manifest.pop("worst_closure")
     if not isinstance(manifest, dict) or not all(isinstance(manifest.get(name) or {}, dict) for name in _TABLES):
         raise OutputError(f"'{path}' is not a manifest")
     return manifest

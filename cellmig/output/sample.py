@@ -188,13 +188,13 @@ class Sampler:
         area = 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
         terms, substrate, contact = m.terms, np.zeros(len(ends)), np.zeros(m.n_owned)
         if terms.substrate is not None:
-            substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.range)
+            substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None and len(m.lists.segment):
             gap, segment = m.closest_point["gap"], m.lists.segment
             local = m.kernel["contact_node"][segment]
             x2 = m._X[local] + m._memory[local, :2]
             touched = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1) * _share_below(
-                gap[segment[:, 0]], gap[segment[:, 1]], TOUCHING * terms.contact.range)
+                gap[segment[:, 0]], gap[segment[:, 1]], TOUCHING * terms.contact.equilibrium_distance)
             mine = local[:, 0] < m.n_owned
             np.add.at(contact, local[mine, 0], touched[mine])
         values = np.zeros((m.n_owned, 4))
@@ -224,19 +224,19 @@ class Sampler:
         if terms.cortex is not None:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
         powers = m.powers() if half_step else {}
-        for name in ("external_work", "viscous_loss", "friction_loss", "numerical_loss"):
+        for name in ("external_work", "viscous_loss", "friction_loss", "artificial_dissipation"):
             # up to the time of u, as the velocity
             parts[name] = m.kernel[name][: m.n_owned] + half_step * powers.get(name, 0.0)
         if terms.acceleration is not None:  # work of the body force, a potential
             parts["external_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
-        parts["numerical_loss"] = parts["numerical_loss"] + m.stabilisation_energy()
+        parts["artificial_dissipation"] = parts["artificial_dissipation"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         drift = self._sum(self.mass[:, None] * v)
-        entries["closure"] = self._closure(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
-        return entries
+        error = self._energy_error(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
+        return {**{f"{name}_pn": value for name, value in entries.items()}, "energy_error": error}
 
-    def _closure(self, entries: dict[str, float], drift: float) -> float:
+    def _energy_error(self, entries: dict[str, float], drift: float) -> float:
         """What does not add up, in parts of the largest energy [-]; `drift` : that of the cells' own velocities [pN].
 
         The energy of a cell that moves as a whole, and the work that went into it, depend on who watches: they are left

@@ -17,8 +17,9 @@ from .directory import OutputError, sync, together
 HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
            "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
 MOTION = ("vx_um_per_us", "vy_um_per_us", "speed_um_per_us")  # mean since the last sample
-LEDGER = ("time_us", "kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
-          "external_work", "viscous_loss", "friction_loss", "numerical_loss", "closure")
+ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
+            "external_work", "viscous_loss", "friction_loss", "artificial_dissipation")
+LEDGER = ("time_us", *(f"{name}_pn" for name in ENERGIES), "energy_error")
 
 _BOTH = ("", "_now")  # mean since the last sample, and current value
 SUBSTRATE = ("time_us", "cell", "x_um",
@@ -28,7 +29,9 @@ NEIGHBOURS = ("time_us", "cell", "neighbour",
               "neighbour_name")
 ALL = "all"  # name of the aggregate of all cells
 _WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
-_FORMERLY = {"protrusion_work": "external_work"}  # columns of older runs
+# Columns that had another name in older runs.
+_FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "external_work_pn",
+             "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
 
 
 def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str, ...]:
@@ -135,7 +138,7 @@ class Ledger(_Table):
     name, columns = "ledger.csv", LEDGER
 
     def write(self, time: float, entries: Mapping[str, float]) -> None:
-        """Add a sample at `time` [us]: the entries [pN], energy per thickness, and the closure [-]; absent is nan."""
+        """Add a sample at `time` [us]: energies per thickness [pN], and their error [-]; absent is nan."""
         self._write(lambda: [{"time_us": float(time), **entries}])
 
 
@@ -209,7 +212,7 @@ class Tables:
 
 
 # Columns that all runs have, older ones included.
-_COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER if name != "friction_loss"),
+_COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER if name != "friction_loss_pn"),
             "substrate.csv": SUBSTRATE, "neighbours.csv": NEIGHBOURS}
 
 
@@ -220,19 +223,28 @@ def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
     return dict(zip(cells.tolist(), named, strict=True))
 
 
+class Columns(dict[str, np.ndarray]):
+    """Columns of a table by name; the KeyError of a former name says the present one."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        raise KeyError(f"'{name}' is called '{_FORMERLY[name]}' now" if name in _FORMERLY else name)
+
+
 def read_table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table by name, each (rows,): int64 for cells, str for names, else float64; the run may go on."""
     try:
         lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]  # without an incomplete last line
         if not lines:
             return {}
-        names = [_FORMERLY.get(name, name) for name in lines[0].split(",")]
+        names = lines[0].split(",")
+        if Path(path).name == "ledger.csv":
+            names = [_FORMERLY.get(name, name) for name in names]
         rows = list(csv.reader(lines[1:], strict=True))
         if lacking := [name for name in _COLUMNS.get(Path(path).name, ()) if name not in names]:
             raise ValueError(f"it has no column {', '.join(lacking)}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
         kinds = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
-        return {name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))
-                for name, column in zip(names, columns, strict=True)}
+        return Columns({name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))
+                        for name, column in zip(names, columns, strict=True)})
     except (ValueError, csv.Error) as error:
         raise OutputError(f"'{path}' is not a table of numbers: {error}") from error

@@ -23,9 +23,9 @@ from .figures import draw
 # Frames every 4 us include the times of the paper's snapshots; --quick has the nearest ones of every 20 us.
 _FRAMES, _QUICK_FRAMES = 100, 20
 _QUICK = ("particles.per_cell=331", "time.samples=200")
-_CHANGED = {"adhesion": lambda case, factor: f"adhesion.cells.energy={factor * case.contact.energy} pN um",
-            "protrusion": lambda case, factor: f"protrusion.strength={factor * case.protrusion.strength}",
-            "alone": lambda case, factor: f'protrusion.cells=["{case.cells[0].name}"]'}
+_CHANGED = {"adhesion": lambda case, k: f"adhesion.cells.well_depth={k * case.contact.well_depth} pN um",
+            "protrusion": lambda case, k: f"protrusion.protrusion_ratio={k * case.protrusion.protrusion_ratio}",
+            "alone": lambda case, k: f'protrusion.cells=["{case.cells[0].name}"]'}
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Result
 def _numbers(outcome: Outcome) -> dict[str, Any]:
     """Row of a complete run."""
     m = outcome.manifest
-    row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_closure", "state_hash")}
+    row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_energy_error", "state_hash")}
     row["source"] = source(outcome)
     row["impulse_pn_us_per_um"] = outcome.impulse
     for time in (20.0, 24.0, 204.0, 268.0, END):

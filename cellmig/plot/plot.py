@@ -111,12 +111,12 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
         return None
     figure = Figure(figsize=(6.0, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    entries = [name for name in ledger if name not in ("time_us", "closure") and np.nan_to_num(ledger[name]).any()]
+    entries = [name for name in ledger if name not in ("time_us", "energy_error") and np.nan_to_num(ledger[name]).any()]
     for number, name in enumerate(entries):
         style = "-" if number < len(COLOURS) else "--"
         upper.plot(ledger["time_us"], ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
-                   label=name.replace("_", " "))
-    lower.plot(ledger["time_us"], 100 * ledger["closure"], color="0.2")
+                   label=name.removesuffix("_pn").replace("_", " "))
+    lower.plot(ledger["time_us"], 100 * ledger["energy_error"], color="0.2")
     upper.set_ylabel("energy per thickness [pN]")
     lower.set(ylabel="does not\nadd up [%]", xlabel="time [µs]")
     if entries:

@@ -211,10 +211,10 @@ def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
     """Complete runs with an energy error above CLOSES, whose results do not count."""
     found = {}
     for job in jobs:
-        closure = read_manifest(job.directory)["worst_closure"]
-        if closure is None or closure > CLOSES:
-            closure = float("nan") if closure is None else closure
-            message = f"the energy ledger misses {100 * closure:.3g} %, of {100 * CLOSES:g} % allowed"
+        error = read_manifest(job.directory)["worst_energy_error"]
+        if error is None or error > CLOSES:
+            error = float("nan") if error is None else error
+            message = f"the energy ledger misses {100 * error:.3g} %, of {100 * CLOSES:g} % allowed"
             found[job] = Ended(job, BROKEN, message)
             print(f"{job.name} does not count: {message}")
     return found

@@ -22,7 +22,7 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
     ----------
     a, b : Path -- directories of runs, on any numbers of ranks, complete or not.
     tolerance : float -- allowed difference relative to the largest number of the column or of the field in the frame
-        (the closure is relative already) [-]; 0 for equal bits.
+        (the energy error is relative already) [-]; 0 for equal bits.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
     rows = min(lengths)
     worst = (rows, "")
     for name in one:
-        scale = 1.0 if name == "closure" else None
+        scale = 1.0 if name == "energy_error" else None
         where = np.flatnonzero(_unequal(one[name][:rows], two[name][:rows], tolerance, scale))
         if len(where) and where[0] < worst[0]:
             worst = (where[0], name)

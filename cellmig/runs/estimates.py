@@ -86,7 +86,8 @@ def _push(case: Case, cell: Cell) -> float:
     law = case.protrusion
     if law is None or cell.name not in law.cells:
         return 0.0
-    return 0.5 * law.strength * case.substrate.work * max(1.0, 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height)))
+    slope = 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height))
+    return 0.5 * law.protrusion_ratio * case.substrate.work * max(1.0, slope)
 
 
 def _spreading(case: Case, cell: Cell) -> float:

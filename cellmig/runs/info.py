@@ -20,7 +20,7 @@ Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "stopped on request"}
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
 # Keys that other rows already show, or that are for programs.
-_SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_closure", "hosts", "list_renewals",
+_SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_energy_error", "hosts", "list_renewals",
          "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
 _ROUNDING = 1e-9  # smaller lengths [µm] and momenta [pN µs/µm] count as zero
 
@@ -96,12 +96,12 @@ def _history_rows(path: Path) -> Rows:
 
 def _ledger_rows(path: Path) -> Rows:
     table = read_table(path) if path.exists() else {}
-    if not table or not np.isfinite(table["closure"]).any():
+    if not table or not np.isfinite(table["energy_error"]).any():
         return
-    worst = np.nanargmax(np.abs(table["closure"]))
+    worst = np.nanargmax(np.abs(table["energy_error"]))
     if lost := lost_said({name: float(column[-1]) for name, column in table.items()}):
         yield "losses", lost
-    yield "energy", (f"at most {100 * abs(table['closure'][worst]):.2g} % does not add up, at "
+    yield "energy", (f"at most {100 * abs(table['energy_error'][worst]):.2g} % does not add up, at "
                      f"{table['time_us'][worst]:g} µs")
 
 

@@ -254,7 +254,8 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     for name, term, law in (("substrate", "adhesion to the substrate", case.substrate),
                             ("between cells", "adhesion between cells", case.contact)):
         if term not in c.skipped:
-            rows.append((name, f"range {1e3 * law.range:g} nm is {law.range / c.spacing:.2g} of the spacing: "
+            eps = law.equilibrium_distance
+            rows.append((name, f"equilibrium distance {1e3 * eps:g} nm is {eps / c.spacing:.2g} of the spacing: "
                                "integrated along the surface, not sampled at particles"))
     if "protrusion" not in c.skipped:
         rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "

@@ -65,7 +65,7 @@ class Record:
 
     @property
     def ledger(self) -> Any:
-        """ledger.csv as a pandas frame: energies per thickness [pN] by sample, and the closure [-]."""
+        """ledger.csv as a pandas frame: energies per thickness [pN] by sample, and their error [-]."""
         return _pandas("ledger").DataFrame(self.table("ledger"))
 
     # ------------------------------------------------------------ frames

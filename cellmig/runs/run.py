@@ -40,7 +40,7 @@ from .resources import require_room
 from .summary import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
 from .trial import choose
 
-CLOSURE = 0.05  # a larger energy error ends a run: the step was unstable [-]
+ENERGY_ERROR = 0.05  # a larger energy error ends a run: the step was unstable [-]
 
 
 class Run:
@@ -85,7 +85,7 @@ class Run:
         self._say_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
-        self.worst_closure = self.step_seconds = self.wall_before = 0.0
+        self.worst_energy_error = self.step_seconds = self.wall_before = 0.0
         self.looked, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
         self._open(state.about["files"] if state else {"frames": 0})
@@ -197,7 +197,7 @@ class Run:
         """The current state as a checkpoint; collective."""
         about, arrays = self.simulation.saved()
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
-        run = {"looked": self.looked, "worst_closure": self.worst_closure, "resumed": self.resumed,
+        run = {"looked": self.looked, "worst_energy_error": self.worst_energy_error, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
         now = checkpointing.method(self.simulation, self.manifest["petsc_options"])
         return Checkpoint({"format": checkpointing.FORMAT, "id": self.manifest["run_id"],
@@ -209,7 +209,7 @@ class Run:
     def _restore(self, state: Checkpoint) -> None:
         self.simulation.restore(state.about["state"], state.arrays)
         run = state.about["past"]
-        self.looked, self.worst_closure, self.resumed = run["looked"], run["worst_closure"], run["resumed"]
+        self.looked, self.worst_energy_error, self.resumed = run["looked"], run["worst_energy_error"], run["resumed"]
         self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]
         self.strain.restore(run["strain"])
         self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
@@ -241,16 +241,16 @@ class Run:
             rows, entries = s.sample()
         if not all(map(math.isfinite, entries.values())):
             self._integrator.fail("an energy is not finite")
-        self.worst_closure, self.entries = max(self.worst_closure, entries["closure"]), entries
+        self.worst_energy_error, self.entries = max(self.worst_energy_error, entries["energy_error"]), entries
         if warning := self.strain.check(s.time):
             self.log(warning)
         if sample:
             self.tables.write(s.time, rows, entries, s.next_row(rows))
         if frame:
             self._write_frame()
-        if entries["closure"] > CLOSURE and not self.case.static:  # shapes alone would not show it for long
-            self._integrator.fail(f"{100 * entries['closure']:.3g} % of the energy does not add up, of "
-                                    f"{100 * CLOSURE:g} % at most")
+        if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
+            self._integrator.fail(f"{100 * entries['energy_error']:.3g} % of the energy does not add up, of "
+                                  f"{100 * ENERGY_ERROR:g} % at most")
         m, terms = s.mechanics, s.terms
         x, outside = m.surface_positions(), []
         if frame:  # it takes longer than a sample
@@ -319,7 +319,7 @@ class Run:
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
             "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
-            "strain": self.strain.record(), "worst_closure": self.worst_closure,
+            "strain": self.strain.record(), "worst_energy_error": self.worst_energy_error,
             "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
             **run.record(), **({"chosen": self.reason} if self.reason else {}),
             "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
@@ -334,7 +334,7 @@ class Run:
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
-                     f"at most {100 * self.worst_closure:.2g} % of the energy does not add up")
+                     f"at most {100 * self.worst_energy_error:.2g} % of the energy does not add up")
         if lost := lost_said(self.entries):
             self.log(f"lost {lost}")
         if warning := self.strain.summary():

@@ -73,7 +73,7 @@ def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
     if e.distance > FAR * e.size:
         rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
                                 "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
-                                "protrusion.strength leaves them in shape"))
+                                "protrusion.protrusion_ratio leaves them in shape"))
     return rows
 
 
@@ -98,9 +98,10 @@ def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
              "rest = true sets a cell down at their range, or set the centre of the lowest cell higher by"),
             (case.contact, found.gap, "adhesion between cells", "set the cells apart by a further")):
         if law is not None and law.work and gap is not None and gap < law.cap:
-            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * law.range:g} "
-                                    "nm: its first steps are finer, and 1 % of the energy may be lost; "
-                                    f"{remedy} {1e3 * (law.range - gap):.3g} nm"))
+            eps = law.equilibrium_distance
+            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * eps:g} nm: "
+                                    "its first steps are finer, and 1 % of the energy may be lost; "
+                                    f"{remedy} {1e3 * (eps - gap):.3g} nm"))
     return rows
 
 
@@ -124,11 +125,13 @@ def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     t = simulation.terms
     for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
         if law is not None and law.work:
-            rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, range {1e3 * law.range:g} nm"))
+            rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, equilibrium distance "
+                               f"{1e3 * law.equilibrium_distance:g} nm"))
         elif law is not None and law.stiffness(0.0):
-            rows.append((name, f"no adhesion; surfaces closer than {1e3 * law.range:g} nm repel each other"))
+            rows.append((name, f"no adhesion; surfaces closer than {1e3 * law.equilibrium_distance:g} nm repel each "
+                               "other"))
     if t.protrusion is not None and case.protrusion:
-        rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; strength {t.protrusion.strength:g}, "
+        rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; ratio {t.protrusion.protrusion_ratio:g}, "
                                    f"height {t.protrusion.height:g} µm"))
     return rows
 
@@ -142,8 +145,9 @@ def span(values: list) -> str:
 
 def lost_said(entries: dict[str, float]) -> str:
     """Dissipation by viscosity, friction and the method, from a row of the ledger; empty without any."""
-    parts = [(name, entries.get(f"{key}_loss", 0.0)) for name, key in (
-        ("viscosity", "viscous"), ("friction", "friction"), ("what is numerical", "numerical"))]
+    parts = [(name, entries.get(column, 0.0)) for name, column in (
+        ("viscosity", "viscous_loss_pn"), ("friction", "friction_loss_pn"),
+        ("what is numerical", "artificial_dissipation_pn"))]
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:
         return ""

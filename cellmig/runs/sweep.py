@@ -39,7 +39,7 @@ _LONGEST = 120  # largest number of letters in the name of a directory
 _SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity that may be part of a name
 _WORD, _SIGNS = re.compile(r"[\w.+^-]+"), re.compile(r"[^\w.+^-]+")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
-_MANIFEST = ("exit_status", "cause", "worst_closure", "steps", "wall_seconds", "state_hash")
+_MANIFEST = ("exit_status", "cause", "worst_energy_error", "steps", "wall_seconds", "state_hash")
 
 
 def variation(text: str) -> tuple[str, tuple[Any, ...]]:

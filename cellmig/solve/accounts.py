@@ -11,7 +11,8 @@ from mpi4py import MPI
 from ..meshfree.contact import ContactLists, Surfaces
 from ..parallel.collect import gathered
 
-ACCOUNTS = ("viscous_loss", "numerical_loss", "friction_loss", "protrusion_impulse", "external_work")  # of particles
+# Of particles.
+ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusion_impulse", "external_work")
 
 
 def accounts(mechanics: Any) -> dict[str, np.ndarray]:

@@ -37,7 +37,7 @@ class Equations:
         self.matrix = self.stiffness.matrix()
         self.evaluated = self.assembled = 0
         self.free = np.ones((m.n_owned, 2))
-        if m.terms.histories is not None:
+        if m.terms.load_curves is not None:
             self.free[m.kernel["held"] // 4, m.kernel["held"] % 4] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self._by_v = 0.0  # 0 before there is a matrix

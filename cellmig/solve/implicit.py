@@ -298,7 +298,7 @@ class Implicit(Integrator):
         m.rate()
         motion = 0.5 * (mass * (after[:, 2:] ** 2 - before[:, 2:] ** 2)).sum(axis=1)
         self.scheme_loss += work - motion
-        m.kernel["numerical_loss"][: m.n_owned] += work - motion
+        m.kernel["artificial_dissipation"][: m.n_owned] += work - motion
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -257,7 +257,7 @@ class Integrator:
             self.fail("a particle is inverted")
         if max(1.0 - limits["J_min"], limits["J_max"] - 1.0) > VOLUME:
             self.fail(f"a particle does not keep its volume: J is to stay between {1 - VOLUME:g} and {1 + VOLUME:g}",
-                      remedy=f"try {self._remedy('a larger modulus (reduced_bulk_modulus, lame)')}")
+                      remedy=f"try {self._remedy('a larger modulus (reduced_bulk_modulus, volumetric_modulus)')}")
         if not self.leapfrog:  # the kernel follows J through the steps of leapfrog
             widen(self.extremes, "J", limits["J_min"], limits["J_max"])
         return limits

@@ -50,7 +50,7 @@ class Mechanics:
         self.kernel = Kernel(scene.materials, terms, FIELDS)
         self._fill_rows()
         self._fill_surfaces(alpha)
-        if terms.histories is not None:
+        if terms.load_curves is not None:
             boundary.fill(self.kernel, self.base, self.surfaces.ids[self._mine], self._capacity)
         self._mark_loaded()
         self.theta = self._director()
@@ -135,11 +135,11 @@ class Mechanics:
         k["length"], k["n_segments"] = s.length[self._segments], len(self._segments)
         self.impulses = Impulses(k, s, own, self._segments)
         if self.terms.substrate is not None:
-            k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bonds, self.terms.substrate.cap
+            k["substrate_bonds"], k["substrate_floor"] = self.terms.substrate.bond_density, self.terms.substrate.cap
             k["substrate_depth"] = depth(self.terms.substrate)
         if self.terms.contact is not None:
             c = self.terms.contact
-            k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bonds, c.cap, c.cutoff
+            k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = c.bond_density, c.cap, c.cutoff
         if self.terms.protrusion is not None:
             self.push.fill(k, self.base, self.terms.protrusion, self.terms.substrate.work, alpha, self._segments,
                            self._acts)
@@ -147,7 +147,7 @@ class Mechanics:
     def _mark_loaded(self) -> None:
         """The blocks of rows on which more than stresses may act: of surfaces, and of what is loaded."""
         at = self.base.local(self.surfaces.ids)
-        if self.terms.histories is not None:
+        if self.terms.load_curves is not None:
             at = np.append(at, self.kernel["loaded"])
         loaded = np.zeros(self.base.n_rows, bool)
         loaded[at[(at >= 0) & (at < self.base.n_rows)]] = True
@@ -259,12 +259,12 @@ class Mechanics:
 
     def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
         """Supports, loads and plates are those at a time [µs] from now on, `steps` equal steps after an `origin`."""
-        if self.terms.histories is not None:
+        if self.terms.load_curves is not None:
             self.kernel["clock"][:] = time, origin, steps
 
     def prescribe(self, time: float) -> None:
         """Supports move to where they are at a time [µs], with the velocity they have there; collective."""
-        if self.terms.histories is not None:
+        if self.terms.load_curves is not None:
             self.set_clock(time)
             self.kernel("prescribe")
             self.state.exchange()
@@ -280,7 +280,7 @@ class Mechanics:
     def changing(self) -> dict[str, np.ndarray]:
         """What steps change, by name: state, F, step memory, accounts, clock."""
         there = {"F": True, "step_memory": True, "pushed": self.terms.protrusion is not None,
-                 **dict.fromkeys(("clock", "load_before"), self.terms.histories is not None)}
+                 **dict.fromkeys(("clock", "load_before"), self.terms.load_curves is not None)}
         found = {"state": self._memory, **{name: self.kernel[name] for name, is_there in there.items() if is_there},
                  **{name: self.kernel[name] for name in (*ACCOUNTS, "bond_impulse", "contact_impulse")}}
         return found | ({"theta": self.theta.memory} if self.theta is not None else {})
@@ -314,7 +314,7 @@ class Mechanics:
 
     def powers(self) -> dict[str, np.ndarray]:
         """Rates of the accounts, by name, for the state as it is; collective."""
-        if self.terms.histories is not None:
+        if self.terms.load_curves is not None:
             self.rate()  # for the reactions
         return rates(self)
 

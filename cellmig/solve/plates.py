@@ -21,9 +21,9 @@ class PlateContact:
         """Find the surface particles of this rank that plates may touch."""
         self.mechanics = m = mechanics
         k, n = m.kernel, m.n_owned
-        there = m.terms.histories is not None and len(m.boundary.plate) > 0
+        there = m.terms.load_curves is not None and len(m.boundary.plate) > 0
         self._held = np.zeros((n, 2), bool)
-        if m.terms.histories is not None:
+        if m.terms.load_curves is not None:
             self._held[k["held"] // 4, k["held"] % 4] = True
         self.at = k["platable"] if there else np.zeros(0, np.int64)
         self._meets = ~self._held[self.at].all(axis=1)
@@ -32,7 +32,7 @@ class PlateContact:
         """Gaps between the surface particles and the plates (k, plates) [µm]."""
         m, plate = self.mechanics, self.mechanics.boundary.plate
         t = m.kernel["clock"][0]
-        factor = np.array([m.terms.histories[h].value(t) for h in m.boundary.plate_history])
+        factor = np.array([m.terms.load_curves[h].value(t) for h in m.boundary.plate_curve])
         face = plate[:, 2:4] + factor[:, None] * plate[:, 4:6]
         x = m.scene.X[m.ids[self.at]] + m.state.owned[self.at, :2]
         return np.einsum("kpc,pc->kp", x[:, None] - face, plate[:, :2])

@@ -32,7 +32,7 @@ def _of_cell(length: np.ndarray, law: Any, seed: int, name: str) -> np.ndarray:
     if not law.random:
         return np.full(len(length), 0.5)
     arc = np.concatenate([[0.0], np.cumsum(length)])
-    n = max(3, round(arc[-1] / law.patch))
+    n = max(3, round(arc[-1] / law.correlation_length))
     step, a = arc[-1] / n, uniform(seed, "protrusion", name, n)
     ring = np.append(a, a[0])
     whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])

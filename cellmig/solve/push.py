@@ -14,7 +14,7 @@ from ..meshfree.contact import Surfaces
 
 def depth(law: Any) -> float:
     """Energy of a bond that is closed [pN µm]; infinite where there are none, so that none is closed."""
-    return law.work / law.bonds if law.work else math.inf
+    return law.work / law.bond_density if law.work else math.inf
 
 
 class Push:
@@ -37,7 +37,7 @@ class Push:
         """
         k, s = kernel, self._surfaces
         ends = np.column_stack([segments, s.after[segments]])
-        k["push"] = np.where(acts[:, None], 0.5 * law.strength * work * alpha[ends], 0.0)
+        k["push"] = np.where(acts[:, None], 0.5 * law.protrusion_ratio * work * alpha[ends], 0.0)
         k["pushed"] = np.zeros(ends.shape)
         cells, first, count = np.unique(s.cell[self.surface], return_index=True, return_counts=True)
         share = 0.5 * (s.length + s.length[s.before])[self.surface]

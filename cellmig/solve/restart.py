@@ -25,7 +25,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """
     m.undo.take_up()
     about = {name: getattr(m, name) for name in _TIMES}
-    if m.terms.histories is not None:
+    if m.terms.load_curves is not None:
         about["clock"] = m.kernel["clock"].tolist()
     arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
               for name, values in _of_particles(m).items()}
@@ -64,7 +64,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         blocks[block, :, lane] = particle[name][ids]
     for name in _TIMES:
         setattr(m, name, about[name])
-    if m.terms.histories is not None:
+    if m.terms.load_curves is not None:
         m.set_clock(*about["clock"])
     m.solution.stateIncrease()
     m.state.exchange()
@@ -73,7 +73,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
 
 
 _BY_SEGMENT = ("pushed", "bond_impulse")
-_ACCOUNTED = ("viscous_loss", "numerical_loss", "external_work")  # by blocks, which no look has settled
+_ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work")  # by blocks, which no look has settled
 _BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis",
              *(f"{name} of blocks" for name in _ACCOUNTED))
 
@@ -83,7 +83,7 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
     found = {"state": m.state.owned, **{name: m.kernel[name][: m.n_owned] for name in ACCOUNTS}}
     if m.theta is not None:
         found["theta"] = m.theta.owned
-    if m.terms.histories is not None:
+    if m.terms.load_curves is not None:
         found["load_before"] = m.kernel["load_before"][: m.n_owned]
     return found | {name: m.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
 
@@ -99,7 +99,7 @@ def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
 def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
     """Forces and stresses of the last kick and accounts, where `StepMemory` of the kernel has them."""
     terms = m.terms
-    layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("numerical_loss", "f8", 4),
+    layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4),
               ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
     layout += [("elastic", "f8", (4, 2))] * terms.stiffened
     layout += [("external_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
@@ -115,7 +115,7 @@ def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
     last row of the tables, forces of plates and of the protrusion, impulses of bonds.
     """
     found = {"renewed": m._renewed_at, "place": m.impulses.place}
-    if m.terms.histories is not None and len(m.boundary.plate):
+    if m.terms.load_curves is not None and len(m.boundary.plate):
         found["plate_force"] = m.kernel["plate_force"]
     number = np.searchsorted(m._segments, m._mine)
     there = {"pushed": m.terms.protrusion is not None, "bond_impulse": m.terms.substrate is not None}

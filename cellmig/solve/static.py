@@ -57,7 +57,7 @@ class Static:
         m.state.exchange()
         self.stiffness = Stiffness(m)
         self.plates = PlateContact(m)
-        self._held = m.kernel["held"] if m.terms.histories is not None else np.zeros(0, np.int32)
+        self._held = m.kernel["held"] if m.terms.load_curves is not None else np.zeros(0, np.int32)
         self._free_bodies = not _rigid_motions_are_held(m)
         self.rate()
         self._scale = typical(self.stiffness(), self.stiffness.start, m.comm)
@@ -122,7 +122,7 @@ class Static:
         m = self.mechanics
         a, mass = m.rate()[:, 2:], 1.0 / m.kernel["inverse_mass"][: m.n_owned]
         f = mass[:, None] * a
-        if m.terms.histories is not None:
+        if m.terms.load_curves is not None:
             i, c = m.kernel["held"] // 4, m.kernel["held"] % 4
             f[i, c] -= m.kernel["reaction"]  # which the kernel chose such that `a` is that of the support
             m.kernel["reaction"][:] = -f[i, c]
@@ -133,9 +133,9 @@ class Static:
 
     def _prescribed(self) -> np.ndarray:
         """Prescribed displacements (k,) [µm] of the components that supports hold, at the current time."""
-        k, histories = self.mechanics.kernel, self.mechanics.terms.histories or ()
-        factor = np.array([h.value(k["clock"][0]) for h in histories]) if len(self._held) else np.zeros(0)
-        return k["held_value"] * factor[k["held_history"]] if len(self._held) else np.zeros(0)
+        k, load_curves = self.mechanics.kernel, self.mechanics.terms.load_curves or ()
+        factor = np.array([h.value(k["clock"][0]) for h in load_curves]) if len(self._held) else np.zeros(0)
+        return k["held_value"] * factor[k["held_curve"]] if len(self._held) else np.zeros(0)
 
     def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f; for a held component, to stiffness times the distance from its prescribed displacement."""
@@ -220,7 +220,7 @@ class Static:
     def _external_forces(self) -> np.ndarray:
         """Forces of supports, loads and plates on the owned particles (n_owned, 2) [pN/µm]."""
         k, force = self.mechanics.kernel, self.plates.force()
-        if self.mechanics.terms.histories is not None:
+        if self.mechanics.terms.load_curves is not None:
             loaded = k["loaded"][k["loaded"] < len(force)]
             force[loaded] += k["load"][loaded]
             force[self._held // 4, self._held % 4] += k["reaction"]

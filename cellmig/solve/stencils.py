@@ -55,8 +55,8 @@ def stencils(m: Mechanics) -> Iterator[Stencil]:
         yield Stencil("cortex", ends, lambda x, v: cortex(t.cortex, length, x))
     if t.contact is not None:
         yield _contact(m)
-    if t.histories is not None and len(k["pressed"]):
-        factor = np.array([h.value(k["clock"][0]) for h in t.histories])[k["pressed_history"]]
+    if t.load_curves is not None and len(k["pressed"]):
+        factor = np.array([h.value(k["clock"][0]) for h in t.load_curves])[k["pressed_curve"]]
         yield Stencil("pressure", k["pressed"].T, lambda x, v: pressure(k["pressure"] * factor, x))
     if m.law is not None and m.law.anchoring == "surface":
         anchor = k["anchor"]
@@ -83,7 +83,7 @@ def segment_mean(law: Any, g1: Any, g2: Any) -> tuple:
 def substrate(law: Any, length: np.ndarray, x: tuple) -> tuple:
     """Bonds of a segment to the plane y = 0."""
     _, d1, d2 = segment_mean(law, x[0][1], x[1][1])
-    size = -law.bonds * length
+    size = -law.bond_density * length
     return (0.0, size * d1), (0.0, size * d2)
 
 
@@ -167,7 +167,7 @@ def contact(law: Any, length: np.ndarray, side: np.ndarray, x: tuple) -> tuple:
     """
     (g1, first), (g2, second) = foot(*x[:3], side[0]), foot(*x[3:], side[1])
     _, d1, d2 = segment_mean(law, g1, g2)
-    size = -0.5 * law.bonds * length
+    size = -0.5 * law.bond_density * length
     return (*((size * d1 * gx, size * d1 * gy) for gx, gy in first),
             *((size * d2 * gx, size * d2 * gy) for gx, gy in second))
 

@@ -62,7 +62,7 @@ class StepControl:
         # a gap between cells is closed from both sides
         self._contacts = [(terms.substrate, 1.0), (terms.contact if len(scene.kind) > 1 else None, 2.0)]
         self.touches = any(law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts)
-        self.ranges = np.array([law.range if law else 0.0 for law, _ in self._contacts])
+        self.ranges = np.array([law.equilibrium_distance if law else 0.0 for law, _ in self._contacts])
         self.typical = TYPICAL * self.ranges
         self._length_per_mass = max(_length_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0

@@ -24,8 +24,8 @@ def scene(seed: int, number: int) -> Tables:
         tables["adhesion"] = {"substrate": _bonds(rng)}
         if rng.random() < 0.7:
             some = [name for name in names if rng.random() < 0.6]
-            tables["protrusion"] = {"cells": some, "strength": float(rng.choice([0.0, 0.06, 0.3, _decades(rng, -2, 1),
-                                                                                 10.0])),
+            ratio = float(rng.choice([0.0, 0.06, 0.3, _decades(rng, -2, 1), 10.0]))
+            tables["protrusion"] = {"cells": some, "protrusion_ratio": ratio,
                                     "height": _text(_decades(rng, -1, 0.5), "um")}
     if rng.random() < 0.8:
         tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
@@ -92,7 +92,7 @@ def _materials(rng: np.random.Generator) -> Tables:
                           "bulk_modulus": "2.2 GPa", "reduced_bulk_modulus": _text(_decades(rng, 4.7, 7.5), "Pa")},
             "nucleus": {"law": "mooney-rivlin", "C1": _text(c1, "Pa"),
                         "C2": _text(c1 * rng.choice([0.0, _decades(rng, -2, 0)]), "Pa"),
-                        "lame": _text(c1 * _decades(rng, 0.5, 3), "Pa")}}
+                        "volumetric_modulus": _text(c1 * _decades(rng, 0.5, 3), "Pa")}}
 
 
 def _add(rng: np.random.Generator, tables: Tables) -> None:
@@ -126,9 +126,9 @@ def _director(rng: np.random.Generator) -> Tables:
 
 
 def _bonds(rng: np.random.Generator) -> Tables:
-    """Bonds with work of adhesion from 0.3 pN/um to 3 nN/um and range from 5 to 100 nm."""
-    return {"bonds": _text(_decades(rng, 1, 5), "/um^2"), "energy": "0.03 pN um",
-            "range": _text(_decades(rng, np.log10(5), 2), "nm")}
+    """Bonds with work of adhesion from 0.3 pN/um to 3 nN/um and equilibrium distance from 5 to 100 nm."""
+    return {"bond_density": _text(_decades(rng, 1, 5), "/um^2"), "well_depth": "0.03 pN um",
+            "equilibrium_distance": _text(_decades(rng, np.log10(5), 2), "nm")}
 
 
 def _cells(rng: np.random.Generator) -> list[Tables]:

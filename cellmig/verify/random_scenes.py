@@ -24,7 +24,7 @@ from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.batch import Count, Ended, Job, run_all
 from cellmig.runs.outcome import outline
-from cellmig.runs.run import CLOSURE, stop_requests
+from cellmig.runs.run import ENERGY_ERROR, stop_requests
 from cellmig.solve.start import discretise
 
 from .random_cases import launch, scene, toml
@@ -94,7 +94,7 @@ def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
     manifest, history = read_manifest(directory), read_table(directory / "history.csv")
     case, fields = ended.job.load(), frames(directory)[-1].read()
     outlines = [outline(fields, cell)[:-1] for cell in np.unique(fields["cell"])]
-    return {"closure": manifest["worst_closure"], "J_min": manifest["J"][0], "J_max": manifest["J"][1],
+    return {"energy_error": manifest["worst_energy_error"], "J_min": manifest["J"][0], "J_max": manifest["J"][1],
             "area": area_missed(case, history, fields), "softness": softness(case), "steps": manifest["steps"],
             "seconds": manifest["wall_seconds"]}, outlines
 
@@ -112,12 +112,12 @@ def softness(case: Case) -> float:
     """Largest load of a case over the smallest bulk modulus, an estimate of the largest |J - 1| [-]."""
     used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
     spacing = min(np.sqrt(cell.shape.area / particle_count(case, cell.shape)) for cell in case.cells)
-    loads = [law.work / law.range for law in (case.substrate, case.contact) if law is not None]
+    loads = [law.work / law.equilibrium_distance for law in (case.substrate, case.contact) if law is not None]
     floor, push, turned = case.substrate, case.protrusion, case.director
     if floor is not None and any(c.centre[1] + c.shape.lowest() < floor.cap for c in case.cells):  # compressed at first
-        loads.append(floor.bonds * (floor.cap_curvature * floor.cap - floor.cap_slope))
+        loads.append(floor.bond_density * (floor.cap_curvature * floor.cap - floor.cap_slope))
     if floor is not None and push is not None:
-        loads.append(push.strength * floor.work / push.height)
+        loads.append(push.protrusion_ratio * floor.work / push.height)
     if case.cortex is not None:
         loads.append(case.cortex.line_tension / spacing)  # at a corner
     if turned is not None and (turned.start != "uniform" or turned.anchoring != "none"):
@@ -148,8 +148,8 @@ def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
     wrong = []
     if not all(map(np.isfinite, numbers.values())):
         wrong.append("a number is not finite")
-    if not numbers["closure"] <= CLOSURE:
-        wrong.append(f"closure {numbers['closure']:.3g}")
+    if not numbers["energy_error"] <= ENERGY_ERROR:
+        wrong.append(f"energy error {numbers['energy_error']:.3g}")
     soft = min(numbers["softness"], SOFT)
     room = VOLUME + soft
     if not (1.0 - room < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
@@ -179,7 +179,7 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
     lines = [f"{how:8} {sum(v.ended == how for v in verdicts):4}" for how in ("stable", "stopped", "refused", "bad")]
     stable = [v.numbers for v in verdicts if v.ended == "stable"]
     if stable:
-        lines.append(f"stable ones: closure at most {100 * max(n['closure'] for n in stable):.2g} %, J from "
+        lines.append(f"stable ones: energy error at most {100 * max(n['energy_error'] for n in stable):.2g} %, J from "
                      f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, areas kept "
                      f"to {100 * max(n['area'] for n in stable):.2g} %")
     for v in verdicts:

@@ -67,11 +67,13 @@ def choices(quick: bool, seed: int) -> list[Choice]:
                key("materials.cytoplasm.reduced_bulk_modulus={:g} MPa")),
         Choice("step_factor", "time step over the stable one", (0.4, 0.8),
                lambda case: case.time.step_factor, key("time.step_factor={:g}")),
-        Choice("range", "range of both adhesions [nm]", (10, 20), lambda case: 1e3 * case.substrate.range, _ranged),
+        Choice("equilibrium_distance", "equilibrium distance of both adhesions [nm]", (10, 20),
+               lambda case: 1e3 * case.substrate.equilibrium_distance, _ranged),
         Choice("stabilisation", "stabilisation of the cytoplasm", (2, 4),
                lambda case: case.materials["cytoplasm"].stabilisation, key("materials.cytoplasm.stabilisation={:g}")),
-        Choice("stiffening", "stiffening of the nucleus", (0.2, 0.5),
-               lambda case: case.materials["nucleus"].stiffening, key("materials.nucleus.stiffening={:g}")),
+        Choice("hourglass_modulus", "hourglass modulus of the nucleus", (0.2, 0.5),
+               lambda case: case.materials["nucleus"].hourglass_modulus,
+               key("materials.nucleus.hourglass_modulus={:g}")),
         Choice("bulk_viscosity", "bulk viscosity", (0.05, 0.2),
                lambda case: case.numerics.bulk_viscosity, key("numerics.bulk_viscosity={:g}")),
         # The seed shows how much chance alone changes.
@@ -82,10 +84,11 @@ def choices(quick: bool, seed: int) -> list[Choice]:
 
 
 def _ranged(case: Case, nanometres: float) -> tuple[str, ...]:
-    """Changes of the range of both adhesions, at the same work; the cells start at the new equilibrium."""
-    wider = 1e-3 * nanometres - np.array([case.contact.range, case.substrate.range])
+    """Changes of the equilibrium distance of both adhesions, at the same work; cells start in equilibrium."""
+    wider = 1e-3 * nanometres - np.array([case.contact.equilibrium_distance, case.substrate.equilibrium_distance])
     (x, y), pitch = case.cells[0].centre + wider, case.cells[1].centre[0] - case.cells[0].centre[0] - wider[0]
-    return (f"adhesion.substrate.range={nanometres:g} nm", f"adhesion.cells.range={nanometres:g} nm",
+    return (f"adhesion.substrate.equilibrium_distance={nanometres:g} nm",
+            f"adhesion.cells.equilibrium_distance={nanometres:g} nm",
             f'cells.0.centre=["{x:.9g} um", "{y:.9g} um"]', f'cells.0.pitch=[["{pitch:.9g} um", "0 um"]]')
 
 
@@ -204,7 +207,7 @@ def _row(name: str, value: str, outcome: Outcome, first: Mapping[str, float]) ->
     found = measure(outcome)
     return {"varied": name, "value": value, "default": "", **found,
             **{f"{key}_change": found[key] / first[key] - 1.0 for key in first if first[key]},
-            **{key: outcome.manifest[key] for key in ("steps", "worst_closure", "state_hash")}}
+            **{key: outcome.manifest[key] for key in ("steps", "worst_energy_error", "state_hash")}}
 
 
 def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from cellmig.solve.tangent import tangent
 
 from .exact import poisson
 
-NUCLEUS = {"law": "mooney-rivlin", "C1": "2126 Pa", "C2": "170 Pa", "lame": "170 kPa"}
+NUCLEUS = {"law": "mooney-rivlin", "C1": "2126 Pa", "C2": "170 Pa", "volumetric_modulus": "170 kPa"}
 RAMP = {"law": "ramp", "duration": "1 us"}
 
 
@@ -39,12 +39,12 @@ def rectangle(width: float, height: float, **more: Any) -> dict:
 def support(name: str, parts: list[str], x: str, y: str, **more: Any) -> dict:
     """A support of parts with displacements x, y: formulas [µm] or "free"."""
     return {"name": name, "parts": parts, "displacement": [v if v == "free" else f"{v} um" for v in (x, y)],
-            "history": RAMP, **more}
+            "load_curve": RAMP, **more}
 
 
 def traction(name: str, parts: list[str], x: str, y: str) -> dict:
     """A load on parts with tractions x, y: formulas [Pa]."""
-    return {"name": name, "parts": parts, "traction": [f"{v} Pa" for v in (x, y)], "history": RAMP}
+    return {"name": name, "parts": parts, "traction": [f"{v} Pa" for v in (x, y)], "load_curve": RAMP}
 
 
 # ------------------------------------------------------------------------------------------------------ small strain

@@ -16,9 +16,10 @@ from scenes import CASES
 from cellmig.case import registry, units
 from cellmig.case.json_schema import json_schema
 from cellmig.case.lines import key_lines
-from cellmig.case.load import from_dict, load
+from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError, nearest
-from cellmig.case.schema import Case
+from cellmig.case.schema import Case, Load, Plate, Support
+from cellmig.case.values import declared
 from cellmig.laws import register
 
 pytestmark = pytest.mark.serial
@@ -45,7 +46,7 @@ reduced_bulk_modulus = "5 MPa"
 law = "mooney-rivlin"
 C1 = "2126 Pa"
 C2 = "170 Pa"
-lame = "170 kPa"
+volumetric_modulus = "170 kPa"
 [[cells]]
 name = "Left"
 shape = "disc"
@@ -62,9 +63,9 @@ material = "gel"
 centre = ["10.01 um", "5.01 um"]
 [adhesion.substrate]
 law = "seifert"
-bonds = "8000 /um^2"
-energy = "0.03 pN um"
-range = "10 nm"
+bond_density = "8000 /um^2"
+well_depth = "0.03 pN um"
+equilibrium_distance = "10 nm"
 [protrusion]
 law = "edge"
 cells = ["Left"]
@@ -151,7 +152,7 @@ def test_values_arrive_in_micrometres_microseconds_and_pascals(written: Callable
     text = SOUND.replace('"auto"', '"1.2 ns"') + '[body_force]\nacceleration = ["0 m/s^2", "-9.81 m/s^2"]\n'
     case = load(written(text))
     assert case.time.step == pytest.approx(1.2e-3, rel=1e-15)
-    assert case.substrate.range == 0.01 and case.materials["gel"].viscosity == 1000.0
+    assert case.substrate.equilibrium_distance == 0.01 and case.materials["gel"].viscosity == 1000.0
     assert case.body_force == (0.0, pytest.approx(-9.81e-6, rel=1e-15))  # µm/µs²
 
 
@@ -371,7 +372,8 @@ BROKEN = [  # what is replaced, by what, part of the message
     ("viscosity = \"1 mPa s\"", "", "materials.gel.viscosity: missing: shear viscosity"),
     ("viscosity = \"1 mPa s\"", "viscosity = \"1 mPa\"", "viscosity: '1 mPa' has the wrong dimension"),
     ("2.2 GPa", "2.2 MPa", "materials.gel.reduced_bulk_modulus: 5000000 Pa is above bulk_modulus = 2200000 Pa"),
-    ("range = \"10 nm\"", "range = \"2 um\"", "adhesion.substrate.range: 2 um is above cutoff = 1 um"),
+    ("equilibrium_distance = \"10 nm\"", "equilibrium_distance = \"2 um\"",
+     "adhesion.substrate.equilibrium_distance: 2 um is above cutoff = 1 um"),
     ("law = \"seifert\"", "law = \"siefert\"", "no adhesion law 'siefert'; did you mean 'seifert'?"),
     ("C1 =", "c1 =", "materials.core.c1: no such key; did you mean 'C1'?"),
     ("name = \"Right\"", "name = \"Left\"", "cells.1.name: two cells are called 'Left': this one and cells.0"),
@@ -429,6 +431,46 @@ def test_a_mistake_in_a_list_of_tables_is_told_with_the_name_of_the_table(writte
     with pytest.raises(CaseError) as error:
         load(written(SOUND), (sets,))
     assert f"'{name}'" in str(error.value).splitlines()[-1]
+
+
+OUTSIDE = """
+[[supports]]
+name = "hold"
+load_curve = { law = "ramp", duration = "1 us" }
+[[loads]]
+name = "blow"
+pressure = "1 Pa"
+load_curve = { law = "constant" }
+[[plates]]
+name = "floor"
+point = ["0 um", "-1 um"]
+normal = [0, 1]
+load_curve = { law = "constant" }
+"""
+CLASSES = [*(cls for kind in registry.kinds() for cls in registry.laws(kind).values()), Support, Load, Plate]
+RENAMED = [(cls, name, f.metadata["formerly"]) for cls in CLASSES for name, f in declared(cls).items()
+           if f.metadata.get("formerly")]
+
+
+@pytest.mark.parametrize(("cls", "new", "old"), RENAMED, ids=lambda part: part if isinstance(part, str) else "")
+def test_a_former_key_is_told_with_the_present_one_and_its_line(written: Callable[..., Path], cls: type, new: str,
+                                                                old: str) -> None:
+    assert new in declared(cls) and old not in declared(cls)
+    text = SOUND + 'protrusion_ratio = 0.06\ncorrelation_length = "0.4 um"\n' + OUTSIDE
+    text = text.replace("[numerics]\nbulk_viscosity = 0.2\nprotrusion_ratio", "protrusion_ratio")
+    text = text.replace('"170 kPa"\n', '"170 kPa"\nhourglass_modulus = 0.5\n')
+    lines = [number for number, line in enumerate(text.split("\n"), 1) if line.startswith(f"{new} = ")]
+    told = messages(written(text.replace(f"\n{new} = ", f"\n{old} = ")))
+    assert [message.split(": ")[0] for message in told] == [f"case.toml:{line}" for line in lines] != []
+    assert all(f".{old}: is called '{new}' now" in message for message in told)
+
+
+def test_a_former_key_in_an_option_or_a_change_is_told_with_the_present_one(written: Callable[..., Path]) -> None:
+    option = 'adhesion.substrate.bonds="1 /um^2"'
+    told = "adhesion.substrate.bonds: is called 'bond_density' now"
+    assert messages(written(SOUND), (option,)) == [f"--set {option}: {told}"]
+    with pytest.raises(CaseError, match=f"change: {told}"):
+        change(load(written(SOUND)), {"adhesion.substrate.bonds": "1 /um^2"})
 
 
 @pytest.mark.parametrize("text, part", [

@@ -363,7 +363,7 @@ def test_a_cell_from_a_file_attaches_spreads_and_crawls_if_it_protrudes(name: st
             start = sim.sample()[0][1]
             sim.go(40.0)
             (_, cell), ledger = sim.sample()
-            assert ledger["closure"] < 0.01  # measured 0.0034
+            assert ledger["energy_error"] < 0.01  # measured 0.0034
             return cell["substrate_contact_um"] - start["substrate_contact_um"], cell["ux_um"]
 
     contact, way = after()

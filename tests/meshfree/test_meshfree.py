@@ -145,7 +145,7 @@ def test_gradient_of_a_smooth_field_converges_with_the_second_order(dilation: fl
 
 @pytest.mark.parametrize("name", ["one_cell", "nucleus"])
 def test_divergence_is_the_adjoint_of_the_gradient(name: str) -> None:
-    with built(case(name, "materials.nucleus.stiffening=0.0")) as sim:
+    with built(case(name, "materials.nucleus.hourglass_modulus=0.0")) as sim:
         X, m, scene = sim.scene.X, sim.mechanics, sim.scene
         put(sim, u=smooth(X, 1, 0.05 * np.ptp(X)), v=np.zeros_like(X))
         f = forces(sim)

@@ -184,7 +184,7 @@ def test_active_stress_pulls_along_the_director(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def nucleus() -> Any:
-    return laws("material")["mooney-rivlin"](C1=2126.0, C2=170.0, lame=170e3)
+    return laws("material")["mooney-rivlin"](C1=2126.0, C2=170.0, volumetric_modulus=170e3)
 
 
 @pytest.mark.parametrize("shear", [-1.0, 0.01, 0.4, 2.0])
@@ -206,7 +206,7 @@ def test_nucleus_in_dilation_has_the_exact_pressure(nucleus: Any, J: float) -> N
     # Dilation within the plane is no dilation in space: to -4 λ ln J/J come the traces of the two shape terms.
     I1, I2 = 2 * J + 1, J**2 + 2 * J
     shape = 2 / (3 * J) * (nucleus.C1 * (I1 - 3 * J ** (2 / 3)) + 2 * nucleus.C2 * (I2 - 3 * J ** (4 / 3)))
-    assert mean - shape == pytest.approx(4 * nucleus.lame * np.log(J) / J, rel=1e-12)
+    assert mean - shape == pytest.approx(4 * nucleus.volumetric_modulus * np.log(J) / J, rel=1e-12)
 
 
 @pytest.mark.parametrize(("stretch", "exact"), [(0.5, -33047.494), (1.5, 5517.176), (2.0, 8604.150)])
@@ -226,30 +226,31 @@ def test_nucleus_stretched_in_plane_strain_carries_the_exact_force(nucleus: Any,
 def test_slope_is_the_derivative_of_the_potential(name: str) -> None:
     law = example("adhesion", name)
     r = distances(law)
-    assert_close(slope(law.potential, r, 2e-5 * law.range), law.slope(r), 1e-10)  # measured 1.2e-11
+    assert_close(slope(law.potential, r, 2e-5 * law.equilibrium_distance), law.slope(r), 1e-10)  # measured 1.2e-11
 
 
 @pytest.mark.parametrize("name", ADHESIONS)
 def test_potential_is_the_derivative_of_the_primitive(name: str) -> None:
     law = example("adhesion", name)
     r = distances(law)
-    assert_close(slope(law.primitive, r, 2e-5 * law.range), law.potential(r), 1e-10)  # measured 9e-12
+    assert_close(slope(law.primitive, r, 2e-5 * law.equilibrium_distance), law.potential(r), 1e-10)  # measured 9e-12
 
 
 @pytest.mark.parametrize("name", ADHESIONS)
 def test_potential_is_twice_differentiable_at_the_cap_and_once_at_the_cutoff(name: str) -> None:
     law = example("adhesion", name)
-    h = 1e-7 * law.range
-    scale = law.energy
-    for function, at, unit in ((law.potential, law.cap, 1.0), (law.slope, law.cap, 1 / law.range),
-                               (law.potential, law.cutoff, 1.0), (law.slope, law.cutoff, 1 / law.range),
-                               (law.primitive, law.cap, law.range), (law.primitive, law.cutoff, law.range)):
+    eps = law.equilibrium_distance
+    h = 1e-7 * eps
+    scale = law.well_depth
+    for function, at, unit in ((law.potential, law.cap, 1.0), (law.slope, law.cap, 1 / eps),
+                               (law.potential, law.cutoff, 1.0), (law.slope, law.cutoff, 1 / eps),
+                               (law.primitive, law.cap, eps), (law.primitive, law.cutoff, eps)):
         step = abs(function(at + h) - function(at - h))
         assert step <= 2e-5 * scale * unit  # measured 1.1e-5: curvature 47 σ/ε² times 2 h
-    steps = -1e-4 * law.range, 1e-4 * law.range
+    steps = -1e-4 * eps, 1e-4 * eps
     second = [(law.slope(law.cap + s) - law.slope(law.cap)) / s for s in steps]
     assert second[0] == pytest.approx(second[1], rel=1e-3)  # measured 6e-4, a third derivative times the step
-    assert second[0] == pytest.approx(law.stiffness(0.0) / law.bonds, rel=1e-3)
+    assert second[0] == pytest.approx(law.stiffness(0.0) / law.bond_density, rel=1e-3)
     beyond = np.array([law.cutoff, 1.01 * law.cutoff, 1e3])
     assert not law.potential(beyond).any() and not law.slope(beyond).any() and not law.primitive(beyond).any()
 
@@ -257,57 +258,60 @@ def test_potential_is_twice_differentiable_at_the_cap_and_once_at_the_cutoff(nam
 @pytest.mark.parametrize("name", ADHESIONS)
 def test_stiffness_is_the_largest_curvature(name: str) -> None:
     law = example("adhesion", name)
+    eps = law.equilibrium_distance
     r = distances(law)
-    curvature = slope(law.slope, r, 2e-5 * law.range)
-    assert curvature.max() * law.bonds == pytest.approx(law.stiffness(0.0), rel=1e-6)
-    for least in (0.85 * law.range, law.range, 1.1 * law.range):  # of a contact whose gaps are all at least this
-        assert curvature[r >= least].max() * law.bonds <= law.stiffness(least) * (1 + 1e-9)
-        assert slope(law.slope, np.array([least]), 2e-5 * law.range)[0] * law.bonds == pytest.approx(
+    curvature = slope(law.slope, r, 2e-5 * eps)
+    assert curvature.max() * law.bond_density == pytest.approx(law.stiffness(0.0), rel=1e-6)
+    for least in (0.85 * eps, eps, 1.1 * eps):  # of a contact whose gaps are all at least this
+        assert curvature[r >= least].max() * law.bond_density <= law.stiffness(least) * (1 + 1e-9)
+        assert slope(law.slope, np.array([least]), 2e-5 * eps)[0] * law.bond_density == pytest.approx(
             law.stiffness(least), rel=1e-6)
 
 
 @pytest.mark.parametrize("attraction", [0.0, 0.3])
 def test_repulsion_without_all_of_the_attraction_has_a_potential(attraction: float) -> None:
     law = dataclasses.replace(example("adhesion", "seifert"), attraction=attraction)
+    eps = law.equilibrium_distance
     r = distances(law)
-    r = r[np.abs(r - law.range) > 1e-4 * law.range]
-    assert_close(slope(law.potential, r, 2e-5 * law.range), law.slope(r), 1e-10)  # measured 1.3e-11
-    assert_close(slope(law.primitive, r, 2e-5 * law.range), law.potential(r), 1e-10)  # measured 1e-11
-    h = 1e-7 * law.range
-    for function, unit in ((law.potential, 1.0), (law.slope, 1 / law.range), (law.primitive, law.range)):
-        assert abs(function(law.range + h) - function(law.range - h)) <= 2e-5 * law.energy * unit
-    assert law.potential(law.range) == pytest.approx(-attraction * law.energy, rel=2.4e-3, abs=1e-18)
-    assert (law.slope(r[r < 0.999 * law.range]) < 0.0).all()
-    assert attraction or not law.slope(r[r > law.range]).any()
+    r = r[np.abs(r - eps) > 1e-4 * eps]
+    assert_close(slope(law.potential, r, 2e-5 * eps), law.slope(r), 1e-10)  # measured 1.3e-11
+    assert_close(slope(law.primitive, r, 2e-5 * eps), law.potential(r), 1e-10)  # measured 1e-11
+    h = 1e-7 * eps
+    for function, unit in ((law.potential, 1.0), (law.slope, 1 / eps), (law.primitive, eps)):
+        assert abs(function(eps + h) - function(eps - h)) <= 2e-5 * law.well_depth * unit
+    assert law.potential(eps) == pytest.approx(-attraction * law.well_depth, rel=2.4e-3, abs=1e-18)
+    assert (law.slope(r[r < 0.999 * eps]) < 0.0).all()
+    assert attraction or not law.slope(r[r > eps]).any()
 
 
 @pytest.mark.parametrize("bonds", [0.0, 10.0, 5000.0])
 def test_bodies_repel_each_other_however_few_bonds_they_have(bonds: float) -> None:
-    law = dataclasses.replace(example("adhesion", "seifert"), bonds=bonds)
+    law = dataclasses.replace(example("adhesion", "seifert"), bond_density=bonds)
     solid = law.solid
     assert solid.work == pytest.approx(law.work, rel=1e-14)
-    assert solid.bonds * solid.energy >= 24.0  # pN/µm
-    r = np.linspace(1.0, 5.0) * law.range
-    pull, scale = solid.bonds * solid.slope(r), 240.0 / law.range
+    assert solid.bond_density * solid.well_depth >= 24.0  # pN/µm
+    r = np.linspace(1.0, 5.0) * law.equilibrium_distance
+    pull, scale = solid.bond_density * solid.slope(r), 240.0 / law.equilibrium_distance
     assert np.abs(pull - bonds * law.slope(r)).max() < 1e-14 * scale  # measured 1e-17
 
 
 def test_seifert_well_has_its_depth_at_the_equilibrium_distance() -> None:
     law = example("adhesion", "seifert")
-    least = brentq(law.slope, 0.9 * law.range, 1.2 * law.range, xtol=1e-18, rtol=1e-14)
+    eps = law.equilibrium_distance
+    least = brentq(law.slope, 0.9 * eps, 1.2 * eps, xtol=1e-18, rtol=1e-14)
     # lowering the potential to zero with zero slope at 0.5 µm shifts the minimum by cut slope/(8 σ/ε²) = 4e-6 ε …
-    assert least == pytest.approx(law.range, rel=5e-6)
+    assert least == pytest.approx(eps, rel=5e-6)
     # … and takes 0.237 % of the depth; without the cutoff it is σ
-    assert law.potential(law.range) == pytest.approx(-law.energy, rel=2.4e-3)
-    assert law.pair(law.range) == pytest.approx(-law.energy, rel=1e-15)
-    assert law.pair_slope(law.range) == 0.0
+    assert law.potential(eps) == pytest.approx(-law.well_depth, rel=2.4e-3)
+    assert law.pair(eps) == pytest.approx(-law.well_depth, rel=1e-15)
+    assert law.pair_slope(eps) == 0.0
 
 
 def test_seifert_pulls_hardest_where_the_paper_says() -> None:
     law = example("adhesion", "seifert")
-    r = np.linspace(1.0, 2.0, 20001) * law.range
-    traction = law.bonds * law.pair_slope(r)
-    assert r[np.argmax(traction)] / law.range == pytest.approx((5 / 3) ** 0.5, abs=1e-4)  # 1.291
+    r = np.linspace(1.0, 2.0, 20001) * law.equilibrium_distance
+    traction = law.bond_density * law.pair_slope(r)
+    assert r[np.argmax(traction)] / law.equilibrium_distance == pytest.approx((5 / 3) ** 0.5, abs=1e-4)  # 1.291
     assert traction.max() * 1e-3 == pytest.approx(17.85, abs=0.01)  # kPa
 
 

@@ -117,7 +117,7 @@ ledger = Ledger(Path({directory!r}), alone)
 print("begun", flush=True)
 for step in range(10**9):
     frames.write(step, step, {{"id": np.arange(200), "X": np.ones((200, 2)), "u": np.full((200, 2), float(step))}})
-    ledger.write(step / 3, {{"kinetic": step / 7, "closure": 1e-9}})
+    ledger.write(step / 3, {{"kinetic_pn": step / 7, "energy_error": 1e-9}})
 """
 
 
@@ -142,7 +142,7 @@ def test_every_frame_opens_in_meshio_after_the_writer_was_killed(shared_tmp, out
     assert all((frame.read()["u"][:, :2] == frame.time).all() for frame in frames(mine))
     assert (mine / "ledger.csv").read_bytes().endswith(b"\n")
     table = read_table(mine / "ledger.csv")
-    assert np.array_equal(table["kinetic"], np.arange(len(table["kinetic"])) / 7)
+    assert np.array_equal(table["kinetic_pn"], np.arange(len(table["kinetic_pn"])) / 7)
 
 
 def test_tables_have_the_columns_of_the_contract_and_read_back_the_same_bits(shared_tmp):
@@ -156,14 +156,14 @@ def test_tables_have_the_columns_of_the_contract_and_read_back_the_same_bits(sha
     assert table["cell"].dtype == np.int64 and table["cell"].tolist() == [0, 1] * 20
     assert np.array_equal(table["ux_um"][::2], numbers) and np.array_equal(table["ux_um"][1::2], -numbers)
     assert np.isnan(table["area_um2"]).all()
-    assert np.array_equal(read_table(shared_tmp / "ledger.csv")["closure"], numbers / 3)
+    assert np.array_equal(read_table(shared_tmp / "ledger.csv")["energy_error"], numbers / 3)
 
 
 def test_only_rank_0_needs_to_know_the_numbers_of_a_table(shared_tmp):
     ledger, history = Ledger(shared_tmp, COMM), History(shared_tmp, COMM)
-    ledger.write(1.0, {"kinetic": 2.0} if COMM.rank == 0 else None)
+    ledger.write(1.0, {"kinetic_pn": 2.0} if COMM.rank == 0 else None)
     history.write(1.0, [{"ux_um": 2.0}] if COMM.rank == 0 else None)
-    assert read_table(shared_tmp / "ledger.csv")["kinetic"].tolist() == [2.0]
+    assert read_table(shared_tmp / "ledger.csv")["kinetic_pn"].tolist() == [2.0]
     assert read_table(shared_tmp / "history.csv")["ux_um"].tolist() == [2.0]
 
 
@@ -297,20 +297,26 @@ def test_a_full_disk_cuts_no_line_of_a_table(shared_tmp):
     ledger = Ledger(shared_tmp, COMM)
     with full_disk_on_the_last_rank(), pytest.raises(OutputError, match=r"cannot write .*ledger\.csv"):
         for step in range(1000):
-            ledger.write(step / 7, {"kinetic": step / 3})
+            ledger.write(step / 7, {"kinetic_pn": step / 3})
     text = (shared_tmp / "ledger.csv").read_text()
     assert 1900 < len(text) <= 2000 and text.endswith("\n")
-    assert np.array_equal(read_table(shared_tmp / "ledger.csv")["kinetic"], np.arange(text.count("\n") - 1) / 3)
+    assert np.array_equal(read_table(shared_tmp / "ledger.csv")["kinetic_pn"], np.arange(text.count("\n") - 1) / 3)
+
+
+@pytest.mark.serial
+def test_a_manifest_of_an_older_version_is_read_under_the_new_names(tmp_path):
+    (tmp_path / "manifest.json").write_text('{"worst_closure": 0.002}')
+    assert read_manifest(tmp_path) == {"worst_energy_error": 0.002}
 
 
 def test_a_manifest_is_json_whatever_numpy_and_nan_are_in_it(shared_tmp):
     mine = shared_tmp / str(COMM.rank)
     mine.mkdir()
-    manifest = {"steps": np.int64(7), "dt": np.float64(1.1e-3), "closure": np.nan, "out": mine, "x": np.ones(2)}
+    manifest = {"steps": np.int64(7), "dt": np.float64(1.1e-3), "energy_error": np.nan, "out": mine, "x": np.ones(2)}
     write_manifest(mine, manifest)
     text = (mine / "manifest.json").read_text()
     assert json.loads(text, parse_constant=pytest.fail) == read_manifest(mine)
-    assert read_manifest(mine) == {"steps": 7, "dt": 1.1e-3, "closure": None, "out": str(mine), "x": [1.0, 1.0]}
+    assert read_manifest(mine) == {"steps": 7, "dt": 1.1e-3, "energy_error": None, "out": str(mine), "x": [1.0, 1.0]}
     assert [file.name for file in mine.iterdir()] == ["manifest.json"]
 
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from cellmig.output.fields import FIELDS
 from cellmig.output.interval import spread
-from cellmig.output.tables import History, read_table
+from cellmig.output.tables import LEDGER, History, read_table
 from cellmig.parallel.reduce import exact_sum
 from cellmig.simulation import Simulation
 
@@ -141,7 +141,7 @@ def test_the_fields_of_a_frame_are_those_declared_whose_terms_the_scene_has() ->
 def test_the_friction_of_the_fields_takes_what_the_ledger_loses_to_it() -> None:
     with built(case("all_protrude", DRAG, FAST, per_cell=100)) as sim:
         before = sim.sample()[1]
-        assert before["friction_loss"] == 0.0
+        assert before["friction_loss_pn"] == 0.0
         sim.go(0.1)
         m = sim.mechanics
         after = sim.sample()[1]
@@ -150,7 +150,7 @@ def test_the_friction_of_the_fields_takes_what_the_ledger_loses_to_it() -> None:
         power, rate = (exact_sum(sim.comm, values) for values in (-(drag * m.state.owned[:, 2:]).sum(axis=1),
                                                                   m.powers()["friction_loss"]))
         assert float(power) == pytest.approx(float(rate), rel=1e-12) and rate > 50.0
-        assert after["friction_loss"] > 10.0
+        assert after["friction_loss_pn"] > 10.0
         assert np.array_equal(m.surface_force("friction")[0], drag)  # looking changes nothing
 
 
@@ -182,4 +182,8 @@ def test_a_ledger_of_an_older_version_is_read_under_the_new_names(tmp_path) -> N
         "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,protrusion_work,viscous_loss,"
         "numerical_loss,closure\n0.0,1.0,0.0,0.0,0.0,0.0,0.0,5.0,2.0,3.0,0.0\n")
     found = read_table(tmp_path / "ledger.csv")
-    assert found["external_work"].tolist() == [5.0] and "protrusion_work" not in found
+    assert tuple(found) == tuple(name for name in LEDGER if name != "friction_loss_pn")
+    assert [found[f"{name}_pn"].tolist() for name in ("external_work", "artificial_dissipation")] == [[5.0], [3.0]]
+    for old, new in (("protrusion_work", "external_work_pn"), ("closure", "energy_error"), ("kinetic", "kinetic_pn")):
+        with pytest.raises(KeyError, match=f"'{old}' is called '{new}' now"):
+            found[old]

@@ -131,19 +131,20 @@ def test_every_claim_has_its_runs_and_every_run_is_a_case_that_loads(tmp_path):
     base = cases["all_protrude", 2019]
     assert len(jobs) == 2 * len(CONFIGURATIONS) == len({job.directory for job in jobs.values()})
     assert base.particles.per_cell == 1485 and base.time.frames == 100
-    assert cases["adhesion_x4", 2020].contact.energy == pytest.approx(4 * base.contact.energy)
-    assert cases["protrusion_x0.5", 2020].protrusion.strength == pytest.approx(0.5 * base.protrusion.strength)
+    ratio = base.protrusion.protrusion_ratio
+    assert cases["adhesion_x4", 2020].contact.well_depth == pytest.approx(4 * base.contact.well_depth)
+    assert cases["protrusion_x0.5", 2020].protrusion.protrusion_ratio == pytest.approx(0.5 * ratio)
     assert cases["adhesion_x4", 2020].seed == 2020 and cases["alone", 2019].protrusion.cells == ("Cell-1",)
 
 
 def test_what_is_set_is_set_in_every_run_and_the_strengths_are_multiples_of_it(tmp_path):
-    given = ('cortex.line_tension="20 pN/um"', "protrusion.strength=0.2", "particles.per_cell=200", "seed=7")
+    given = ('cortex.line_tension="20 pN/um"', "protrusion.protrusion_ratio=0.2", "particles.per_cell=200", "seed=7")
     cases = {key: job.load() for key, job in plan(tmp_path, 1, quick=True, given=given).items()}
     assert {case.particles.per_cell for case in cases.values()} == {200}  # before that of the quick version
     assert {case.cortex.line_tension for case in cases.values()} == {20.0}
     assert {seed for _, seed in cases} == {7}
-    assert cases["protrusion_x2", 7].protrusion.strength == pytest.approx(0.4)
-    assert cases["adhesion_x2", 7].protrusion.strength == pytest.approx(0.2)
+    assert cases["protrusion_x2", 7].protrusion.protrusion_ratio == pytest.approx(0.4)
+    assert cases["adhesion_x2", 7].protrusion.protrusion_ratio == pytest.approx(0.2)
 
 
 def test_runs_with_something_set_are_kept_apart_by_its_name(monkeypatch):
@@ -175,10 +176,10 @@ def test_a_request_to_stop_ends_what_runs(tmp_path):
 
 
 def test_a_run_whose_energy_does_not_add_up_does_not_count(tmp_path):
-    jobs = [Job(str(closure), FOLDER / "nucleus.toml", (), tmp_path / str(closure)) for closure in (1e-3, 0.2)]
+    jobs = [Job(str(error), FOLDER / "nucleus.toml", (), tmp_path / str(error)) for error in (1e-3, 0.2)]
     for job in jobs:
         job.directory.mkdir()
-        (job.directory / "manifest.json").write_text(f'{{"worst_closure": {job.name}}}')
+        (job.directory / "manifest.json").write_text(f'{{"worst_energy_error": {job.name}}}')
     assert list(unsound(jobs)) == jobs[1:]
 
 

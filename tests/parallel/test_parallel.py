@@ -237,7 +237,7 @@ RUNS: dict[str, Callable[[], Case]] = {
     "three cells": lambda: case("all_protrude"),
     "two cells": lambda: case("paper", "cells.0.repeat=[2]", 'protrusion.cells=["Cell-2"]', per_cell=93),
     "nucleus": lambda: case("nucleus", per_cell=151),
-    "not stiffened": lambda: case("nucleus", "materials.nucleus.stiffening=0.0"),
+    "not stiffened": lambda: case("nucleus", "materials.nucleus.hourglass_modulus=0.0"),
     "relaxing director": lambda: case("director_radial"),
     "frozen director": lambda: case("one_cell", 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',
                                     'director.start="radial"'),

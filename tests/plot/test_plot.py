@@ -71,7 +71,7 @@ def leave_a_run(directory: Path, comm=COMM, kick: float = 0.0, samples: int = 21
         writer.write(time, step, {name: values[mine] for name, values in fields.items()})
         contacts = {"substrate_contact_um": 3 + time / 100, "cell_contact_um": time / 200}
         history.write(time, [{"ux_um": cell + time / 50, **contacts} for cell in range(4)])
-        ledger.write(time, {"elastic": time, "viscous_loss": -0.99 * time, "closure": 1e-4 * step})
+        ledger.write(time, {"elastic_pn": time, "viscous_loss_pn": -0.99 * time, "energy_error": 1e-4 * step})
     comm.barrier()
     return directory
 

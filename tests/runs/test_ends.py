@@ -80,7 +80,7 @@ def test_a_run_that_is_done_goes_on_to_a_later_end_with_the_bits_of_one_that_had
     for name in TABLES:
         assert (tmp_path / "run" / name).read_bytes() == (made / "long" / name).read_bytes()
     a, b = read_manifest(tmp_path / "run"), read_manifest(made / "long")
-    assert [a[key] == b[key] for key in ("state_hash", "steps", "end_us", "frames", "worst_closure")] == [True] * 5
+    assert [a[key] == b[key] for key in ("state_hash", "steps", "end_us", "frames", "worst_energy_error")] == [True] * 5
     assert [(entry["time_us"], entry["until_us"]) for entry in a["resumed"]] == [(1.0, 2.0)]
     assert a["run_id"] != b["run_id"] and a["exit_status"] == 0
 
@@ -107,7 +107,7 @@ def test_a_run_that_was_stopped_gets_another_end_but_none_before_where_it_is(cel
 def test_another_case_starts_at_zero_with_the_last_state_of_a_run(cellmig, made, tmp_path, ranks):
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
     words = (*CASE, "--from", made / "short", "--out", tmp_path / "run", "--set", "seed=4",
-             "--set", "adhesion.cells.bonds=500 /um^2")
+             "--set", "adhesion.cells.bond_density=500 /um^2")
     cellmig(ranks, *words)
     assert before == {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
     parent, child = read_manifest(made / "short"), read_manifest(tmp_path / "run")
@@ -119,8 +119,8 @@ def test_another_case_starts_at_zero_with_the_last_state_of_a_run(cellmig, made,
         assert np.array_equal(last.read()[name], first.read()[name]), name
     ledger, old = read_table(tmp_path / "run/ledger.csv"), read_table(made / "short/ledger.csv")
     assert ledger["time_us"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
-    assert ledger["viscous_loss"][0] == 0.0 < old["viscous_loss"][-1]
-    assert child["worst_closure"] < 1e-3  # measured 5e-9: the ledger counts from the state that it began with
+    assert ledger["viscous_loss_pn"][0] == 0.0 < old["viscous_loss_pn"][-1]
+    assert child["worst_energy_error"] < 1e-3  # measured 5e-9: the ledger counts from the state that it began with
 
 
 def test_a_case_that_started_from_a_run_goes_on_like_any_other(cellmig, made, tmp_path):

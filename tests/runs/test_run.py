@@ -79,7 +79,7 @@ def refused(ended: Ended, code: int, *parts: str) -> None:
 def test_a_run_has_the_same_bits_on_1_to_4_ranks_and_without_pruning(runs):
     hashes = {name: read_manifest(run)["state_hash"] for name, run in runs.items()}
     assert len(set(hashes.values())) == 1 and len(hashes[1]) == 64, hashes
-    assert len({read_manifest(run)["worst_closure"] for name, run in runs.items() if name != "whole"}) == 1
+    assert len({read_manifest(run)["worst_energy_error"] for name, run in runs.items() if name != "whole"}) == 1
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3, 4])
@@ -93,8 +93,8 @@ def test_a_run_leaves_the_files_of_the_contract(runs, ranks):
         "time_us,cell,x_um,y_um,ux_um,uy_um,substrate_contact_um,cell_contact_um,area_um2,perimeter_um,"
         "effective_stress_pa,sigma11_lower_centre_pa,vx_um_per_us,vy_um_per_us,speed_um_per_us,name")
     assert (run / "ledger.csv").read_text().splitlines()[0] == (
-        "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,external_work,viscous_loss,"
-        "friction_loss,numerical_loss,closure")
+        "time_us,kinetic_pn,elastic_pn,compression_pn,director_pn,adhesion_substrate_pn,adhesion_cells_pn,"
+        "external_work_pn,viscous_loss_pn,friction_loss_pn,artificial_dissipation_pn,energy_error")
 
 
 def test_the_tables_have_a_row_for_every_sample_and_cell_and_the_ledger_closes(runs):
@@ -107,8 +107,8 @@ def test_the_tables_have_a_row_for_every_sample_and_cell_and_the_ledger_closes(r
     assert all(np.isfinite(history[name]).all() for name in HISTORY)
     assert all(np.isfinite(column).all() for column in ledger.values())
     assert np.allclose(history["area_um2"][1:4], np.pi * 25, rtol=0.02)
-    assert ledger["closure"].max() < 0.01
-    assert ledger["kinetic"][1] > 0 > ledger["external_work"][1] - abs(ledger["adhesion_substrate"][1])
+    assert ledger["energy_error"].max() < 0.01
+    assert ledger["kinetic_pn"][1] > 0 > ledger["external_work_pn"][1] - abs(ledger["adhesion_substrate_pn"][1])
 
 
 def test_a_frame_has_all_fields_of_every_particle_on_some_rank(runs):
@@ -147,7 +147,7 @@ def test_the_manifest_tells_what_the_run_was_and_did(runs):
     assert manifest["dt_set_by"] in manifest["steps_by_mechanism"]
     assert manifest["wall_seconds"] > 0 and manifest["ns_per_particle_step"] > 0
     assert "active stress (zeta)" in manifest["skipped"] and manifest["unused_options"] == []
-    assert manifest.keys() >= {"cellmig", "petsc", "mpi", "python", "numpy", "state_hash", "worst_closure"}
+    assert manifest.keys() >= {"cellmig", "petsc", "mpi", "python", "numpy", "state_hash", "worst_energy_error"}
 
 
 def test_a_second_run_moves_the_first_aside(nucleus, alone):
@@ -394,7 +394,7 @@ def test_a_signal_ends_a_run_within_seconds_and_leaves_its_files_whole(outside_m
     assert asked_to_stop([sys.executable], PAPER, run, number, outside_mpi, rows=3) == 75
     manifest, ledger = read_manifest(run), read_table(run / "ledger.csv")
     assert (manifest["exit_status"], manifest["cause"]) == (75, "asked to stop")
-    assert ledger["time_us"][-1] == manifest["time_us"] < 400 and np.isfinite(ledger["closure"]).all()
+    assert ledger["time_us"][-1] == manifest["time_us"] < 400 and np.isfinite(ledger["energy_error"]).all()
     assert frames(run)[-1].time == manifest["time_us"] and len(frames(run)[-1].read()["id"]) == PARTICLES
 
 

@@ -56,15 +56,21 @@ def test_a_key_that_is_varied_twice_is_a_wrong_call():
 
 
 def test_a_value_that_does_not_suit_is_told_with_its_option_before_anything_runs(tmp_path):
-    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2", "1 um", "-1 /um^2"], "seed": [1, 2]}, tmp_path / "out",
-                 ("particles.per_cel=60",))
+    vary = {"adhesion.substrate.bond_density": ["1 /um^2", "1 um", "-1 /um^2"], "seed": [1, 2]}
+    plan = Sweep(ONE, vary, tmp_path / "out", ("particles.per_cel=60",))
     with pytest.raises(CaseError) as error:
         sweep(plan)
     said = [str(mistake).split(": ")[:2] for mistake in error.value.mistakes]
     assert sorted(said) == [["--set particles.per_cel=60", "particles.per_cel"],
-                            ['--vary adhesion.substrate.bonds="-1 /um^2"', "adhesion.substrate.bonds"],
-                            ['--vary adhesion.substrate.bonds="1 um"', "adhesion.substrate.bonds"]]
+                            ['--vary adhesion.substrate.bond_density="-1 /um^2"', "adhesion.substrate.bond_density"],
+                            ['--vary adhesion.substrate.bond_density="1 um"', "adhesion.substrate.bond_density"]]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_former_key_that_is_varied_is_told_with_the_present_one(tmp_path):
+    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["1 /um^2"]}, tmp_path / "out")
+    with pytest.raises(CaseError, match=r"--vary .*: adhesion.substrate.bonds: is called 'bond_density' now"):
+        sweep(plan)
 
 
 def test_a_column_that_a_run_will_not_have_is_refused_before_anything_runs(tmp_path):
@@ -76,7 +82,7 @@ def test_a_column_that_a_run_will_not_have_is_refused_before_anything_runs(tmp_p
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A sweep of two values and two seeds, done."""
-    plan = Sweep(ONE, {"adhesion.substrate.bonds": ["4000 /um^2", "8000 /um^2"], "seed": [1, 2]},
+    plan = Sweep(ONE, {"adhesion.substrate.bond_density": ["4000 /um^2", "8000 /um^2"], "seed": [1, 2]},
                  tmp_path_factory.mktemp("sweep"), COARSE)
     assert sweep(plan, at_once=2) == 0
     return plan
@@ -90,7 +96,7 @@ def table(out: Path) -> list[dict[str, str]]:
 def test_the_table_has_a_row_for_each_run_and_cell(done):
     rows = table(done.out)
     assert len(rows) == 2 * 2 * 2
-    assert {row["adhesion.substrate.bonds [/um^2]"] for row in rows} == {"4000.0", "8000.0"}
+    assert {row["adhesion.substrate.bond_density [/um^2]"] for row in rows} == {"4000.0", "8000.0"}
     assert {(row["seed"], row["cell"], row["time_us"], row["exit_status"]) for row in rows} == {
         (seed, cell, "1.0", "0") for seed in "12" for cell in "01"}
     assert (Path(rows[0]["directory"]) / "history.csv").exists()
@@ -193,7 +199,7 @@ def test_the_array_for_slurm_has_a_task_for_each_run_with_its_words_whole(done, 
                           text=True, capture_output=True)
     words = told.stdout.splitlines()
     assert told.returncode == 75 and words[-1] == "requeue 7_3"
-    assert 'adhesion.substrate.bonds="8000 /um^2"' in words and "seed=1" in words and str(ONE) in words
+    assert 'adhesion.substrate.bond_density="8000 /um^2"' in words and "seed=1" in words and str(ONE) in words
     assert words[-3:-1] == ["--resume", "auto"]
 
 

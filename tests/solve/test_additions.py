@@ -82,7 +82,7 @@ def test_friction_drags_bonded_membrane_only_and_only_along_the_substrate(name: 
     drag = slide(0.0, rubbing) - slide(0.0)
     assert (drag[:, 0] <= 0.0).all() and drag[:, 0].min() < 0.0 and np.abs(drag[:, 1]).max() == 0.0
     with built(scene) as sim:  # the lowest particles stand at the bonds' range; neighbours of them are partly bonded
-        share = sim.sample()[1]["adhesion_substrate"] / -scene.substrate.work
+        share = sim.sample()[1]["adhesion_substrate_pn"] / -scene.substrate.work
     # the closed bonds are the energy over the work of adhesion; measured 0
     assert drag[:, 0].sum() == pytest.approx(-law.coefficient * speed * share, rel=1e-12)
     lifted = slide(1.0, rubbing) - slide(1.0)
@@ -91,10 +91,10 @@ def test_friction_drags_bonded_membrane_only_and_only_along_the_substrate(name: 
 
 def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
     def moved(*sets: str) -> tuple[float, float]:
-        with built(case("all_protrude", "protrusion.strength=0.5", *sets, per_cell=150)) as sim:
+        with built(case("all_protrude", "protrusion.protrusion_ratio=0.5", *sets, per_cell=150)) as sim:
             sim.go(6.0)
             history, ledger = sim.sample()
-            return history[0]["ux_um"], ledger["closure"]
+            return history[0]["ux_um"], ledger["energy_error"]
 
     free, rubbing = moved(), moved('friction.coefficient="300 Pa us/um"')
     assert 0.0 < rubbing[0] < 0.95 * free[0]  # measured 0.904
@@ -102,15 +102,15 @@ def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
 
 
 def test_the_work_of_activity_is_in_the_ledger_to_second_order() -> None:
-    def closure(factor: float) -> float:
+    def energy_error(factor: float) -> float:
         active = ("materials.cytoplasm.zeta='1 kPa'", f"time.step_factor={factor}")
         with built(case("one_cell", *active, per_cell=150)) as sim:
             sim.go(3.0)
             ledger = sim.sample()[1]
-            assert ledger["external_work"] > 10.0 * abs(ledger["adhesion_substrate"])
-            return ledger["closure"]
+            assert ledger["external_work_pn"] > 10.0 * abs(ledger["adhesion_substrate_pn"])
+            return ledger["energy_error"]
 
-    coarse, fine = closure(0.8), closure(0.4)
+    coarse, fine = energy_error(0.8), energy_error(0.4)
     assert fine < coarse < 1e-4 and np.log2(coarse / fine) > 1.7
 
 
@@ -134,7 +134,7 @@ def test_a_director_relaxes_stably_in_a_small_cell_beside_a_large_one() -> None:
         assert sim.control.director < 1.0 / (100.0 * least)
         sim.go(0.5)
         assert sim.integrator.mechanism == "director"
-        assert sim.sample()[1]["closure"] < 0.02
+        assert sim.sample()[1]["energy_error"] < 0.02
 
 
 def test_loads_that_the_volumes_do_not_bear_end_a_run_and_are_named() -> None:

@@ -75,14 +75,15 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
         expected = np.zeros((len(y), 3))  # energy and the two forces, by fine quadrature
         for e in np.flatnonzero(np.minimum(*ends) < law.cutoff):
             g1, g2 = ends[0][e], ends[1][e]
-            kinks = sorted({min(max((k - g1) / (g2 - g1), 0.0), 1.0) for k in (law.cap, law.range, 0.05, law.cutoff)})
+            kinks = sorted({min(max((k - g1) / (g2 - g1), 0.0), 1.0)
+                            for k in (law.cap, law.equilibrium_distance, 0.05, law.cutoff)})
             for i, f in enumerate((lambda t, a=g1, b=g2: law.potential(a + t * (b - a)),
                                    lambda t, a=g1, b=g2: -(1 - t) * law.slope(a + t * (b - a)),
                                    lambda t, a=g1, b=g2: -t * law.slope(a + t * (b - a)))):
                 parts = [0.0, *kinks, 1.0]
                 value = sum(quad(f, a, b, epsabs=0, epsrel=1e-11)[0] for a, b in pairwise(parts)
                             if b > a)
-                expected[e, i] = law.bonds * s.length[e] * value
+                expected[e, i] = law.bond_density * s.length[e] * value
         nodal = expected[:, 1].copy()
         np.add.at(nodal, s.after, expected[:, 2])
         f = force(sim, "substrate")[s.ids]
@@ -93,20 +94,21 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
 
 def closed_form(law, R: float, a: float) -> float:
     """Pull on a rigid cylinder at the gap a (attractive > 0): eqs. (4) to (6) along the parabola for the circle."""
-    ratio = law.range**3 * a**-2.5 * gamma(2.5) / gamma(3) - law.range**5 * a**-4.5 * gamma(4.5) / gamma(5)
-    return 4 * law.work / law.range * np.sqrt(2 * np.pi * R) * ratio
+    eps = law.equilibrium_distance
+    ratio = eps**3 * a**-2.5 * gamma(2.5) / gamma(3) - eps**5 * a**-4.5 * gamma(4.5) / gamma(5)
+    return 4 * law.work / eps * np.sqrt(2 * np.pi * R) * ratio
 
 
 def on_the_circle(law, R: float, a: float) -> float:
     """The same pull, integrated along the true circle."""
-    height, split = (lambda t: a + R * (1 - np.cos(t))), np.sqrt(2 * law.range / R)
+    height, split = (lambda t: a + R * (1 - np.cos(t))), np.sqrt(2 * law.equilibrium_distance / R)
     parts = [0.0, 0.2 * split, split, 3 * split, 10 * split, np.pi / 2]
-    pull = (quad(lambda t: law.bonds * law.slope(height(t)) * R, x, y, epsrel=1e-12)[0]
+    pull = (quad(lambda t: law.bond_density * law.slope(height(t)) * R, x, y, epsrel=1e-12)[0]
             for x, y in pairwise(parts) if y > x)
     return 2 * sum(pull)
 
 
-CYLINDER = ('adhesion.substrate.range="0.1 um"', 'adhesion.substrate.cutoff="10 um"')
+CYLINDER = ('adhesion.substrate.equilibrium_distance="0.1 um"', 'adhesion.substrate.cutoff="10 um"')
 
 
 @pytest.mark.parametrize("gap", [0.1, 0.15, 0.25])
@@ -138,14 +140,15 @@ def test_closed_form_is_the_limit_of_a_large_cylinder() -> None:
 def test_rigid_cylinder_rests_where_the_closed_form_says() -> None:
     with built(case("one_cell", *CYLINDER, per_cell=2000)) as sim:
         law = sim.terms.substrate
-        rest = np.sqrt(35 / 48) * law.range
+        eps = law.equilibrium_distance
+        rest = np.sqrt(35 / 48) * eps
 
         def pull(gap: float) -> float:
             put(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
             return -force(sim, "substrate")[:, 1].sum()
 
-        assert closed_form(law, 5.0, rest) == pytest.approx(0.0, abs=1e-12 * closed_form(law, 5.0, law.range))
-        largest = max(pull(gap * law.range) for gap in (1.1, 1.3, 1.5))
+        assert closed_form(law, 5.0, rest) == pytest.approx(0.0, abs=1e-12 * closed_form(law, 5.0, eps))
+        largest = max(pull(gap * eps) for gap in (1.1, 1.3, 1.5))
         assert abs(pull(rest)) < 0.1 * largest  # measured 0.076: polygon for circle, of the second order, too
         assert pull(0.95 * rest) < 0.0 < pull(1.05 * rest)
 

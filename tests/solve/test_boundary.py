@@ -17,13 +17,13 @@ from cellmig.meshfree import formulas
 from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 
-HISTORIES = {"constant": {}, "ramp": {"duration": "1 us"}, "smooth": {"duration": "1 us"}, "sine": {"period": "2 us"}}
+LOAD_CURVES = {"constant": {}, "ramp": {"duration": "1 us"}, "smooth": {"duration": "1 us"}, "sine": {"period": "2 us"}}
 CENTRE = np.array([3.0, 1.0])
 
 
-def history(name: str) -> dict[str, str]:
+def load_curve(name: str) -> dict[str, str]:
     """The table of a time law, in a case."""
-    return {"law": name, **HISTORIES[name]}
+    return {"law": name, **LOAD_CURVES[name]}
 
 
 def state(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
@@ -40,27 +40,28 @@ def near(sim: Simulation, box: list) -> np.ndarray:
     return on[((x[on] >= low - 1e-9) & (x[on] <= high + 1e-9)).all(axis=1)]
 
 
-# ------------------------------------------------------------------------------------------------------- histories
+# ------------------------------------------------------------------------------------------------------- load curves
 
 
-@pytest.mark.parametrize("name", laws("history"))
-def test_rate_and_acceleration_are_the_derivatives_of_a_history(name: str) -> None:
-    law, h = example("history", name), 1e-4
+@pytest.mark.parametrize("name", laws("load_curve"))
+def test_rate_and_acceleration_are_the_derivatives_of_a_load_curve(name: str) -> None:
+    law, h = example("load_curve", name), 1e-4
     t = np.linspace(0.03, 2.97, 61)  # away from where a ramp has its kinks
     assert law.rate(t) == pytest.approx((law.value(t + h) - law.value(t - h)) / (2 * h), abs=1e-6)  # measured 4e-8
     assert law.acceleration(t) == pytest.approx((law.rate(t + h) - law.rate(t - h)) / (2 * h), abs=1e-5)  # 3e-7
 
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk"])
-@pytest.mark.parametrize("name", laws("history"))
-def test_a_support_is_exactly_where_its_history_says(name: str, integrator: str) -> None:
+@pytest.mark.parametrize("name", laws("load_curve"))
+def test_a_support_is_exactly_where_its_load_curve_says(name: str, integrator: str) -> None:
     left = {"name": "left", "box": LEFT}
-    right = {"name": "right", "box": RIGHT, "displacement": ["0.01*x + 0.02*y**2 um", "free"], "history": history(name)}
+    right = {"name": "right", "box": RIGHT, "displacement": ["0.01*x + 0.02*y**2 um", "free"],
+             "load_curve": load_curve(name)}
     with built(piece(supports=[left, right], integrator=integrator, step="2 ns")) as sim:
         sim.go(0.7)
         u, _ = state(sim)
         on, x = near(sim, RIGHT), sim.scene.X - CENTRE
-        factor = sim.terms.histories[-1].value(np.float64(0.7))
+        factor = sim.terms.load_curves[-1].value(np.float64(0.7))
         assert len(on) > 3 and len(near(sim, LEFT)) > 3
         expected = factor * (0.01 * x[on, 0] + 0.02 * x[on, 1] ** 2)
         assert u[on, 0] == pytest.approx(expected, rel=1e-12, abs=1e-15)  # the clock adds up its steps
@@ -73,27 +74,27 @@ def test_a_support_is_exactly_where_its_history_says(name: str, integrator: str)
 
 PULLED = {"supports": [{"name": "left", "box": LEFT},
                        {"name": "right", "box": RIGHT, "displacement": ["0.4 um", "free"],
-                        "history": history("smooth")}]}
+                        "load_curve": load_curve("smooth")}]}
 SHEARED = {"supports": [{"name": "left", "box": LEFT}],
-           "loads": [{"name": "shear", "box": RIGHT, "traction": ["0 Pa", "200 Pa"], "history": history("ramp")}]}
-BLOWN = {"loads": [{"name": "blown", "pressure": "500 Pa", "history": history("sine")}]}
+           "loads": [{"name": "shear", "box": RIGHT, "traction": ["0 Pa", "200 Pa"], "load_curve": load_curve("ramp")}]}
+BLOWN = {"loads": [{"name": "blown", "pressure": "500 Pa", "load_curve": load_curve("sine")}]}
 PRESSED = {"plates": [{"name": "floor", "point": ["0 um", "-0.02 um"], "normal": [0, 1]},
                       {"name": "ram", "point": ["0 um", "2.01 um"], "normal": [0, -2],
-                       "displacement": ["0 um", "-0.3 um"], "history": history("smooth")}]}
+                       "displacement": ["0 um", "-0.3 um"], "load_curve": load_curve("smooth")}]}
 PIECES: dict[str, dict[str, Any]] = {"pulled": PULLED, "sheared": SHEARED, "blown": BLOWN, "pressed": PRESSED}
 
 
 @pytest.mark.parametrize("name", PIECES)
 def test_the_work_from_outside_is_in_the_ledger(name: str) -> None:
-    def closure(step: float) -> float:
+    def energy_error(step: float) -> float:
         with built(piece(**PIECES[name], step=f"{step} ns")) as sim:
             sim.sample()
             sim.go(1.5)
             ledger = sim.sample()[1]
-            assert abs(ledger["external_work"]) > 1.0  # pN
-            return ledger["closure"]
+            assert abs(ledger["external_work_pn"]) > 1.0  # pN
+            return ledger["energy_error"]
 
-    coarse, fine = closure(4.0), closure(1.0)
+    coarse, fine = energy_error(4.0), energy_error(1.0)
     assert fine < 2e-4, (coarse, fine)  # measured 1e-6 to 2e-7, pressed 9e-5
     assert fine < coarse / 12.0, (coarse, fine)  # second order; measured 16 to 19
 
@@ -165,7 +166,7 @@ def test_a_load_on_the_body_is_its_integral() -> None:
 
 
 def test_a_pressure_in_a_hole_pushes_the_body_apart() -> None:
-    blown = {"name": "blown", "parts": ["hole-1"], "pressure": "1 kPa", "history": history("ramp")}
+    blown = {"name": "blown", "parts": ["hole-1"], "pressure": "1 kPa", "load_curve": load_curve("ramp")}
     probes = [{"name": part, "parts": [part]} for part in ("bottom", "top", "left", "hole-1")]
     with built(piece(shape="plate with a hole", loads=[blown], probes=probes)) as sim:
         sim.go(1.0)
@@ -184,9 +185,9 @@ def test_a_pressure_does_the_work_of_the_area_that_it_sweeps() -> None:
         first = sim.sample()
         sim.go(0.45)
         last = sim.sample()
-        factor = np.mean([sim.terms.histories[0].value(np.float64(t)) for t in np.linspace(0.4, 0.45, 51)])
+        factor = np.mean([sim.terms.load_curves[0].value(np.float64(t)) for t in np.linspace(0.4, 0.45, 51)])
         swept = last[0][1]["area_um2"] - first[0][1]["area_um2"]
-        work = last[1]["external_work"] - first[1]["external_work"]
+        work = last[1]["external_work_pn"] - first[1]["external_work_pn"]
         assert abs(swept) > 1e-3
         assert work == pytest.approx(-500.0 * factor * swept, rel=0.005)  # measured 0.0010: the factor changes
         assert np.abs(everywhere(sim, np.asarray(m.kernel["load"])[: m.n_owned]).sum(axis=0)).max() < 1e-10
@@ -241,8 +242,8 @@ def test_a_formula_that_is_none_is_refused_and_runs_nothing(text: str) -> None:
     ({"supports": [{"name": "a", "displacement": ["0.1*z um", "free"]}]}, "'z' is not known"),
     ({"supports": [{"name": "a", "displacement": ["1 um", "fre"]}]}, "fre"),
     ({"supports": [{"name": "a", "box": [["0 um", "0 um"]]}]}, "two opposite corners"),
-    ({"supports": [{"name": "a", "history": {"law": "rmp"}}]}, "did you mean 'ramp'?"),
-    ({"supports": [{"name": "a", "history": {"law": "ramp"}}]}, "duration"),
+    ({"supports": [{"name": "a", "load_curve": {"law": "rmp"}}]}, "did you mean 'ramp'?"),
+    ({"supports": [{"name": "a", "load_curve": {"law": "ramp"}}]}, "duration"),
     ({"loads": [{"name": "a"}]}, "one of traction, pressure and body"),
     ({"loads": [{"name": "a", "traction": ["1 Pa", "0 Pa"], "pressure": "1 Pa"}]}, "expects one of"),
     ({"loads": {"name": "a"}}, "[[loads]]"),
@@ -290,15 +291,15 @@ def test_a_formula_that_has_a_value_at_all_particles_is_taken() -> None:
         sim.go(0.1)
 
 
-def test_a_history_without_a_value_is_told_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(laws("history")["ramp"], "value", lambda self, t: 1.0 / (t - 10.0) if t != 10.0 else np.inf)
+def test_a_load_curve_without_a_value_is_told_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(laws("load_curve")["ramp"], "value", lambda self, t: 1.0 / (t - 10.0) if t != 10.0 else np.inf)
     broken = load(CASES["nucleus"], ["particles.per_cell=60", 'loads=[{name="l", traction=["1 Pa", "0 Pa"], '
-                                     'history={law="ramp", duration="1 us"}}]'])
-    with pytest.raises(CaseError, match=r"loads\.l\.history: has no finite value and rate at 10 us"):
+                                     'load_curve={law="ramp", duration="1 us"}}]'])
+    with pytest.raises(CaseError, match=r"loads\.l\.load_curve: has no finite value and rate at 10 us"):
         formulas.check(broken, discretise(case("nucleus", per_cell=60)))
 
 
 def test_numbers_whose_inverse_cannot_be_computed_with_are_refused() -> None:
-    with pytest.raises(CaseError, match=r"history\.duration: expects a number of a size that can be computed with"):
+    with pytest.raises(CaseError, match=r"load_curve\.duration: expects a number of a size that can be computed with"):
         load(CASES["nucleus"], ['loads=[{name="l", traction=["1 Pa", "0 Pa"], '
-                                'history={law="ramp", duration="1e-310 us"}}]'])
+                                'load_curve={law="ramp", duration="1e-310 us"}}]'])

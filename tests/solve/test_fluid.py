@@ -141,7 +141,7 @@ def sheared(rate: float, comm: MPI.Comm, noise: float = 0.2) -> tuple[Any, ...]:
             x, f = driven.pull()
             stress.append(-(x[:, 1] * f[:, 0]).sum() / A)
             area.append(sim.sample()[0][1]["area_um2"] / A)
-            lost.append(sim.sample()[1]["viscous_loss"] / (MU * rate**2 * A * driven.time))
+            lost.append(sim.sample()[1]["viscous_loss_pn"] / (MU * rate**2 * A * driven.time))
         left = np.abs(everywhere(sim, sim.mechanics.state.owned[:, 2:]) - flow).max() / (rate * RADIUS)
         return np.array(stress), np.array(area), np.array(lost), left, sim.state_hash()
 
@@ -238,7 +238,7 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
             v = np.sin(k * x @ along + phase)[:, None] * across
             if made is None:
                 put(sim, x - t.X, v)
-                lost += sum(sim.mechanics.powers()[name].sum() for name in ("viscous_loss", "numerical_loss"))
+                lost += sum(sim.mechanics.powers()[name].sum() for name in ("viscous_loss", "artificial_dissipation"))
             else:
                 lost += lost_anew(t, *made, v)
             exact += MU * k**2 * float(t.V @ np.cos(k * x @ along + phase) ** 2)
@@ -290,8 +290,8 @@ def test_a_fluid_at_rest_loses_in_waves_what_it_should(wavelength: float, most: 
 
 
 def history(case: Case, times: np.ndarray, comm: MPI.Comm) -> tuple[np.ndarray, ...]:
-    """At these times: width and height (n, 2) [µm], area [µm²], closure, stretch; at the end: momentum, hash."""
-    size, area, closure, far = [], [], [], []
+    """At these times: width and height (n, 2) [µm], area [µm²], energy error, stretch; at the end: momentum, hash."""
+    size, area, error, far = [], [], [], []
     with built(case, comm) as sim:
         for time in times:
             sim.go(float(time))
@@ -299,24 +299,24 @@ def history(case: Case, times: np.ndarray, comm: MPI.Comm) -> tuple[np.ndarray, 
             x = sim.mechanics.surface_positions()
             size.append(np.ptp(x, axis=0))
             area.append(rows[1]["area_um2"])
-            closure.append(ledger["closure"])
+            error.append(ledger["energy_error"])
             far.append(float(comm.allreduce(stretch(sim.mechanics.tensors()[0]).max(), MPI.MAX)))
         ends = sim.sampler.momentum(), sim.state_hash()
-        return np.array(size), np.array(area), np.array(closure), np.array(far), *ends
+        return np.array(size), np.array(area), np.array(error), np.array(far), *ends
 
 
 TIMES = np.linspace(2.0, 40.0, 20)  # µs: flattest at 10, nearly round at the end
 
 
 def test_a_drop_squeezed_flat_and_released_conserves_and_has_the_same_bits_on_any_ranks(comm: MPI.Comm) -> None:
-    size, area, closure, far, momentum, bits = history(squeezed(150), TIMES, comm)
+    size, area, error, far, momentum, bits = history(squeezed(150), TIMES, comm)
     assert size[:, 0].max() > 18.5 and far.max() > 2.5  # flattened: 10 µm wide at the start; measured 18.56, 2.64
     assert np.abs(size[-1] - 2.0 * RADIUS).max() < 0.2  # and round again; measured 10.12 by 9.82
     assert np.ptp(area) < 2e-3 * area[0]  # measured 9e-4
-    assert closure.max() < 1e-5  # measured 2e-7
+    assert error.max() < 1e-5  # measured 2e-7
     assert np.abs(momentum).max() < 1e-9  # pN µs/µm; measured 4e-12, of 1e5 each way
     alone = history(squeezed(150), TIMES, MPI.COMM_SELF)
-    assert bits == alone[-1] and np.array_equal(size, alone[0]) and np.array_equal(closure, alone[2])
+    assert bits == alone[-1] and np.array_equal(size, alone[0]) and np.array_equal(error, alone[2])
 
 
 @pytest.mark.serial

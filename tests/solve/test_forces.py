@@ -16,12 +16,12 @@ from cellmig.simulation import Simulation
 
 SURFACES = ("substrate", "contact", "protrusion")
 # else the pressure drowns the other terms
-SOFT = ('materials.cytoplasm.reduced_bulk_modulus="2 kPa"', 'materials.nucleus.lame="1 kPa"')
+SOFT = ('materials.cytoplasm.reduced_bulk_modulus="2 kPa"', 'materials.nucleus.volumetric_modulus="1 kPa"')
 NO_ETA = 'materials.cytoplasm.eta="0 pN"'
 
 SCENES: dict[str, Callable[[], Case]] = {
     "nucleus": lambda: case("nucleus", *DAMPED),
-    "not stiffened": lambda: case("nucleus", *DAMPED, "materials.nucleus.stiffening=0.0"),
+    "not stiffened": lambda: case("nucleus", *DAMPED, "materials.nucleus.hourglass_modulus=0.0"),
     "stiff": lambda: case("one_three"),
     "three cells": lambda: case("all_protrude", *SOFT, NO_ETA),
     "frozen director": lambda: case("one_cell", *SOFT, 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',
@@ -216,7 +216,7 @@ def test_undeformed_cells_at_rest_feel_their_surfaces_only() -> None:
 WHOLE = {name: SCENES[name] for name in ("nucleus", "not stiffened", "stiff", "three cells", "frozen director",
                                               "relaxing director")}
 WHOLE["anchored director"] = lambda: case("director_radial", *SOFT)
-STORES = ("elastic", "compression", "director", "adhesion_substrate", "adhesion_cells", "numerical_loss")
+STORES = ("elastic", "compression", "director", "adhesion_substrate", "adhesion_cells", "artificial_dissipation")
 
 
 @pytest.mark.parametrize("name", WHOLE)

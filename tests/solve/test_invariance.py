@@ -19,7 +19,7 @@ def test_the_share_of_energy_that_is_missing_does_not_depend_on_who_watches(drif
         at = f'cells.0.velocity=["{speed} um/us", "0 um/us"]'
         with built(case("one_cell", ALONE, at, 'time.step="3 ns"', per_cell=100)) as sim:
             sim.go(2.0)
-            return sim.sample()[1]["closure"]
+            return sim.sample()[1]["energy_error"]
 
     assert missing(drift) == pytest.approx(missing(0.0), rel=1e-4)  # measured 4e-8; 8e-3 is missing
     assert missing(0.0) > 1e-3
@@ -38,15 +38,16 @@ def test_momentum_of_a_drifting_cell_grows_as_that_of_one_at_rest() -> None:
 
 def scaled(k: float) -> Case:
     """The paper's scene in which every length is k times as long, and every time the same."""
-    lengths = {"cells.0.radius": 5.0, "adhesion.substrate.range": 0.01, "adhesion.cells.range": 0.01,
-               "adhesion.substrate.cutoff": 1.0, "adhesion.cells.cutoff": 0.5, "protrusion.height": 1.0,
-               "protrusion.patch": 0.4}
-    moduli = {"nucleus.C1": 2126.0, "nucleus.C2": 170.0, "nucleus.lame": 170e3, "cytoplasm.bulk_modulus": 2.2e9,
-              "cytoplasm.reduced_bulk_modulus": 5e6}
+    lengths = {"cells.0.radius": 5.0, "adhesion.substrate.equilibrium_distance": 0.01,
+               "adhesion.cells.equilibrium_distance": 0.01, "adhesion.substrate.cutoff": 1.0,
+               "adhesion.cells.cutoff": 0.5, "protrusion.height": 1.0, "protrusion.correlation_length": 0.4}
+    moduli = {"nucleus.C1": 2126.0, "nucleus.C2": 170.0, "nucleus.volumetric_modulus": 170e3,
+              "cytoplasm.bulk_modulus": 2.2e9, "cytoplasm.reduced_bulk_modulus": 5e6}
     return case("all_protrude", *(f'{key}="{k * value!r} um"' for key, value in lengths.items()),
                 *(f'materials.{key}="{k**2 * value!r} Pa"' for key, value in moduli.items()),
-                f'materials.cytoplasm.viscosity="{k**2} mPa s"', f'adhesion.substrate.energy="{0.03 * k**3!r} pN um"',
-                f'adhesion.cells.energy="{0.024 * k**3!r} pN um"',
+                f'materials.cytoplasm.viscosity="{k**2} mPa s"',
+                f'adhesion.substrate.well_depth="{0.03 * k**3!r} pN um"',
+                f'adhesion.cells.well_depth="{0.024 * k**3!r} pN um"',
                 f'cells.0.centre=["{10.01 * k} um", "{5.01 * k} um"]',
                 f'cells.0.pitch=[["{-10.01 * k} um", "0 um"]]', per_cell=60)
 
@@ -85,12 +86,12 @@ def test_the_push_is_in_proportion_to_the_bonds_of_the_front_half(flat: float, h
     """A cell 0.3 µm above the substrate but for so many µm in front of and behind its middle, which are bonded."""
     with built(case("one_cell", ALONE, "protrusion.random=false", per_cell=600)) as sim:
         X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
-        y = np.where((np.abs(X[:, 0]) < flat) & (X[:, 1] < 1.0), law.range, X[:, 1] + 0.3)
+        y = np.where((np.abs(X[:, 0]) < flat) & (X[:, 1] < 1.0), law.equilibrium_distance, X[:, 1] + 0.3)
         put(sim, np.column_stack([np.zeros(len(X)), y - X[:, 1]]))
         force = push(sim)[:, 0].sum()
         t = (np.arange(2000) + 0.5) / 2000  # the bonds by sums over points, and the front half as the law has it
         g, x = (np.outer(1 - t, values[s.ids]) + np.outer(t, values[s.ids[s.after]]) for values in (y, X[:, 0]))
-        closed = -law.potential(g).mean(axis=0) / law.energy
+        closed = -law.potential(g).mean(axis=0) / law.well_depth
         bonded = float(s.length @ (np.maximum(closed, 0.0) * sim.terms.protrusion.front(x.mean(axis=0))))
         share = min(1.0, bonded / sim.terms.protrusion.height)
         assert share == pytest.approx(hold, abs=0.01)
@@ -121,7 +122,8 @@ def test_cells_of_a_case_without_adhesion_between_them_keep_each_other_out() -> 
     del tree["adhesion"]["cells"]
     with built(from_dict(tree)) as sim:
         assert sim.terms.contact.work == 0.0 and sim.terms.contact.stiffness(0.0) > 0.0
-        assert sim.terms.contact.range == sim.terms.substrate.range
+        assert sim.terms.contact.equilibrium_distance == sim.terms.substrate.equilibrium_distance
     del tree["adhesion"]
     with built(from_dict(tree | {"protrusion": {"cells": []}})) as sim:
-        assert sim.terms.contact.range == pytest.approx(1e-3 * np.sqrt(np.pi * 25.0))  # of no absolute length
+        # No absolute length: a thousandth of the cell.
+        assert sim.terms.contact.equilibrium_distance == pytest.approx(1e-3 * np.sqrt(np.pi * 25.0))

@@ -47,7 +47,7 @@ def collide(name: str, *sets: str) -> tuple[float, float, dict[str, float]]:
         sim.go(8.0)
         history, ledger = sim.sample()
         assert all(cell["cell_contact_um"] > 4.0 for cell in history[1:])  # measured 6 to 10
-        assert ledger["kinetic"] < 0.6 * first["kinetic"]  # measured 0.17 to 0.47
+        assert ledger["kinetic_pn"] < 0.6 * first["kinetic_pn"]  # measured 0.17 to 0.47
         drift = [float(np.abs((b - a).sum(axis=0)).max() / np.abs(a).sum())
                  for a, b in zip(before, per_particle(sim), strict=True)]
         return *drift, ledger
@@ -58,9 +58,9 @@ def test_cells_that_collide_keep_momentum_and_account_for_their_energy(name: str
     momentum, turning, ledger = collide(name)
     assert momentum < 1e-13  # measured 4e-16
     assert turning < 2e-3  # measured 4.8e-4, 2.4e-4, 4.3e-4, 1.0e-4: what the viscous stabilisation turns
-    assert ledger["closure"] < 1e-3  # measured 4.0e-4, 1.7e-4, 3.2e-4, 1.9e-4
-    lost = ledger["viscous_loss"] + ledger["numerical_loss"]
-    assert lost > 1000.0 > ledger["elastic"] > 0.0 > ledger["adhesion_cells"]  # [pN]; measured 2700 to 4300
+    assert ledger["energy_error"] < 1e-3  # measured 4.0e-4, 1.7e-4, 3.2e-4, 1.9e-4
+    lost = ledger["viscous_loss_pn"] + ledger["artificial_dissipation_pn"]
+    assert lost > 1000.0 > ledger["elastic_pn"] > 0.0 > ledger["adhesion_cells_pn"]  # [pN]; measured 2700 to 4300
 
 
 UNSTABILISED = ("materials.cytoplasm.stabilisation=0", "materials.nucleus.stabilisation=0")
@@ -70,11 +70,11 @@ UNSTABILISED = ("materials.cytoplasm.stabilisation=0", "materials.nucleus.stabil
 def test_contact_and_stress_keep_the_angular_momentum_of_a_collision(name: str) -> None:
     momentum, turning, ledger = collide(name, *UNSTABILISED)
     assert momentum < 1e-13 and turning < 1e-13  # measured 4e-16, 5e-16
-    assert ledger["closure"] < 3e-3  # measured 1.1e-3, 5.1e-4, 1.0e-3, 6e-4
+    assert ledger["energy_error"] < 3e-3  # measured 1.1e-3, 5.1e-4, 1.0e-3, 6e-4
 
 
-@pytest.mark.parametrize("sets", ['adhesion.cells.bonds="0 /um^2"', 'adhesion.cells.energy="0 pN um"',
-                                  "adhesion.cells.attraction=0", 'adhesion.cells.bonds="10 /um^2"'])
+@pytest.mark.parametrize("sets", ['adhesion.cells.bond_density="0 /um^2"', 'adhesion.cells.well_depth="0 pN um"',
+                                  "adhesion.cells.attraction=0", 'adhesion.cells.bond_density="10 /um^2"'])
 def test_cells_without_bonds_or_with_few_keep_each_other_out(sets: str) -> None:
     with built(colliding("two", sets)) as sim:
         (momentum, _), first = per_particle(sim), sim.sample()[1]
@@ -83,7 +83,7 @@ def test_cells_without_bonds_or_with_few_keep_each_other_out(sets: str) -> None:
         history, ledger = sim.sample()
         assert history[1]["cell_contact_um"] > 1.0  # they are pressed together
         assert min(gaps) > 0.004  # [µm]; measured 0.0072
-        assert ledger["adhesion_cells"] > 0.0 or "10 /um" in sets
-        assert ledger["closure"] < 2e-3  # measured 3e-4
+        assert ledger["adhesion_cells_pn"] > 0.0 or "10 /um" in sets
+        assert ledger["energy_error"] < 2e-3  # measured 3e-4
         assert np.abs((per_particle(sim)[0] - momentum).sum(axis=0)).max() < 1e-13 * np.abs(momentum).sum()
-        assert ledger["kinetic"] < 0.9 * first["kinetic"]
+        assert ledger["kinetic_pn"] < 0.9 * first["kinetic_pn"]

@@ -16,8 +16,8 @@ ALONE_TOO = {COMM.size: COMM, 1: MPI.COMM_SELF}.values()  # all ranks, and each 
 FAST = "cells.0.velocity=['3 um/us', '-0.5*y um/us']"  # lists are renewed within the run
 TURNING = ('materials.cytoplasm.zeta="2 kPa"', 'materials.cytoplasm.eta="30 pN"')
 WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
-        "history": {"law": "sine", "period": "1 us"}}
-PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "history": {"law": "ramp", "duration": "1 us"}}
+        "load_curve": {"law": "sine", "period": "1 us"}}
+PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "load_curve": {"law": "ramp", "duration": "1 us"}}
 SCENES = {
     "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
     "protrusion": lambda: case("all_protrude", FAST),

@@ -49,15 +49,16 @@ def test_tangent_of_an_energy_is_symmetric(name: str) -> None:
 @pytest.mark.parametrize("name", laws("adhesion"))
 def test_tangent_of_adhesion_is_the_derivative_of_its_forces(name: str) -> None:
     law = example("adhesion", name)
+    eps = law.equilibrium_distance
     rng = np.random.default_rng(3)
-    g1 = law.range * rng.uniform(0.5, 4.0, 400)
+    g1 = eps * rng.uniform(0.5, 4.0, 400)
     g2 = g1 * np.where(np.arange(400) % 2, rng.uniform(0.97, 1.03, 400), rng.uniform(0.3, 3.0, 400))
-    kinks = np.abs(np.abs(g2 - g1) - 0.05 * np.maximum(np.minimum(g1, g2), law.cap)) < 1e-3 * law.range
+    kinks = np.abs(np.abs(g2 - g1) - 0.05 * np.maximum(np.minimum(g1, g2), law.cap)) < 1e-3 * eps
     for kink in (law.cap, law.cutoff):
-        kinks |= (np.abs(g1 - kink) < 1e-3 * law.range) | (np.abs(g2 - kink) < 1e-3 * law.range)
+        kinks |= (np.abs(g1 - kink) < 1e-3 * eps) | (np.abs(g2 - kink) < 1e-3 * eps)
     g1, g2 = g1[~kinks], g2[~kinks]
     found = derivative(lambda a, b: segment_mean(law, a, b)[1:], g1, g2)[1]
-    h = 1e-4 * law.range
+    h = 1e-4 * eps
     expected = np.array([slope(lambda s: np.array(segment_mean(law, g1 + s, g2)[1:]), 0.0, h),
                          slope(lambda s: np.array(segment_mean(law, g1, g2 + s)[1:]), 0.0, h)]).transpose(1, 0, 2)
     assert_close(found, expected, 1e-7)  # measured 2e-11, of the differences
@@ -83,10 +84,10 @@ def test_an_operation_without_a_rule_is_refused() -> None:
 
 
 OBLIQUE = {"name": "slope", "point": ["0 um", "1.3 um"], "normal": [0.3, -1.0], "displacement": ["0 um", "0 um"]}
-PRESSED = {"loads": [{"name": "p", "pressure": "3 kPa", "history": RAMP}, {
-    "name": "t", "traction": ["200*x Pa", "50 Pa"], "history": RAMP}], "plates": [OBLIQUE], "supports": [
+PRESSED = {"loads": [{"name": "p", "pressure": "3 kPa", "load_curve": RAMP}, {
+    "name": "t", "traction": ["200*x Pa", "50 Pa"], "load_curve": RAMP}], "plates": [OBLIQUE], "supports": [
         {"name": "low", "box": [["-0.5 um", "-2 um"], ["0.5 um", "-1.3 um"]], "displacement": ["0.1 um", "free"],
-         "history": RAMP}]}
+         "load_curve": RAMP}]}
 
 
 def test_tangent_of_a_scene_is_the_derivative_of_its_forces() -> None:

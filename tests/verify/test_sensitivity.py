@@ -21,10 +21,10 @@ pytestmark = pytest.mark.serial
 TIME = np.arange(0.0, 401.0)
 CASE = SimpleNamespace(**{
     "seed": 2019, "time": SimpleNamespace(step_factor=0.8, end=400.0), "particles": SimpleNamespace(per_cell=1485),
-    "substrate": SimpleNamespace(range=0.01), "numerics": SimpleNamespace(bulk_viscosity=0.05),
+    "substrate": SimpleNamespace(equilibrium_distance=0.01), "numerics": SimpleNamespace(bulk_viscosity=0.05),
     "materials": {"cytoplasm": SimpleNamespace(reduced_bulk_modulus=5e6, stabilisation=4.0),
-                  "nucleus": SimpleNamespace(stiffening=0.5)}})
-MANIFEST = {"steps": 9, "worst_closure": 1e-3, "state_hash": "a",
+                  "nucleus": SimpleNamespace(hourglass_modulus=0.5)}})
+MANIFEST = {"steps": 9, "worst_energy_error": 1e-3, "state_hash": "a",
             "case": {"materials": {"nucleus": {}, "cytoplasm": {}},
                      "cells": [{"material": "cytoplasm", "nucleus": "nucleus"}]}}
 
@@ -57,7 +57,8 @@ def test_the_default_runs_once_and_every_other_run_changes_one_thing(tmp_path, q
     default = cases.pop(("default", ""))
     assert [key for key, case in cases.items() if case == default] == [("ranks", "2")]
     assert len({job.directory for job in jobs.values()}) == len(jobs)
-    changed = {key: differences(default, case) for key, case in cases.items() if key[0] not in ("spreading", "range")}
+    changed = {key: differences(default, case) for key, case in cases.items()
+               if key[0] not in ("spreading", "equilibrium_distance")}
     assert changed.pop(("ranks", "2")) == [] and jobs["ranks", "2"].ranks == 2
     assert all(len(names) == 1 and names[0].endswith(key[0]) for key, names in changed.items()), changed
     assert {name for name, _ in jobs} == {"default", "spreading", *(c.name for c in choices(quick, 2019))}
@@ -67,8 +68,8 @@ def test_the_default_runs_once_and_every_other_run_changes_one_thing(tmp_path, q
 
 def test_bonds_of_another_range_do_the_same_work_from_their_equilibrium_distance(tmp_path):
     jobs = plan(tmp_path, quick=False)
-    case, default = jobs["range", "20"].load(), jobs["default", ""].load()
-    assert case.substrate.range == case.contact.range == pytest.approx(0.02)
+    case, default = jobs["equilibrium_distance", "20"].load(), jobs["default", ""].load()
+    assert case.substrate.equilibrium_distance == case.contact.equilibrium_distance == pytest.approx(0.02)
     assert (case.substrate.work, case.contact.work) == (default.substrate.work, default.contact.work)
     right, middle, left = (np.array(cell.centre) for cell in case.cells)
     assert right == pytest.approx([10.02, 5.02]) and middle == pytest.approx([0.0, 5.02], abs=1e-9)

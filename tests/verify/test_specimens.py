@@ -99,7 +99,7 @@ def test_every_static_case_finds_its_equilibria(name: str) -> None:
     case = load(CASES[name], ["particles.per_cell=320"])
     with built(case) as sim:
         rows, entries = _ended(sim)
-        assert entries["closure"] < 0.01
+        assert entries["energy_error"] < 0.01
         assert max(abs(v) for k, v in rows[0].items() if k.endswith("_um")) > 0.1
 
 

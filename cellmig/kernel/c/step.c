@@ -20,7 +20,7 @@ enum { GRADIENT_WIDTH = 8 };
 /* What a block keeps: forces and stresses that resisted in the last kick, which accounts alone ask for in a second step,
  * in single precision where no force is made of them; losses, and work of activity, that its particles have yet to get. */
 typedef struct {
-    double stabilising[8], viscous_loss[4], numerical_loss[4];
+    double stabilising[8], viscous_loss[4], artificial_dissipation[4];
     float viscous[16], bulk[4];
 #ifdef STIFFENED
     double elastic[8];
@@ -208,7 +208,7 @@ INLINED void stress_of_block(const KernelData *s, long b, const int material, co
     lost += work_of_forces(s, row, memory->stabilising, stab, accounted_dt, dt);
 #endif
 #if defined BULK_DAMPED || defined STABILISED
-    add(memory->numerical_loss, lost);
+    add(memory->artificial_dissipation, lost);
 #endif
     const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
     v4 rows[4];
@@ -692,12 +692,12 @@ static void boundary_loads(const KernelData *s, double *force, double accounted_
     double *load = s->load;
     for (long k = 0; k < s->n_loaded; k++) load[2 * s->loaded[k]] = load[2 * s->loaded[k] + 1] = 0;
     for (long k = 0; k < s->n_dead; k++) {
-        const double factor = history_value(s, s->dead_history[k], s->clock[0]);
+        const double factor = load_curve_value(s, s->dead_curve[k], s->clock[0]);
         for (int c = 0; c < 2; c++) load[2 * s->dead[k] + c] += factor * s->dead_force[2 * k + c];
     }
     for (long k = 0; k < s->n_pressed; k++) {
         const long i = s->pressed[2 * k], j = s->pressed[2 * k + 1];
-        const double half = 0.5 * s->pressure[k] * history_value(s, s->pressed_history[k], s->clock[0]);
+        const double half = 0.5 * s->pressure[k] * load_curve_value(s, s->pressed_curve[k], s->clock[0]);
         const double x = s->X[2 * j] + s->state[4 * j] - s->X[2 * i] - s->state[4 * i];
         const double y = s->X[2 * j + 1] + s->state[4 * j + 1] - s->X[2 * i + 1] - s->state[4 * i + 1];
         load[2 * i] -= half * y; /* the surface runs counterclockwise: (y, -x) points outwards */
@@ -736,7 +736,7 @@ static void stop_at_plates(const KernelData *s, double kick, double dt)
         for (long p = 0; p < s->n_plates; p++) {
             const long i = s->platable[k];
             const double *n = s->plate + 6 * p, *point = n + 2, *d = n + 4;
-            const double now = history_value(s, s->plate_history[p], t + dt), then = history_value(s, s->plate_history[p], t);
+            const double now = load_curve_value(s, s->plate_curve[p], t + dt), then = load_curve_value(s, s->plate_curve[p], t);
             double *z = s->state + 4 * i, gap = 0, mean = 0;
             for (int c = 0; c < 2; c++) gap += n[c] * (s->X[2 * i + c] + z[c] - point[c] - now * d[c]);
             s->plate_force[k * s->n_plates + p] = 0;
@@ -749,7 +749,7 @@ static void stop_at_plates(const KernelData *s, double kick, double dt)
             const double impulse = -gap / (dt * s->inverse_mass[i]), speed = (n[0] * d[0] + n[1] * d[1]) * (now - then) / dt;
             s->plate_force[k * s->n_plates + p] = impulse / kick;
             s->external_work[i] += impulse * speed;
-            s->numerical_loss[i] += impulse * (speed - mean);
+            s->artificial_dissipation[i] += impulse * (speed - mean);
         }
 }
 
@@ -758,7 +758,7 @@ static void hold(const KernelData *s, double kick, double dt)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k], i = d / 4;
-        const double u = s->held_value[k] * history_value(s, s->held_history[k], s->clock[0] + dt);
+        const double u = s->held_value[k] * load_curve_value(s, s->held_curve[k], s->clock[0] + dt);
         const double v = (u - s->held_before[2 * k]) / dt;
         const double impulse = (v - s->state[d + 2]) / s->inverse_mass[i];
         s->reaction[k] = impulse / kick;
@@ -772,8 +772,8 @@ static void hold(const KernelData *s, double kick, double dt)
 void prescribe(const KernelData *s)
 {
     for (long k = 0; k < s->n_held; k++) {
-        s->state[s->held[k]] = s->held_value[k] * history_value(s, s->held_history[k], s->clock[0]);
-        s->state[s->held[k] + 2] = s->held_value[k] * history_rate(s, s->held_history[k], s->clock[0]);
+        s->state[s->held[k]] = s->held_value[k] * load_curve_value(s, s->held_curve[k], s->clock[0]);
+        s->state[s->held[k] + 2] = s->held_value[k] * load_curve_rate(s, s->held_curve[k], s->clock[0]);
     }
 }
 
@@ -782,9 +782,9 @@ static void hold_rate(const KernelData *s, double *out)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k];
-        const double a = s->held_value[k] * history_acceleration(s, s->held_history[k], s->clock[0]);
+        const double a = s->held_value[k] * load_curve_acceleration(s, s->held_curve[k], s->clock[0]);
         s->reaction[k] = (a - out[d + 2]) / s->inverse_mass[d / 4];
-        out[d] = s->held_value[k] * history_rate(s, s->held_history[k], s->clock[0]);
+        out[d] = s->held_value[k] * load_curve_rate(s, s->held_curve[k], s->clock[0]);
         out[d + 2] = a;
     }
 }
@@ -865,8 +865,8 @@ static void settle_accounts(const KernelData *s)
         StepMemory *memory = (StepMemory *)s->step_memory + b;
         for (int i = 0; i < block.lanes; i++) {
             s->viscous_loss[block.row + i] += memory->viscous_loss[i];
-            s->numerical_loss[block.row + i] += memory->numerical_loss[i];
-            memory->viscous_loss[i] = memory->numerical_loss[i] = 0;
+            s->artificial_dissipation[block.row + i] += memory->artificial_dissipation[i];
+            memory->viscous_loss[i] = memory->artificial_dissipation[i] = 0;
 #ifdef ACTIVE
             s->external_work[block.row + i] += memory->external_work[i];
             memory->external_work[i] = 0;

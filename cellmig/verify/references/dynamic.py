@@ -25,11 +25,11 @@ SIZE = 1e-7  # amplitude of motions [µm]
 LAWS = {"stiff": "170 kPa", "soft": "2 kPa"}  # moduli λ of the paper, with Poisson's ratio 0.497, and one with 0.259
 
 
-def elastic(width: float, height: float, count: int, lame: str, *held: dict, **tables: Any) -> Case:
+def elastic(width: float, height: float, count: int, modulus: str, *held: dict, **tables: Any) -> Case:
     """A rectangle [µm] of the nucleus's law without damping; `held` : supports;  `start` : fields of its cell."""
     clock = {"end": "100 us", "integrator": "leapfrog"} | tables.pop("time", {})
     return piece(rectangle(width, height, **tables.pop("start", {})), count, time=clock,
-                 material={"lame": lame, "stabilisation": 0}, numerics={"bulk_viscosity": 0},
+                 material={"volumetric_modulus": modulus, "stabilisation": 0}, numerics={"bulk_viscosity": 0},
                  supports=[{"name": f"held-{k}", **s} for k, s in enumerate(held)], **tables)
 
 
@@ -48,8 +48,8 @@ def standing_wave(count: int) -> Measured:
     length, found = 4.0, {}
     walls = [{"parts": ["left", "right"], "displacement": ["0 um", "free"]},
              {"parts": ["bottom", "top"], "displacement": ["free", "0 um"]}]
-    for name, lame in LAWS.items():
-        case = elastic(length, 1.0, count, lame, *walls)
+    for name, modulus in LAWS.items():
+        case = elastic(length, 1.0, count, modulus, *walls)
         omega = np.pi / length * case.materials["nucleus"].sound_speed
         with built(case) as sim:
             form = np.column_stack([np.cos(np.pi / length * sim.scene.X[:, 0]), np.zeros(count)])
@@ -79,7 +79,7 @@ class Waves:
         """`size` : A [µm];  `squeezed` : factor of the longitudinal part of p, which changes volumes."""
         self.lame, self.G = law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus, law.shear_modulus
         self.density, self.size, self.omega = law.density, size, 2.0 * np.pi / period
-        self.history = {"law": "sine", "period": f"{period} us"}
+        self.load_curve = {"law": "sine", "period": f"{period} us"}
         turned = np.column_stack([-self.k[:, 1], self.k[:, 0]])
         self.p = self.across[:, None] * turned + squeezed * self.along[:, None] * self.k
 
@@ -96,7 +96,7 @@ class Waves:
 
     def support(self, parts: list[str]) -> dict:
         """A support that moves parts by the solution."""
-        return {"parts": parts, "displacement": self._sum(self.p, "um"), "history": self.history}
+        return {"parts": parts, "displacement": self._sum(self.p, "um"), "load_curve": self.load_curve}
 
     def start(self) -> dict:
         """The initial velocity."""
@@ -107,7 +107,7 @@ class Waves:
         k, p = self.k, self.p
         stiff = (self.lame + self.G) * (k * p).sum(axis=1)[:, None] * k + self.G * (k * k).sum(axis=1)[:, None] * p
         force = stiff - self.density * self.omega**2 * p
-        return {"name": "body", "body": self._sum(force, "Pa/um"), "history": self.history}
+        return {"name": "body", "body": self._sum(force, "Pa/um"), "load_curve": self.load_curve}
 
     def traction(self, part: str, normal: list[float]) -> dict:
         """The load σ n on a part."""
@@ -115,17 +115,17 @@ class Waves:
         pull = (self.lame * (k * p).sum(axis=1)[:, None] * n
                 + self.G * ((k @ n)[:, None] * p + (p @ n)[:, None] * k))
         return {"name": f"pull-{part}", "parts": [part], "traction": self._sum(pull, "Pa", "cos"),
-                "history": self.history}
+                "load_curve": self.load_curve}
 
 
-def manufactured(count: int, lame: str, pulled: bool, size: float = SIZE, squeezed: float = 1.0, **tables: Any
+def manufactured(count: int, modulus: str, pulled: bool, size: float = SIZE, squeezed: float = 1.0, **tables: Any
                  ) -> tuple[Case, Waves]:
     """A block of 2 x 2 µm and its solution with a period of 1 µs; `pulled` : with tractions at right and top."""
     free = {"right": [1.0, 0.0], "top": [0.0, 1.0]} if pulled else {}
-    waves = Waves(elastic(2.0, 2.0, 50, lame).materials["nucleus"], 1.0, size, squeezed)
+    waves = Waves(elastic(2.0, 2.0, 50, modulus).materials["nucleus"], 1.0, size, squeezed)
     loads = [waves.body(), *(waves.traction(part, normal) for part, normal in free.items())]
     moved = waves.support([edge for edge in EDGES if edge not in free])
-    return elastic(2.0, 2.0, count, lame, moved, loads=loads, start=waves.start(), **tables), waves
+    return elastic(2.0, 2.0, count, modulus, moved, loads=loads, start=waves.start(), **tables), waves
 
 
 @reference("manufactured-space", shows="manufactured solution of three plane waves in a block of 2 x 2 µm, L2",
@@ -141,9 +141,9 @@ def manufactured_space(count: int) -> Measured:
     """
     found = {}
     for how in ("moved", "pulled"):
-        for name, lame, squeezed in (("soft", LAWS["soft"], 1.0), ("stiff", LAWS["stiff"], 0.01),
-                                     ("stiff, squeezed", LAWS["stiff"], 1.0)):
-            case, waves = manufactured(count, lame, how == "pulled", squeezed=squeezed)
+        for name, modulus, squeezed in (("soft", LAWS["soft"], 1.0), ("stiff", LAWS["stiff"], 0.01),
+                                        ("stiff, squeezed", LAWS["stiff"], 1.0)):
+            case, waves = manufactured(count, modulus, how == "pulled", squeezed=squeezed)
             with built(case) as sim:
                 sim.go(1.3)
                 found[f"{how}, {name}"] = missed(sim, waves.displacement(sim.scene.X, 1.3))

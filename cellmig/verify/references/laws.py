@@ -17,7 +17,7 @@ ROUNDING = "a formula in double precision: some 1e-16 per operation"
 
 def nucleus():
     """The paper's nucleus, C1 = 2126 Pa, C2 = 170 Pa, λ = 170 kPa."""
-    return laws("material")["mooney-rivlin"](C1=2126.0, C2=170.0, lame=170e3)
+    return laws("material")["mooney-rivlin"](C1=2126.0, C2=170.0, volumetric_modulus=170e3)
 
 
 def cauchy(law, F: np.ndarray) -> np.ndarray:
@@ -43,7 +43,7 @@ def dilation(J: float) -> Measured:
     law = nucleus()
     I1, I2 = 2.0 * J + 1.0, J**2 + 2.0 * J
     shape = 2.0 / (3.0 * J) * (law.C1 * (I1 - 3.0 * J ** (2 / 3)) + 2.0 * law.C2 * (I2 - 3.0 * J ** (4 / 3)))
-    right = 4.0 * law.lame * np.log(J) / J + shape
+    right = 4.0 * law.volumetric_modulus * np.log(J) / J + shape
     return Measured(J, {"mean stress": abs(np.trace(cauchy(law, np.sqrt(J) * np.eye(2))) / 3.0 / right - 1.0)})
 
 
@@ -82,9 +82,9 @@ def energy_gradient(step: float) -> Measured:
                      "stiffness at ε": exact(1e-12, ROUNDING)})
 def seifert(step: float) -> Measured:
     """The strongest pull is 17.85 kPa at √(5/3) ε, the stiffness at equilibrium 8 N σ/ε², both without a cutoff."""
-    law = laws("adhesion")["seifert"](bonds=8000.0, energy=0.03, range=0.01)
-    x = np.sqrt(5.0 / 3.0)
-    r = (x + step * (np.arange(-20, 20) + 0.5)) * law.range  # the maximum lies halfway between two points
-    strongest = float(law.bonds * law.pair_slope(r).max()) / (4.0 * law.work / law.range * (x**-3 - x**-5))
-    stiffness = law.stiffness(law.range) / (8.0 * law.work / law.range**2)
+    law = laws("adhesion")["seifert"](bond_density=8000.0, well_depth=0.03, equilibrium_distance=0.01)
+    eps, x = law.equilibrium_distance, np.sqrt(5.0 / 3.0)
+    r = (x + step * (np.arange(-20, 20) + 0.5)) * eps  # the maximum lies halfway between two points
+    strongest = float(law.bond_density * law.pair_slope(r).max()) / (4.0 * law.work / eps * (x**-3 - x**-5))
+    stiffness = law.stiffness(eps) / (8.0 * law.work / eps**2)
     return Measured(step, {"strongest pull": abs(strongest - 1.0), "stiffness at ε": abs(stiffness - 1.0)})

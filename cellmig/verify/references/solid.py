@@ -79,7 +79,7 @@ def disc_released(count: int) -> Measured:
     with built(nucleus(count)) as sim:
         X = sim.scene.X
         put(sim, 0.05 * X * [1.0, -1.0])
-        energy = sim.sample()[1]["elastic"]
+        energy = sim.sample()[1]["elastic_pn"]
         missed = 0.0
         for time in np.linspace(0.0, 3.5, 36)[1:]:
             sim.go(float(time))

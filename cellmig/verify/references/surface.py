@@ -14,7 +14,8 @@ from cellmig.verify.reference import Measured, converges, exact, reference
 from .scenes import built, case, put
 
 RADIUS = 5.0  # µm
-WIDE = ('adhesion.substrate.range="0.1 um"', 'adhesion.substrate.cutoff="10 um"')  # ε is half a spacing, not 1/25
+# So ε is half a spacing, not 1/25 of it.
+WIDE = ('adhesion.substrate.equilibrium_distance="0.1 um"', 'adhesion.substrate.cutoff="10 um"')
 
 
 def lowered(sim, gap: float) -> None:
@@ -30,9 +31,9 @@ def pull(sim, gap: float) -> float:
 
 def on_the_circle(law, a: float, R: float = RADIUS) -> float:
     """Attraction [pN/µm] of a circle of radius R at a gap a [µm], integrated numerically along it."""
-    split = np.sqrt(2.0 * law.range / R)
+    N, split = law.bond_density, np.sqrt(2.0 * law.equilibrium_distance / R)
     parts = [0.0, 0.2 * split, split, 3.0 * split, 10.0 * split, np.pi / 2]
-    return 2.0 * sum(quad(lambda t: law.bonds * law.slope(a + R * (1.0 - np.cos(t))) * R, x, y, epsrel=1e-12)[0]
+    return 2.0 * sum(quad(lambda t: N * law.slope(a + R * (1.0 - np.cos(t))) * R, x, y, epsrel=1e-12)[0]
                      for x, y in pairwise(parts) if y > x)
 
 
@@ -47,12 +48,12 @@ def cylinder_on_plane(count: int) -> Measured:
     """Forces are integrated exactly along segments: the error is that of the shape."""
     with built(case("one_cell", count, *WIDE)) as sim:
         law, h = sim.terms.substrate, float(sim.mechanics.surfaces.length.max())
-        found = {f"F({k} ε)": abs(pull(sim, k * law.range) / on_the_circle(law, k * law.range) - 1.0)
-                 for k in (1.5, 2.5)}
-        low, high = 0.7 * law.range, 1.1 * law.range
+        eps = law.equilibrium_distance
+        found = {f"F({k} ε)": abs(pull(sim, k * eps) / on_the_circle(law, k * eps) - 1.0) for k in (1.5, 2.5)}
+        low, high = 0.7 * eps, 1.1 * eps
         right = brentq(lambda a: on_the_circle(law, a), low, high, xtol=1e-13)
         rest = brentq(lambda a: pull(sim, a), low, high, xtol=1e-13)
-        return Measured(h, found | {"gap of no pull, over ε": abs(rest - right) / law.range}, count)
+        return Measured(h, found | {"gap of no pull, over ε": abs(rest - right) / eps}, count)
 
 
 @reference("closed-form", shows="F(a) at 1.2 ε of cylinders with a/R as size: closed form against the circle",
@@ -64,11 +65,12 @@ def closed_form(size: float) -> Measured:
 
     from cellmig.case.registry import laws
 
-    law = laws("adhesion")["seifert"](bonds=8000.0, energy=0.03, range=0.1, cutoff=1e3)
-    a = 1.2 * law.range
+    law = laws("adhesion")["seifert"](bond_density=8000.0, well_depth=0.03, equilibrium_distance=0.1, cutoff=1e3)
+    eps = law.equilibrium_distance
+    a = 1.2 * eps
     R = a / size
-    ratio = law.range**3 * a**-2.5 * gamma(2.5) / gamma(3) - law.range**5 * a**-4.5 * gamma(4.5) / gamma(5)
-    parabola = 4.0 * law.work / law.range * np.sqrt(2.0 * np.pi * R) * ratio
+    ratio = eps**3 * a**-2.5 * gamma(2.5) / gamma(3) - eps**5 * a**-4.5 * gamma(4.5) / gamma(5)
+    parabola = 4.0 * law.work / eps * np.sqrt(2.0 * np.pi * R) * ratio
     return Measured(size, {"F": abs(parabola / on_the_circle(law, a, R) - 1.0)})
 
 
@@ -82,13 +84,13 @@ def flat_contact(count: int) -> Measured:
         X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
         low = X[:, 1] < 2.0
         u = np.zeros_like(X)
-        u[:, 1] = np.where(low, law.range, X[:, 1] + 3.0) - X[:, 1]
+        u[:, 1] = np.where(low, law.equilibrium_distance, X[:, 1] + 3.0) - X[:, 1]
         put(sim, u)
         flat = low[s.ids] & low[s.ids[s.after]]
         ends = s.length[low[s.ids] != low[s.ids[s.after]]]
-        right = law.bonds * law.potential(law.range) * s.length[flat].sum()
-        g = law.range, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
-        steep = law.bonds * ends.sum() * _along(law, *g)
+        right = law.bond_density * law.potential(law.equilibrium_distance) * s.length[flat].sum()
+        g = law.equilibrium_distance, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
+        steep = law.bond_density * ends.sum() * _along(law, *g)
         energy = abs(_energy(sim) / (right + steep) - 1.0) if len(ends) else np.inf
         return Measured(sim.scene.templates[0].spacing, {"energy": energy, "force over -∂E/∂u": _slope_missed(sim)},
                         count)

@@ -9,7 +9,7 @@ from numpy import cos, maximum, minimum, sin, where
 from ..case.registry import law, quantity
 
 
-@law("history", "constant")
+@law("load_curve", "constant")
 class Constant:
     """All of it from the start."""
 
@@ -26,7 +26,7 @@ class Constant:
         return 0.0 * t
 
 
-@law("history", "ramp")
+@law("load_curve", "ramp")
 class Ramp:
     """Linear from 0 to 1, which stays."""
 
@@ -45,7 +45,7 @@ class Ramp:
         return 0.0 * t
 
 
-@law("history", "smooth")
+@law("load_curve", "smooth")
 class Smooth:
     """From 0 to 1, which stays, by s³ (10 - 15 s + 6 s²) with s = t/T: neither speed nor acceleration jumps."""
 
@@ -67,7 +67,7 @@ class Smooth:
         return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration**2
 
 
-@law("history", "sine")
+@law("load_curve", "sine")
 class Sine:
     """sin(2π t/T), for ever."""
 
