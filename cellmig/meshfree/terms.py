@@ -61,7 +61,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     def why(*conditions: tuple[bool, str]) -> str | None:
         return next((reason for holds, reason in conditions if holds), None)
 
-    nothing = Seifert(0.0, 0.0, equilibrium_distance=0.01)
+    nothing = Seifert(bond_density=0.0, well_depth=0.0, equilibrium_distance=0.01)
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
     between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))

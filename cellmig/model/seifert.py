@@ -152,5 +152,6 @@ class Seifert:
 def solid(law: Any) -> Any:
     """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
     if law.work == 0.0:
-        law = Seifert(0.0, 0.0, equilibrium_distance=law.equilibrium_distance, cutoff=law.cutoff)
+        eps = law.equilibrium_distance
+        law = Seifert(bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=law.cutoff)
     return getattr(law, "solid", law)
