@@ -31,9 +31,10 @@ def vectors(n: int = 200) -> np.ndarray:
 
 def distances(law: Any) -> np.ndarray:
     """Through cap and well to past the cutoff, without those two points."""
-    far = np.geomspace(3.01 * law.range, 1.5 * law.cutoff)
-    r = np.concatenate([np.linspace(-0.5, 3.0, 701) * law.range + 1.7e-6, far])
-    return r[(abs(r - law.cap) > 1e-4 * law.range) & (abs(r - law.cutoff) > 1e-3 * law.range)]
+    eps = law.equilibrium_distance
+    far = np.geomspace(3.01 * eps, 1.5 * law.cutoff)
+    r = np.concatenate([np.linspace(-0.5, 3.0, 701) * eps + 1.7e-6, far])
+    return r[(abs(r - law.cap) > 1e-4 * eps) & (abs(r - law.cutoff) > 1e-3 * eps)]
 
 
 def determinant(F: np.ndarray) -> np.ndarray:

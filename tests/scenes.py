@@ -109,7 +109,7 @@ def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", int
 def plate(name: str, height: float, normal: float, moves: float) -> dict:
     """A level plate at a height, that moves [µm]."""
     return {"name": name, "point": ["0 um", f"{height} um"], "normal": [0, normal],
-            "displacement": ["0 um", f"{moves} um"], "history": specimens.RAMP}
+            "displacement": ["0 um", f"{moves} um"], "load_curve": specimens.RAMP}
 
 
 def squeezed(count: int, by: float = 0.2, samples: int = 2, **more: Any) -> Case:
@@ -121,5 +121,5 @@ def squeezed(count: int, by: float = 0.2, samples: int = 2, **more: Any) -> Case
 
 def bent(count: int, pull: float = 200.0, samples: int = 2, **more: Any) -> Case:
     """The bar, held on the left and pulled up on the right by a traction [Pa]."""
-    load = {"name": "up", "box": RIGHT, "traction": ["0 Pa", f"{pull} Pa"], "history": specimens.RAMP}
+    load = {"name": "up", "box": RIGHT, "traction": ["0 Pa", f"{pull} Pa"], "load_curve": specimens.RAMP}
     return specimens.piece(BAR, count, samples, supports=[{"name": "left", "box": LEFT}], loads=[load], **more)
