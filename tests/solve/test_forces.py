@@ -233,7 +233,7 @@ def test_force_is_minus_the_gradient_of_all_energies(name: str) -> None:
         def energy(moved: np.ndarray) -> float:
             m.state.owned[:, :2] = moved[m.ids]
             ledger = sim.sampler.ledger(m.rate(), 0.0)
-            return sum(ledger[name] for name in STORES)
+            return sum(ledger[f"{name}_pn"] for name in STORES)
 
         surface = np.concatenate([sim.scene.surface(c) for c in range(len(sim.scene.kind))])
         rng, worst = np.random.default_rng(9), 0.0

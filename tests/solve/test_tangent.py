@@ -104,7 +104,7 @@ def test_tangent_of_a_scene_is_the_derivative_of_its_forces() -> None:
             return run._r.getArray().copy()
 
         expected = slope(residual, 0.0, 1e-6)
-        gap = run.contact._nearest()[0]
+        gap = run.plates._nearest()[0]
         assert sim.comm.allreduce(int((gap < 0.0).sum())) > 2
         run._x.setArray(u.ravel())
         run._tangent(None, run._x, run._matrix, run._matrix)
