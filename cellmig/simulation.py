@@ -153,3 +153,9 @@ class Simulation:
         self.integrator.destroy()
         self.mechanics.destroy()
         self.swarm.destroy()
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.destroy()

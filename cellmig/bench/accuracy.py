@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from mpi4py import MPI
-
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
@@ -48,7 +46,7 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._yardstick = Simulation(PROBLEMS["drop"].case(Setting(per_cell=631)), MPI.COMM_SELF)
+        self._yardstick = PROBLEMS["drop"].simulation(Setting(per_cell=631))
         self.best = min(_probe(self._yardstick) for _ in range(20))
 
     def calm(self, sim: Simulation) -> float:
@@ -72,9 +70,7 @@ def _probe(sim: Simulation) -> float:
 
 def watch(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Point, Seen]:
     """Run a problem with a setting; the error of the point is not yet known.  Raises NumericsError."""
-    sim = Simulation(problem.case(setting), MPI.COMM_SELF)
-    try:
-        problem.place(sim)
+    with problem.simulation(setting) as sim:
         seen, cpu = [], 0.0
         for time in problem.times:
             begin = process_time()
@@ -85,8 +81,6 @@ def watch(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Poi
         # Steps of PETSc's types have several evaluations and parts in Python: the time of the run counts.
         ns = stopwatch.calm(sim) if sim.integrator.leapfrog else 1e9 * cpu / steps / n
         return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), columns(seen)
-    finally:
-        sim.destroy()
 
 
 def plan(quick: bool) -> list[tuple[Problem, Setting]]:

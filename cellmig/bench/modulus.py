@@ -12,8 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mpi4py import MPI
-
 from cellmig.output.log import table
 from cellmig.simulation import Simulation
 
@@ -55,16 +53,12 @@ def continuation(quick: bool = False) -> list[Row]:
 
 def watch(problem: Problem, setting: Setting) -> Seen:
     """Measurements of a problem at the start and at all its times, with effective stress and pressure [Pa]."""
-    sim = Simulation(problem.case(setting), MPI.COMM_SELF)
-    try:
-        problem.place(sim)
+    with problem.simulation(setting) as sim:
         rows = [_look(problem, sim)]
         for time in problem.times:
             sim.go(time)
             rows.append(_look(problem, sim))
         return columns(rows)
-    finally:
-        sim.destroy()
 
 
 def _look(problem: Problem, sim: Simulation) -> dict[str, float]:

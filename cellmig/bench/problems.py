@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from mpi4py import MPI
+
 from cellmig.case.load import from_dict, load
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
@@ -86,8 +88,9 @@ class Problem:
                 material["reduced_bulk_modulus"] = f"{setting.modulus:g} MPa"
         return from_dict(tree, f"{self.name}.toml")
 
-    def place(self, sim: Simulation) -> None:
-        """Set the initial displacements."""
+    def simulation(self, setting: Setting) -> Simulation:
+        """The simulation with a setting on this process alone, with its initial displacements."""
+        sim = Simulation(self.case(setting), MPI.COMM_SELF)
         if self.start is not None:
             m = sim.mechanics
             centre = sim.scene.centre[0]
@@ -95,6 +98,7 @@ class Problem:
             m.state.exchange()
             m.renew_lists()
             sim.sample()
+        return sim
 
 
 def _resolved(name: str) -> dict:

@@ -166,12 +166,9 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
     """A trial of implicit steps of a part of a case; cost of the case's steps over the part's; the solver."""
     part, ratio = _part(case, TRIED)
-    s = Simulation(part, MPI.COMM_SELF)
-    try:
+    with Simulation(part, MPI.COMM_SELF) as s:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
         return trial, size / s.scene.size / ratio, s.integrator.step_description  # factors of n particles cost n^1.5
-    finally:
-        s.destroy()
 
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
@@ -226,14 +223,12 @@ def disk_bytes(case: Case, count: int) -> int:
 
 def _timed(case: Case) -> tuple[float, float]:
     """Time per particle-step on this core [s], and memory per particle of the kernel's arrays [B]."""
-    s = Simulation(case, MPI.COMM_SELF)
-    m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-    n = max(5, round(2e6 / s.scene.size))
-    m.advance(3, dt)
-    spent = min(_seconds(m, n, dt) for _ in range(3))
-    result = spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
-    s.destroy()
-    return result
+    with Simulation(case, MPI.COMM_SELF) as s:
+        m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
+        n = max(5, round(2e6 / s.scene.size))
+        m.advance(3, dt)
+        spent = min(_seconds(m, n, dt) for _ in range(3))
+        return spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
 
 
 def _seconds(mechanics, n: int, dt: float) -> float:

@@ -38,13 +38,11 @@ def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
 
 def _speed(case: Case, comm: MPI.Comm) -> float:
     """Simulated over wall time in a trial [µs/s], 0 where no step succeeds; collective."""
-    simulation = Simulation(case, comm)
     try:
-        return try_implicit(simulation).speed if isinstance(simulation.integrator, Implicit) else _explicit(simulation)
+        with Simulation(case, comm) as s:
+            return try_implicit(s).speed if isinstance(s.integrator, Implicit) else _explicit(s)
     except NumericsError:
         return 0.0
-    finally:
-        simulation.destroy()
 
 
 def _explicit(simulation: Simulation) -> float:

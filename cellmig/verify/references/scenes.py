@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,14 +41,9 @@ def altered(case: Case, cell: dict[str, Any]) -> Case:
     return from_dict(tree)
 
 
-@contextmanager
-def built(case: Case) -> Iterator[Simulation]:
-    """A simulation on this process alone, destroyed afterwards."""
-    simulation = Simulation(case, MPI.COMM_SELF)
-    try:
-        yield simulation
-    finally:
-        simulation.destroy()
+def built(case: Case) -> Simulation:
+    """A simulation on this process alone."""
+    return Simulation(case, MPI.COMM_SELF)
 
 
 def put(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
