@@ -1,1 +1,1 @@
-"""The case file: units, schema, messages."""
+"""The case file: schema, units, reader, checks and messages."""

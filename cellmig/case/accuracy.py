@@ -1,4 +1,4 @@
-"""`numerics.accuracy`: the cheapest setting whose error was measured below it, on scenes of the case's kind."""
+"""`numerics.accuracy`: the cheapest resolution whose error, measured on scenes of the same kind, is below it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .messages import show
 from .source import Source
 from .values import declared
 
-MEASURED = Path(__file__).with_name("accuracy.json")  # by `cellmig bench --error`
+MEASURED = Path(__file__).with_name("accuracy.json")  # written by `cellmig bench --error`
 PLACES = {"per_cell": ("particles", "per_cell"), "dilation": ("particles", "dilation"),
           "step_factor": ("time", "step_factor")}
 
@@ -23,7 +23,10 @@ def _measured() -> dict[str, Any]:
 
 
 def fraction(text: Any) -> float:
-    """An accuracy such as "1 %" or 0.01.  Raises ValueError; its text is for the user."""
+    """An accuracy [-] from "1 %" or 0.01.
+
+    Raises ValueError for what is none; the message is for the user.
+    """
     text = units.plain(text) if isinstance(text, str) else text
     percent = isinstance(text, str) and text.strip().endswith("%")
     try:
@@ -36,7 +39,7 @@ def fraction(text: Any) -> float:
 
 
 def kind_of(data: dict[str, Any]) -> str | None:
-    """The kind of scene that tables describe, as far as one was measured."""
+    """Kind of scene that the tables of a case describe; None if that kind has not been measured."""
     cells, materials = data.get("cells"), data.get("materials")
     try:
         used = {cell[key] for cell in cells for key in ("material", "nucleus") if key in cell}
@@ -45,7 +48,7 @@ def kind_of(data: dict[str, Any]) -> str | None:
         adhesion = data.get("adhesion", {})
         on_substrate, touching = "substrate" in adhesion, "cells" in adhesion and _several(cells)
     except (TypeError, KeyError, AttributeError):
-        return None  # the reader says what is wrong
+        return None  # the reader reports what is wrong
     if on_substrate:
         return "cell on substrate" if True in fluid else None
     return {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
@@ -56,7 +59,10 @@ def _several(cells: list) -> bool:
 
 
 def pick(points: list[dict[str, Any]], kind: str | None, accuracy: float) -> dict[str, Any]:
-    """The cheapest point of a kind whose error is not above the accuracy.  Raises ValueError: nobody measured it."""
+    """The cheapest measurement of a kind whose error is at most the accuracy [-].
+
+    Raises ValueError where there is none; the message is for the user.
+    """
     own = [p for p in points if p["kind"] == kind]
     if not own:
         kinds = ", ".join(dict.fromkeys(p["kind"] for p in points))
@@ -70,9 +76,9 @@ def pick(points: list[dict[str, Any]], kind: str | None, accuracy: float) -> dic
 
 
 def fill(source: Source) -> str:
-    """Give a case that asks for an accuracy what it leaves open; returns what was done, "" if it asks for none.
+    """Set the resolution of a case that has an accuracy; returns what was set, "" without an accuracy.
 
-    What the case itself gives stays: its error was measured only if it is what would have been chosen.
+    Keys that the case gives itself are not changed; the error is then known only if they have the values to be chosen.
     """
     data, path = source.data, ("numerics", "accuracy")
     asked = data.get("numerics", {}).get("accuracy") if isinstance(data.get("numerics", {}), dict) else None
@@ -106,7 +112,7 @@ def fill(source: Source) -> str:
 
 
 def _wanted(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tuple, Any]]:
-    """Name, place in the case and value of all that an accuracy chooses."""
+    """Name, path in the case and value of each key that an accuracy sets."""
     rows = [(key, place, chosen[key]) for key, place in PLACES.items()]
     for name, material in data["materials"].items() if "modulus" in chosen else ():
         if "reduced_bulk_modulus" in declared(registry.laws("material")[material["law"]]):
@@ -116,7 +122,7 @@ def _wanted(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tup
 
 
 def _same(given: Any, value: Any) -> bool:
-    """Whether two values of a case are the same, also in other units."""
+    """Whether two values of a case are equal, possibly in different units."""
     try:
         return units.number(given, "Pa") == units.number(value, "Pa") if isinstance(value, str) else given == value
     except (units.UnitError, TypeError):

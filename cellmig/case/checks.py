@@ -1,4 +1,4 @@
-"""What no single value shows: names that must exist, cells that must not overlap, parameters that must fit."""
+"""Checks of a case that concern several values: names, overlaps of cells, parameters that have to fit together."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .source import Source
 from .values import declared
 
 MOST_PARTICLES = 1e9
-MOST_TOLD = 20  # overlaps that are told: when all cells overlap, so do all pairs
+MOST_OVERLAPS = 20  # overlaps that are reported
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("equilibrium_distance", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
 
 def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
-    """Note what does not fit together among the parts of a case; parts that have mistakes are None."""
+    """Note all mistakes in a case of which the parts are `found`; parts that have mistakes themselves are None."""
     cells = found["cells"]
     for cell, path in {path: (cell, path) for cell, path in cells}.values():
         _nucleus(source, cell, path)
@@ -38,7 +38,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
 
 
 def resolution(source: Source) -> None:
-    """Note if not exactly one of per_cell and spacing is given."""
+    """Note a mistake unless exactly one of per_cell and spacing is given."""
     table = source.data.get("particles", {})
     given = [key for key in ("per_cell", "spacing") if isinstance(table, dict) and key in table]
     if len(given) != 1:
@@ -47,7 +47,7 @@ def resolution(source: Source) -> None:
 
 
 def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> None:
-    """Note pairs of parameters of one law that are in the wrong order."""
+    """Note where a parameter of a law is above the one that bounds it."""
     fields = declared(cls)
     for small, large, why in NOT_ABOVE:
         low, high = (found.get(k, fields[k].default if k in fields else None) for k in (small, large))
@@ -57,7 +57,7 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
-    """A nucleus has a size and a material, or neither."""
+    """Note a nucleus that has a size but no material, or a material but no size."""
     keys = [k for k in declared(type(cell.shape)) if k.startswith("nucleus_")] or ["nucleus_ratio"]
     given = [k for k in keys if getattr(cell.shape, k, None) is not None]
     if cell.nucleus is not None and not given:
@@ -67,7 +67,7 @@ def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
 
 
 def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
-    """What protrudes is pushed no higher than bonds to the substrate reach."""
+    """Note a pushing edge that is higher than the reach of the bonds to the substrate."""
     reach = getattr(substrate, "cutoff", math.inf)
     if push is not None and push.cells and push.height > reach:
         height, reach = (units.text(v, "um") for v in (push.height, reach))
@@ -76,7 +76,7 @@ def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
 
 
 def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:
-    """There are enough particles, and not too many."""
+    """Note too few or too many particles."""
     total, key = 0.0, "per_cell" if particles.per_cell else "spacing"
     for cell, _ in cells if particles.per_cell or particles.spacing else ():
         count = particles.per_cell or cell.shape.area / particles.spacing**2
@@ -89,14 +89,14 @@ def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]
 
 
 def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
-    """Every cell has a name of its own."""
+    """Note names that cannot be printed, and those that two cells have."""
     seen: dict[str, tuple] = {}
-    told = set()
+    reported = set()
     for cell, path in cells:
         if not cell.name.strip() or not cell.name.isprintable():
             source.wrong((*path, "name"), "a name has printable characters, and at least one")
-        elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in told:
-            told.add((path, seen[cell.name]))
+        elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in reported:
+            reported.add((path, seen[cell.name]))
             other, line = ".".join(map(str, seen[cell.name])), source.place(seen[cell.name])[1]
             source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}"
                                           + (f" in line {line}" if line else ""))
@@ -104,7 +104,7 @@ def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
 
 
 def _parts(source: Source, found: dict[str, Any]) -> None:
-    """Supports, loads and probes are on parts that their cells have; columns of history.csv have names of their own."""
+    """Note parts that cells do not have, and names that cannot begin a column of history.csv or do so already."""
     cells, seen = [cell for cell, _ in found["cells"]], set()
     for kind in ("supports", "loads", "plates", "probes"):
         for item, path in found[kind]:
@@ -126,7 +126,7 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
 
 
 def _equilibria(source: Source, found: dict[str, Any]) -> None:
-    """A static case has solids alone, and loads that grow from nothing: time is what they grow with."""
+    """Note what a static case cannot have: fluids, adhesion and the like, initial motion, sudden loads."""
     if found["time"] is None or found["time"].integrator != "static":
         return
     why = "\"static\" finds equilibria of solids"
@@ -154,7 +154,7 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
 
 
 def _acts(item: Any) -> bool:
-    """Whether a support, load or plate does anything but stay."""
+    """Whether a support or plate moves, or a load is not zero."""
     values = (*(getattr(item, "displacement", None) or ()), *(getattr(item, "traction", None) or ()),
               *(getattr(item, "body", None) or ()),
               getattr(item, "pressure", None) or 0.0)
@@ -162,26 +162,27 @@ def _acts(item: Any) -> bool:
 
 
 def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
-    """No cell reaches below the plane y = 0; of the copies of a cell, the first that does is named."""
-    told = set()
+    """Note cells that reach below the plane y = 0; of the copies of a cell, the first one."""
+    reported = set()
     for cell, path in cells:
         bottom = cell.centre[1] + cell.shape.lowest()
-        if bottom < 0 and path not in told:
-            told.add(path)
+        if bottom < 0 and path not in reported:
+            reported.add(path)
             source.wrong((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0; "
                                             "rest = true puts it there")
 
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
-    """No two cells overlap; of the copies of a cell, the first pair is named."""
+    """Note cells that overlap; of the copies of two cells, the first pair."""
     shapes = {shape: shape.outline(OUTLINE) for shape in {cell.shape for cell, _ in cells}}
     outlines = [shapes[cell.shape] for cell, _ in cells]
     centres = np.array([cell.centre for cell, _ in cells])
-    told = set()
+    reported = set()
     for i, j in near(outlines, centres):
         (a, here), (b, there) = cells[i], cells[j]
-        if (here, there) not in told and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
-            told.add((here, there))
+        pair = here, there
+        if pair not in reported and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
+            reported.add(pair)
             source.wrong((*there, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
-            if len(told) == MOST_TOLD:
+            if len(reported) == MOST_OVERLAPS:
                 return

@@ -1,4 +1,4 @@
-"""Cells that are repeated: the names of the copies, where they are, and what differs in some of them."""
+"""Copies of repeated cells: their names and positions, and keys that differ in some of them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ MOST_CELLS = 100_000
 
 
 def cell_names(cells: list) -> list[str]:
-    """Names of the cells that tables [[cells]] make, as far as they can be read."""
+    """Names of the cells of all tables [[cells]], without those of tables that cannot be read."""
     return [name for item in cells for name in copy_names(item)]
 
 
 def copy_names(item: object) -> list[str]:
-    """Names of the cells that one table [[cells]] makes."""
+    """Names of the cells of one table [[cells]]; none if it cannot be read."""
     name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
     whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
     if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
@@ -26,19 +26,24 @@ def copy_names(item: object) -> list[str]:
 
 
 def _numbered(name: str, total: int) -> list[str]:
-    """Names of the copies of a cell."""
+    """Names of the `total` copies of a cell."""
     pattern = name if "{}" in name or total == 1 else name + "-{}"
     return [pattern.replace("{}", str(k + 1)) for k in range(total)]
 
 
-Changed = Mapping[tuple, tuple[Cell, Mapping]]  # by path: a copy as it is to be, and the table that says what differs
+Changed = Mapping[tuple, tuple[Cell, Mapping]]  # by path of a copy: the changed cell, and the table of its changes
 
 
 def expand(wrong: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]], floor: float | None,
            changed: Changed) -> list[tuple[Cell, tuple]]:
-    """All copies of all cells, each with the path of its table: the first direction of `repeat` runs fastest.
+    """All copies of all cells, each with the path of its table; the first direction of `repeat` runs fastest.
 
-    `wrong` : notes a mistake at a path;  `floor` : height at which cells rest on the substrate [µm], None without one.
+    Parameters
+    ----------
+    wrong : function -- notes a mistake, given its path and message.
+    cells : list of (cell, path) -- cells that are not yet repeated.
+    floor : float -- height at which cells rest on the substrate [µm]; None without a substrate.
+    changed : dict -- copies that differ.
     """
     if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
         wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
@@ -62,7 +67,7 @@ def expand(wrong: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]],
 
 
 def _set_down(wrong: Callable[[tuple, str], None], cell: Cell, path: tuple, floor: float | None) -> Cell:
-    """The cell on the substrate, if it is to rest there."""
+    """The cell, moved onto the substrate if it is to rest there."""
     if not cell.rest:
         return cell
     if floor is None:

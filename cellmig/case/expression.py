@@ -1,4 +1,4 @@
-"""Values that depend on the place: formulas of x and y, such as "0.02*x um/us", in the numbers of a case file."""
+"""Formulas of the position, such as "0.02*x um/us", in place of numbers of a case file."""
 
 from __future__ import annotations
 
@@ -22,28 +22,33 @@ _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of x and y [µm], from the centre of the cell, r² = x² + y²; its values have the unit behind it.
+    """A formula of x, y and r = sqrt(x² + y²) [µm] from the centre of the cell, followed by the unit of its values.
 
-    text : str -- as in the case file;  unit : str -- one of the dimension that is asked for.
+    Attributes
+    ----------
+    text : str -- formula and unit, as in the case file.
+    unit : str -- any unit of the expected dimension.
+
+    Raises ValueError for a text that is no such formula; the message is for the user.
     """
 
     text: str
     unit: str
 
     def __post_init__(self) -> None:
-        """Refuse what is no such formula; the messages are for the user."""
+        """Check the formula by evaluating it."""
         self._split()
         self(np.array([[0.3, 0.4]]))
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
-        """Values at places about the centre of the cell (n, 2) [µm], in the code's units (n,)."""
+        """Values (n,) in the code's units at points X (n, 2) [µm] from the centre of the cell."""
         formula, scale = self._split()
         names = {"x": X[:, 0], "y": X[:, 1], "r": np.hypot(X[:, 0], X[:, 1]), "pi": math.pi}
-        with np.errstate(all="ignore"):  # who asks sees what is no number
+        with np.errstate(all="ignore"):  # the caller checks that values are finite
             return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
 
     def _split(self) -> tuple[ast.expr, float]:
-        """The formula and the factor of its unit, which is what stands behind the last blank that leaves a formula."""
+        """The formula and the factor of its unit: the text is split at the first blank that leaves both valid."""
         text = units.plain(self.text).strip()
         for blank in [m.start() for m in re.finditer(r"\s", text)]:
             formula, unit = text[:blank], text[blank:].strip()
@@ -72,10 +77,10 @@ class Expression:
 
 
 def is_formula(text: Any) -> bool:
-    """Whether a text depends on the place, or multiplies as if it did."""
+    """Whether a text is a formula rather than a quantity: it has a name such as x or sin, or a product."""
     return isinstance(text, str) and _FORMULA.search(units.plain(text)) is not None
 
 
 def evaluate(value: float | Expression, X: np.ndarray) -> np.ndarray:
-    """Values (n,) of a number or a formula at places (n, 2) [µm] about the centre of the cell, in the code's units."""
+    """Values (n,) of a number or a formula, in the code's units, at points X (n, 2) [µm] from the cell's centre."""
     return value(X) if isinstance(value, Expression) else np.full(len(X), float(value))

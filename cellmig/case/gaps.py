@@ -1,4 +1,4 @@
-"""How cells lie at the start: how far from the substrate y = 0, how far from one another, and which of them float."""
+"""Gaps at the start: between cells, and to the substrate y = 0; cells that no bonds tie to the substrate."""
 
 from __future__ import annotations
 
@@ -13,16 +13,20 @@ from scipy.sparse.csgraph import connected_components
 from .expression import evaluate
 from .schema import Case
 
-OUTLINE = 720  # points of an outline: a disc of 5 µm is then round to 0.05 nm
+OUTLINE = 720  # points of an outline: that of a disc of radius 5 µm deviates by 0.05 nm
 
 
 class Lie(NamedTuple):
-    """How the cells of a case lie at the start, by their outlines and displacements.
+    """Arrangement of the cells of a case at the start, from their outlines and displacements.
 
-    box : (2, 2) -- lower left and upper right corner of all [µm];  heights : (cells,) -- of their lowest points [µm];
-    gap, pair : the least between two cells [µm], and which; None of one cell;
-    group : (cells,) -- number of the group of cells that bonds tie together;
-    floating : numbers of the cells that bonds tie to the substrate neither themselves nor through others.
+    Attributes
+    ----------
+    box : (2, 2) -- lower left and upper right corner of the bounding box [µm].
+    heights : (cells,) -- heights of the lowest points [µm].
+    gap : float -- least gap between two cells [µm]; None if there is one cell.
+    pair : tuple -- indices of these two cells.
+    group : (cells,) int -- number of the group of cells that bonds tie together.
+    floating : (k,) int -- cells that bonds tie to the substrate neither directly nor through other cells.
     """
 
     box: np.ndarray
@@ -34,7 +38,7 @@ class Lie(NamedTuple):
 
 
 def lie(case: Case) -> Lie:
-    """How the cells of a case lie at the start; bonds reach as far as their cutoff."""
+    """Arrangement of the cells of a case at the start; bonds form up to their cutoff."""
     shared = {key: _outline(*key) for key in {(c.shape, c.displacement) for c in case.cells}}
     outlines = [shared[c.shape, c.displacement] for c in case.cells]
     centres = np.array([c.centre for c in case.cells])
@@ -50,7 +54,7 @@ def lie(case: Case) -> Lie:
 
 
 def _outline(shape: Any, displacement: tuple) -> np.ndarray:
-    """Outline about the centre, displaced as at the start (n, 2) [µm]."""
+    """Outline (n, 2) [µm] from the cell's centre, with the initial displacement."""
     points = shape.outline(OUTLINE)
     with np.errstate(all="ignore"):
         moved = points + np.column_stack([evaluate(value, points) for value in displacement])
@@ -59,22 +63,22 @@ def _outline(shape: Any, displacement: tuple) -> np.ndarray:
 
 
 def _groups(ties: list[tuple[int, int]], n: int) -> np.ndarray:
-    """The group of each of `n` things of which pairs are tied (n,)."""
+    """Number of the connected component of each of n cells, of which `ties` are pairs (n,) int."""
     i, j = np.array(ties, int).reshape(-1, 2).T
     return connected_components(sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n)), directed=False)[1]
 
 
 def _nearest(outlines: list[np.ndarray], centres: np.ndarray, measure: _Measure) -> tuple | None:
-    """The two cells of the least gap, and that; None of one cell."""
+    """The pair of cells with the least gap, and the gap; None if there is one cell."""
     within, found = 1e-3 * float(np.ptp(outlines[0])), {}
-    while len(outlines) > 1 and not found:  # cells whose boxes are farther apart than that are so themselves
+    while len(outlines) > 1 and not found:  # cells are at least as far apart as their boxes
         within *= 2.0
         found = {p: gap for p in near(outlines, centres, within) if (gap := measure(*p, within)) < within}
     return min(found.items(), key=lambda item: item[1], default=None)
 
 
 class _Measure:
-    """Gaps between cells [µm]; pairs that lie alike, as in rows and grids, are measured once."""
+    """Gaps between cells [µm]; pairs of equal relative position, as in a grid, are measured once."""
 
     def __init__(self, outlines: list[np.ndarray], centres: np.ndarray):
         self._outlines, self._centres, self._known = outlines, centres.tolist(), {}
@@ -89,12 +93,12 @@ class _Measure:
 
 
 def _gap(a: np.ndarray, b: np.ndarray, most: float) -> float:
-    """Distance of two polygons that do not overlap, inf if it is more than `most` [µm]."""
+    """Distance [µm] of two polygons that do not overlap; inf if it exceeds `most`."""
     return min(_apart(a, b, most), _apart(b, a, most))
 
 
 def _apart(points: np.ndarray, polygon: np.ndarray, most: float) -> float:
-    """Least distance of points from the edges of a polygon, inf if it is more than `most` [µm]."""
+    """Least distance [µm] of points from the edges of a polygon; inf if it exceeds `most`."""
     p, q = polygon, np.roll(polygon, -1, axis=0)
     points = points[_between(points, points, p.min(axis=0), p.max(axis=0), most)]
     if len(points):
@@ -104,19 +108,22 @@ def _apart(points: np.ndarray, polygon: np.ndarray, most: float) -> float:
 
 
 def _between(low: np.ndarray, high: np.ndarray, bottom: np.ndarray, top: np.ndarray, margin: float) -> np.ndarray:
-    """Which boxes (n, 2) come as near as a margin to a box."""
+    """Whether each of n boxes is within a margin of the box from `bottom` to `top` (n,) bool."""
     return ((low <= top + margin) & (high >= bottom - margin)).all(axis=1)
 
 
 def _boxes(outlines: list[np.ndarray], centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corners of the boxes of cells (n, 2) each."""
+    """Lower left and upper right corners of the bounding boxes of cells, (n, 2) [µm] each."""
     boxes = {key: (o.min(axis=0), o.max(axis=0)) for key, o in {id(o): o for o in outlines}.items()}
     low, high = (np.array([boxes[id(o)][side] for o in outlines]) + centres for side in (0, 1))
     return low, high
 
 
 def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -> Iterator[tuple[int, int]]:
-    """Pairs i < j of cells whose boxes overlap, or are less than `within` apart [µm]."""
+    """Pairs i < j of cells whose bounding boxes overlap or are less than `within` [µm] apart.
+
+    `outlines` are (k, 2) [µm] each, from the cells' `centres` (n, 2) [µm].
+    """
     if len(outlines) < 2:
         return
     low, high = _boxes(outlines, centres)
@@ -130,22 +137,22 @@ def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    """How deep a corner or the middle of one polygon (n, 2) lies inside the other [µm], 0 if none does."""
+    """Largest depth [µm] of a corner, or the mean of the corners, of one of the polygons a, b (k, 2) in the other."""
     axis = b.mean(axis=0) - a.mean(axis=0)
     if (a @ axis).max() < (b @ axis).min():
-        return 0.0  # a line parts them: most neighbours go no further
+        return 0.0  # a straight line separates them, as is usual for neighbours
     return max(_inside(_probes(a), b), _inside(_probes(b), a))
 
 
 def _probes(polygon: np.ndarray) -> np.ndarray:
-    """Corners of a polygon and its middle, if that is inside it: the corners of two like polygons may coincide."""
+    """Corners of a polygon, and their mean if that is inside: the corners of two equal polygons may coincide."""
     middle = polygon.mean(axis=0, keepdims=True)
     return np.concatenate([polygon, middle]) if _inside(middle, polygon) > 0 else polygon
 
 
-@np.errstate(all="ignore")  # edges along x cross no such ray; shapes may be absurdly small
+@np.errstate(all="ignore")  # division by zero for edges along x, which cross no ray; underflow in tiny shapes
 def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
-    """Largest distance from the outline of `polygon` among the points inside it, by crossings of a ray along x."""
+    """Largest depth [µm] of the points inside a polygon, by the crossings of a ray along +x; 0 if none is inside."""
     p, q = polygon, np.roll(polygon, -1, axis=0)
     x, y = points[:, :1], points[:, 1:]
     crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
@@ -155,7 +162,7 @@ def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
 
 
 def _distances(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Distances of points (n, 2) from the edges from `p` to `q` (m, 2) each (n, m) [µm]."""
+    """Distances (n, m) [µm] of points (n, 2) from the edges from p to q, (m, 2) each."""
     edge = q - p
     along = np.clip(((points[:, None] - p) * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(points[:, None] - p - along[..., None] * edge, axis=-1)

@@ -1,4 +1,4 @@
-"""The reference of case files for people: every key and every law, from their declarations, as Markdown."""
+"""Reference of case files in Markdown: every key and every law, from their declarations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TYPES = {"int": "whole number", "bool": "true or false", "str": "text", "float"
 
 
 def handbook() -> str:
-    """The page."""
+    """The reference as one Markdown page."""
     lines = ["# Keys and laws of a case", "",
              "Written by `cellmig schema --markdown` from the declarations in the code.  A quantity is a string with "
              'its unit, such as `"10 nm"`; any unit of the right kind will do, of these, with the usual prefixes, and '
@@ -41,7 +41,7 @@ def _plain_fields() -> Iterator[tuple[str, Any]]:
 
 
 def _section(f: Any) -> list[str]:
-    """A table of the case file, or a list of tables."""
+    """Lines on a table, or a list of tables, of the case file."""
     meta, path = f.metadata, ".".join(case_path(f))
     if "section" in meta:
         return [f"## `[{path}]`", "", f"{_sentence(meta['doc'])}.", "", *_table(declared(meta["section"]).items())]
@@ -56,7 +56,7 @@ def _section(f: Any) -> list[str]:
 
 
 def _law(cls: type) -> list[str]:
-    """What a law says of itself, and its parameters."""
+    """Lines on a law: its docstring and its parameters."""
     where = f"`{cls.__module__.replace('.', '/')}.py`"
     return [*_paragraphs(inspect.cleandoc(cls.__doc__)), "", f"In {where}.", "", *_table(declared(cls).items())]
 
@@ -94,5 +94,5 @@ def _sentence(text: str) -> str:
 
 
 def _anchor(kind: str, name: str) -> str:
-    """What a heading is called in a link."""
+    """Name of the heading of a law in a link."""
     return f"{kind}-{name}".replace(" ", "-").lower()

@@ -1,4 +1,4 @@
-"""JSON schema of a case file, for editors that complete and check TOML while it is written."""
+"""JSON schema of a case file, with which editors complete and check TOML."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from . import registry
 from .schema import Case, Cell, case_fields, case_path
 from .values import bounds, declared, example, required, type_name, write
 
-# Keys of JSON schema for what a declaration says of a pure number.
+# Keys of JSON schema for the bounds of a pure number.
 _LIMITS = {"above": "exclusiveMinimum", "minimum": "minimum", "maximum": "maximum"}
-_GROUPS = {"adhesion": "adhesion to the substrate and between cells", "body_force": "a force on the whole body"}
+_GROUPS = {"adhesion": "adhesion to the substrate and between cells", "body_force": "a body force"}
 _TYPES = {"int": "integer", "bool": "boolean", "str": "string", "float": "number"}
 
 
 def json_schema() -> dict:
-    """JSON schema (draft 2020-12) of a case, from its declarations and from the laws that are registered."""
+    """JSON schema (draft 2020-12) of a case, from its declarations and the registered laws."""
     root = _object({"extends": {"type": "string", "description": "case file whose tables this one is laid over"}},
                    doc=Case.__doc__.split("\n")[0])
     for f in case_fields().values():
@@ -29,7 +29,7 @@ def json_schema() -> dict:
 
 
 def _part(f: Any) -> dict:
-    """A field of the case: a section, laws, cells or a value."""
+    """Schema of a field of the case: a section, laws, cells or a value."""
     meta = f.metadata
     if "section" in meta:
         return _record(meta["section"], doc=meta["doc"])
@@ -45,27 +45,27 @@ def _part(f: Any) -> dict:
 
 
 def _choice(kind: str, key: str, around: type | None = None) -> dict:
-    """A table whose `key` names a law of a kind, with that law's parameters and those of the class `around` it."""
+    """Schema of a table whose `key` names a law of a kind, with the parameters of the law and of the class `around`."""
     options, known = [], registry.laws(kind)
-    said = "; ".join(f"\"{name}\": {_first_sentence(cls)}" for name, cls in known.items())
+    meaning = "; ".join(f"\"{name}\": {_first_sentence(cls)}" for name, cls in known.items())
     for name, cls in known.items():
         option = _record(cls, doc=_first_sentence(cls))
         if around:
             option["properties"] |= _record(around)["properties"]
             option["additionalProperties"] = {"type": "object", "description": "what differs in the copy of this name"}
-        option["properties"][key] = {"const": name, "description": said}
+        option["properties"][key] = {"const": name, "description": meaning}
         options.append(option)
-    return {"type": "object", "properties": {key: {"enum": list(known), "description": said}}, "anyOf": options}
+    return {"type": "object", "properties": {key: {"enum": list(known), "description": meaning}}, "anyOf": options}
 
 
 def _first_sentence(cls: type) -> str:
-    """What a law is, in one line."""
+    """First sentence of the docstring of a law."""
     first = " ".join(cls.__doc__.split("\n\n")[0].split())
     return first.split(". ")[0].rstrip(".")
 
 
 def _record(cls: type, doc: str = "") -> dict:
-    """A declared class.  Nothing is required here: the file may extend another one that gives it."""
+    """Schema of a declared class; no key is required, as a file may extend another one that has it."""
     return _object({name: _value(f) for name, f in declared(cls).items()}, doc)
 
 
@@ -75,7 +75,7 @@ def _object(properties: dict, doc: str = "") -> dict:
 
 
 def _value(f: Any) -> dict:
-    """One key: its type, unit, bounds, default and choices."""
+    """Schema of a key: its type, unit, bounds, default and choices."""
     meta = f.metadata
     if "kind" in meta and not meta.get("inline"):
         return {"description": meta["doc"], **_choice(meta["kind"], "law")}

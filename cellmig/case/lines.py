@@ -1,4 +1,4 @@
-"""On which line of a TOML file a key stands: tomllib does not tell, messages must."""
+"""Lines of the keys in a TOML text, for messages; tomllib does not give them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,22 @@ _PLAIN = re.compile(r"[^,\]}\n#]*")
 
 
 def key_lines(text: str) -> dict[tuple, int]:
-    """Line of every key and table of a TOML text that tomllib has accepted.
-
-    Keys are paths: names of tables and keys, and numbers of items, e.g. ("cells", 0, "radius").
-    """
+    """Line of each key and table of a TOML text that tomllib has accepted, by path, such as ("cells", 0, "radius")."""
     scan = _Scan(text)
     try:
         scan.document()
-    except (RecursionError, AttributeError):  # a text that this scan does not follow: what it has must do
+    except (RecursionError, AttributeError):  # the scan cannot follow: lines found so far are returned
         pass
     return scan.lines
 
 
 class _Scan:
-    """Reads no values, only notes where they stand."""
+    """Scanner that notes lines of keys without reading values."""
 
     def __init__(self, text: str):
         self.text, self.at = text, 0
         self.lines: dict[tuple, int] = {(): 1}
-        self.last: dict[tuple, int] = {}  # number of the newest table of each array of tables
+        self.last: dict[tuple, int] = {}  # index of the latest table of each array of tables
         self.breaks = [m.start() for m in re.finditer("\n", text)]
 
     def document(self) -> None:
@@ -44,11 +41,11 @@ class _Scan:
             self.skip()
 
     def skip(self) -> None:
-        """Go past blanks, line ends and comments."""
+        """Skip blanks, line ends and comments."""
         self.at = _BLANK.match(self.text, self.at).end()
 
     def take(self, mark: str) -> bool:
-        """Go past `mark` and the blanks after it, if it stands here."""
+        """Whether `mark` comes next; if so, skip it and the blanks after it."""
         here = self.text.startswith(mark, self.at)
         if here:
             self.at += len(mark)
@@ -60,7 +57,7 @@ class _Scan:
         return path
 
     def header(self) -> tuple:
-        """[a.b] or [[a.b]]: the path of the table that it opens."""
+        """Read [a.b] or [[a.b]]; returns the path of the table that begins here."""
         start, many = self.at, self.text.startswith("[[", self.at)
         self.take("[[" if many else "[")
         keys = self.key()
@@ -77,7 +74,7 @@ class _Scan:
         return path
 
     def key(self) -> list[str]:
-        """A dotted key."""
+        """Read a dotted key."""
         keys = []
         while True:
             quoted = self.text[self.at] in "\"'"
@@ -89,7 +86,7 @@ class _Scan:
                 return keys
 
     def assignment(self, table: tuple) -> None:
-        """A key and its value, in a table or an inline table."""
+        """Read a key and its value, in a table or an inline table."""
         start, path = self.at, table
         keys = self.key()
         end, self.at = self.at, start

@@ -1,4 +1,4 @@
-"""From a case file to a `Case`, or to all its mistakes at once."""
+"""Reads a case file into a `Case`, or reports all its mistakes at once."""
 
 from __future__ import annotations
 
@@ -18,26 +18,28 @@ from .values import declared
 
 
 def load(path: str | os.PathLike, sets: Sequence[str] = ()) -> Case:
-    """Case in a file, with what it extends, under `sets` ("time.end=40 us", "cells.0.radius=4 um").
+    """Case of a file, with the files that it extends and the changes `sets` ("time.end=40 us", "cells.0.radius=4 um").
 
-    The laws that it names must have been discovered.  Raises CaseError, which holds all mistakes.
+    The laws that it names must have been registered.
+
+    Raises CaseError, which holds all mistakes.
     """
     return _case(read(path, sets), os.fspath(path))
 
 
 def from_dict(data: Mapping[str, Any], path: str = "case") -> Case:
-    """Case from tables as `Case.resolved` gives them.  Raises CaseError."""
+    """Case from tables such as `Case.resolved` returns.
+
+    Raises CaseError, which holds all mistakes.
+    """
     return _case(Source(data=dict(data), files=[path]), path)
 
 
 def change(case: Case, changes: Mapping[str, Any]) -> Case:
-    """The case with some values changed; `case` itself stays as it is.
+    """A copy of the case with some values changed.
 
-    Parameters
-    ----------
-    case : Case.
-    changes : dict -- dotted key to a value as a case file holds it: ``{"time.end": "40 us", "cells.Cell-1.radius":
-        "4 um"}``; a dict stands for a whole table.
+    `changes` are values as in a case file by dotted keys: ``{"time.end": "40 us", "cells.Cell-1.radius": "4 um"}``; a
+    dict is a whole table.
 
     Raises CaseError, which holds all mistakes.
     """
@@ -66,20 +68,20 @@ def _case(source: Source, path: str) -> Case:
 
 
 class _Reader:
-    """Walks the declarations of a case beside its tables and notes every mistake."""
+    """Compares the tables of a case with its declarations and notes every mistake."""
 
     def __init__(self, source: Source):
         self.source, self.wrong = source, source.wrong
         self.formulas: dict[tuple, tuple] = {}
-        self.partial = bool(source.mistakes)  # a file could not be read: say nothing about what is missing
+        self.partial = bool(source.mistakes)  # a file could not be read: missing keys are not reported
         materials = source.data.get("materials")
-        self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that differ
+        self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that have changes, by path
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
         if isinstance(source.data.get("cells"), list):
             self.names["cell"] = cell_names(source.data["cells"])
 
     def case(self) -> dict[str, Any]:
-        """Values of all fields; None where they have mistakes."""
+        """Values of all fields by name; None where they have mistakes."""
         data, fields = self.source.data, case_fields()
         self.known_keys(data, (), {case_path(f) for f in fields.values()})
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
@@ -95,7 +97,7 @@ class _Reader:
         return found
 
     def note_formulas(self, kind: str, items: list[tuple[Any, tuple]]) -> None:
-        """Keep where formulas stand: what they are at the particles is seen when these are laid out."""
+        """Note file and line of formulas, whose values are checked once there are particles."""
         for item, path in items:
             for key in (key for key, f in declared(type(item)).items() if f.metadata.get("formula")):
                 given = getattr(item, key)
@@ -104,14 +106,14 @@ class _Reader:
                     self.formulas[kind, item.name, key] = (*self.source.place(where), ".".join(map(str, where)))
 
     def find(self, path: tuple) -> Any:
-        """What stands at a path of tables, None if nothing."""
+        """Value at a path of tables; None if there is none."""
         value: Any = self.source.data
         for key in path:
             value = value.get(key) if isinstance(value, dict) else None
         return value
 
     def known_keys(self, data: dict, path: tuple, known: set) -> None:
-        """Note the keys of `data` that begin none of the `known` paths below it."""
+        """Note a mistake for each key of `data` with which none of the `known` paths begins."""
         words = sorted({p[0] for p in known}) + ["extends"] * (not path)
         for key, value in data.items():
             below = {p[1:] for p in known if p[0] == key}
@@ -124,7 +126,7 @@ class _Reader:
                 self.wrong((*path, key), f"is a section: [{key}], not {show(value)}")
 
     def part(self, f: Any, value: Any, path: tuple) -> Any:
-        """One field of the case."""
+        """Value of one field of the case."""
         meta = f.metadata
         if "section" in meta:
             return self.record(meta["section"], {} if value is None else value, path)
@@ -146,7 +148,7 @@ class _Reader:
         return self.value(f, value, path)
 
     def cells(self, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
-        """Cells with their paths, those without mistakes; not yet repeated."""
+        """Cells without mistakes, not yet repeated, with their paths."""
         if value is None or value == []:
             self.missing(path, "a case has at least one cell, in a table [[cells]]")
             return []
@@ -157,7 +159,7 @@ class _Reader:
         return [cell for cell in found if cell[0] is not None]
 
     def repeated(self, data: Any, path: tuple) -> Cell | None:
-        """A cell, not yet repeated; what tables of their own say of its copies is kept in `changed`."""
+        """A cell, not yet repeated; copies that have tables of their own are put into `changed`."""
         if not isinstance(data, dict):
             return self.cell(data, path)
         names = copy_names(data)
@@ -177,7 +179,7 @@ class _Reader:
         return cell
 
     def items(self, cls: type, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
-        """What the tables of a list say, with their paths; those without mistakes."""
+        """Items without mistakes of a list of tables, with their paths."""
         if not isinstance(value, list):
             self.wrong(path, f"is a list of tables: write [[{path[-1]}]]")
             return []
@@ -185,7 +187,7 @@ class _Reader:
         return [item for item in found if item[0] is not None]
 
     def cell(self, data: Any, path: tuple) -> Cell | None:
-        """A cell's table holds its own keys and those of its shape."""
+        """Cell from a table, which holds the keys of the cell and those of its shape."""
         shape_class = self.choose("shape", data, path, "shape")
         own = declared(Cell)
         extra = set(declared(shape_class)) - set(own) if shape_class else None
@@ -202,7 +204,7 @@ class _Reader:
         return cls and self.record(cls, data, path, ("law",))
 
     def choose(self, kind: str, data: Any, path: tuple, key: str, default: str | None = None) -> type | None:
-        """The registered class that a table names."""
+        """Registered class that a table names, None if it has a mistake."""
         known = registry.laws(kind)
         if not isinstance(data, dict):
             if key == "law":
@@ -218,9 +220,9 @@ class _Reader:
         return None
 
     def record(self, cls: type, data: Any, path: tuple, others: Any = (), **given: Any) -> Any:
-        """Instance of a declared class from a table, None if it has mistakes.
+        """Instance of a declared class from a table; None if it has mistakes.
 
-        `others` are further keys that the table may hold, None if they are not known; `given` values are ready.
+        `others` are further keys that the table may have, None for any; `given` are values that do not come from it.
         """
         if not isinstance(data, dict):
             self.wrong(path, f"expects a table, not {show(data)}")
@@ -246,12 +248,12 @@ class _Reader:
             return None
         try:
             return cls(**found)
-        except ValueError as error:  # what a class demands of its parameters together
+        except ValueError as error:  # raised by the class, on several parameters
             self.wrong(path, str(error))
             return None
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
-        """Value of one key, None if it has a mistake."""
+        """Value of one key; None if it has a mistake."""
         if "kind" in f.metadata:
             return self.law(f.metadata["kind"], value, path, f.metadata["default_law"])
         try:
@@ -273,6 +275,6 @@ class _Reader:
         return found
 
     def missing(self, path: tuple, what: str) -> None:
-        """Note a key that has to be there."""
+        """Note a required key that is missing."""
         if not self.partial:
             self.wrong(path, f"missing: {what}")

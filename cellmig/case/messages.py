@@ -1,4 +1,4 @@
-"""What the user is told about a case: one line per mistake, with its place and the nearest word that would do."""
+"""Messages about a case: one line for each mistake, with file, line, key and the nearest valid word."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: file (or the option that made it), line (None if it has none), key ("" if none), message."""
+    """A mistake in a case: its file or command-line option, line or None, key or "", and message."""
 
     file: str
     line: int | None
@@ -25,7 +25,7 @@ class Mistake:
 
 
 class CaseError(ValueError):
-    """A case that cannot be used; `mistakes` holds them all, str() is the whole text for the user."""
+    """A case that cannot be used; `mistakes` holds all mistakes, str() is the message for the user."""
 
     def __init__(self, mistakes: Iterable[Mistake]):
         self.mistakes = list(mistakes)
@@ -36,7 +36,7 @@ class CaseError(ValueError):
 
 
 def nearest(word: object, words: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The word among `words` nearest to `word`, whatever the case of its letters; None if none is near."""
+    """The one of `words` that is most similar to `word`, ignoring case; None if its similarity is below `cutoff`."""
     if not isinstance(word, str):
         return None
     lower = {w.lower(): w for w in words}
@@ -45,7 +45,7 @@ def nearest(word: object, words: Iterable[str], cutoff: float = 0.6) -> str | No
 
 
 def suggest(word: object, words: Iterable[str]) -> str:
-    """End of a message about an unknown word: the nearest one, or all there are."""
+    """End of a message about an unknown word: the nearest known one, or a list of all."""
     words = list(dict.fromkeys(words))
     if near := nearest(word, words):
         return f"; did you mean '{near}'?"
@@ -53,16 +53,16 @@ def suggest(word: object, words: Iterable[str]) -> str:
 
 
 def show(value: object) -> str:
-    """A value as a message shows it: short, and on one line."""
+    """A value as short text on one line."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # integers of thousands of digits, tables nested a thousand times
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or tables nested thousands deep
         return "that"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def lenient() -> None:
-    """Have the standard streams replace the signs that a terminal, or UTF-8, does not have."""
+    """Make the standard streams replace characters that they cannot encode."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and (stream.errors == "strict" or "utf" not in stream.encoding.lower()):
             stream.reconfigure(errors="replace")

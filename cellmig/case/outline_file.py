@@ -1,4 +1,4 @@
-"""Outlines from files: columns of x and y under a line that names them, with their unit or in a picture's pixels."""
+"""Outlines from CSV files: columns x and y, in a unit that the header names or in pixels of an image."""
 
 from __future__ import annotations
 
@@ -12,43 +12,46 @@ from typing import Any
 from . import units
 from .messages import show
 
-LARGEST = 100_000  # corners: a longer file is something else
-MOST_BYTES = 100 * LARGEST  # so is one of long lines, or a device that never ends
+LARGEST = 100_000  # most corners
+MOST_BYTES = 100 * LARGEST  # largest file [B]: a larger one, or an endless device, is no outline
 _COLUMN = re.compile(r"([xyXY])(?:_(\S+))?")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _REMEDY = 'say how long 1 is, such as unit = "0.1625 um" for the size of a pixel'
 
 
 class Corners(tuple):
-    """Corners, and where they stand: path : str -- the file;  lines : list -- of it, one for each corner."""
+    """Tuple of corners, with the `path` of their file and the list of their `lines` in it."""
 
     path: str = ""
     lines: Any = ()
 
     def __new__(cls, items: Iterable = (), path: str = "", lines: Iterable = ()) -> Corners:
-        """Tuple of the items, which knows the file and the lines."""
+        """Tuple of the items, with the file and the lines of its corners."""
         corners = super().__new__(cls, items)
         corners.path, corners.lines = path, list(lines)
         return corners
 
 
 def named(corners: tuple, numbers: Iterable[int]) -> str:
-    """How a message names corners, by their numbers from 0: "corners 1 and 3", "lines 2 and 4 of 'a.csv'"."""
+    """Text for corners with `numbers` from 0 in a message: "corners 1 and 3" or "lines 2 and 4 of 'a.csv'"."""
     path, lines = getattr(corners, "path", ""), getattr(corners, "lines", ())
     return f"{'lines' if lines else 'corners'} " + " and ".join(str(lines[n] if lines else n + 1) for n in numbers) + (
         f" of '{path}'" if lines else "")
 
 
 def corners(path: str, scaled: bool) -> Corners:
-    """Corners in a CSV file: quantities under the header "x_um,y_um", or another unit; else numbers, if `scaled`.
+    """Corners from a CSV file.
 
-    `scaled` : whether the case says how long 1 in the file is.  ImageJ's "X,Y", with or without a column of numbers
-    before, has no unit, nor have pixels, "x_px,y_px".  Raises ValueError; its text is for the user.
+    They are quantities if the header has a unit, such as "x_um,y_um".  Otherwise they are pure numbers, and `scaled`
+    tells whether the case gives their unit of length: such headers are "x_px,y_px" and ImageJ's "X,Y", which a column
+    of row numbers may precede.
+
+    Raises ValueError for any other file; the message is for the user.
     """
     rows = _rows(path)
     (_, first), *others = rows or [(1, [])]
     if scaled and len(first) == 2 and all(map(_NUMBER.fullmatch, first)):
-        at, given, others = [0, 1], ["", ""], rows  # ImageJ's XY coordinates, which have no header
+        at, given, others = [0, 1], ["", ""], rows  # ImageJ writes XY coordinates without a header
     else:
         at, given = _columns(path, first)
     if any(given) != all(given):
@@ -70,7 +73,7 @@ def corners(path: str, scaled: bool) -> Corners:
 
 
 def _rows(path: str) -> list[tuple[int, list[str]]]:
-    """Lines of a table with their numbers from 1, those that are blank left out."""
+    """Rows of a table that are not blank, with the numbers of their lines, from 1."""
     if os.path.exists(path) and not os.path.isfile(path):
         raise ValueError(f"'{path}' is no file")
     try:
@@ -89,10 +92,10 @@ def _rows(path: str) -> list[tuple[int, list[str]]]:
 
 
 def _columns(path: str, head: list[str]) -> tuple[list[int], list[str]]:
-    """Which columns are x and y, and their units, "" where there is none."""
+    """Indices of the columns x and y, and their units, "" without one."""
     match = [_COLUMN.fullmatch(units.plain(word)) for word in head]
     place = {m[1].lower(): n for n, m in enumerate(match) if m}
-    others = [word for n, word in enumerate(head) if not match[n] and (n or word)]  # ImageJ numbers rows before
+    others = [word for n, word in enumerate(head) if not match[n] and (n or word)]  # ImageJ's row numbers
     if set(place) == {"x", "y"} and not others and len(head) - (head[0] == "") == 2:
         return [place["x"], place["y"]], [match[place[axis]][2] or "" for axis in "xy"]
     if len(head) > 2 and re.search(r"(?i)\b[bx]?[xy]\b|area", " ".join(head)):

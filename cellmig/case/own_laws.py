@@ -1,4 +1,4 @@
-"""Laws of one's own, from files outside of the package; a run keeps the names of the files and what was in them."""
+"""The user's own laws, from files outside of the package; a manifest lists these files with their hashes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import ModuleType
 from . import registry
 from .messages import suggest
 
-# What is asked of a law of each kind, parameters and methods.
+# Parameters and methods that a law of each kind needs.
 NEEDED = {
     "material": ("density", "energy", "stress", "out_of_plane", "bulk_modulus", "shear_modulus", "sound_speed",
                  "stabilisation", "viscosity", "numerical_modulus", "numerical_viscosity"),
@@ -27,18 +27,20 @@ _included: dict[str, str] = {}  # path to SHA-256
 
 
 class LawFileError(ValueError):
-    """A file of laws that cannot be used; the message has its name and line, and is for the user."""
+    """A file of laws that cannot be used; the message, with file and line, is for the user."""
 
 
 def included() -> list[dict[str, str]]:
-    """The files that were included, and the SHA-256 of what was in them, in that order."""
+    """Files that have been included, in order, with the SHA-256 of their contents."""
     return [{"file": path, "sha256": digest} for path, digest in _included.items()]
 
 
 def include(path: str | os.PathLike, sha256: str | None = None) -> None:
-    """Import a file that registers laws, once; the laws of the package must have been discovered.
+    """Execute a file that registers laws, once; the laws of the package must have been registered.
 
-    `sha256` : of what has to be in it, None if that is not known.  Raises LawFileError.
+    `sha256` is the expected hash of the file, None for any.
+
+    Raises LawFileError where the file cannot be read, differs from that hash, fails or has no complete law.
     """
     path = os.path.realpath(path)
     try:
@@ -64,7 +66,7 @@ def include(path: str | os.PathLike, sha256: str | None = None) -> None:
 
 
 def include_all(files: Iterable[Mapping[str, str]]) -> None:
-    """Import the files that a run had, as its manifest lists them, but what is there under another name.
+    """Include the files of laws that a manifest lists, unless a file with the same contents is included already.
 
     Raises LawFileError where one has changed.
     """
@@ -74,7 +76,7 @@ def include_all(files: Iterable[Mapping[str, str]]) -> None:
 
 
 def _execute(path: str, raw: bytes, digest: str) -> None:
-    """Run a file as a module of its own name: cases that hold its laws can be sent to other ranks."""
+    """Execute a file as a module with a name of its own, so that its classes can be pickled."""
     module = ModuleType(f"cellmig_law_{digest[:16]}")
     module.__file__ = path
     sys.modules[module.__name__] = module
@@ -88,7 +90,7 @@ def _execute(path: str, raw: bytes, digest: str) -> None:
 
 
 def _check(path: str, before: Mapping[str, Mapping[str, type]]) -> None:
-    """Refuse a file that registers nothing, what nobody asks for, what there is already, or half a law."""
+    """Raise LawFileError if no law is new, or a new one is of an unknown kind, has a known name or is incomplete."""
     new = [(kind, name, cls) for kind in registry.kinds() for name, cls in registry.laws(kind).items()
            if before.get(kind, {}).get(name) is not cls]
     if not new:

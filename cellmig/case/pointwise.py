@@ -1,4 +1,4 @@
-"""Laws called at points: each quantity that a method asks for, by its name."""
+"""Calls of pointwise methods of laws, whose parameters are quantities by name."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ import numpy as np
 
 
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
-    """A pointwise method of a law, given those of the quantities that it asks for by name."""
+    """Result of a pointwise `method` of a law; `quantities` (..., n), in the code's units, are passed by name."""
     names = list(inspect.signature(getattr(type(law), method)).parameters)[1:]
     return getattr(law, method)(*[quantities[n] for n in names])

@@ -1,4 +1,4 @@
-"""What a law is: a frozen dataclass, declared once, from which case files, schema, tests and docs take it."""
+"""Registry of laws: a law is a frozen dataclass whose declaration serves case files, schema, tests and docs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LAWS: dict[str, dict[str, type]] = {}
 
 
 def law(kind: str, name: str) -> Callable[[type], type]:
-    """Class decorator: register a law of `kind` ("material", "adhesion", "protrusion", "shape", …) as `name`."""
+    """Class decorator that registers a law of a `kind`, such as "material" or "shape", under a `name`."""
 
     def register(cls: type) -> type:
         cls = dataclasses.dataclass(frozen=True, kw_only=True)(cls)
@@ -24,7 +24,7 @@ def law(kind: str, name: str) -> Callable[[type], type]:
 
 
 def kinds() -> list[str]:
-    """Kinds of which there are laws."""
+    """Kinds of the registered laws."""
     return list(_LAWS)
 
 
@@ -34,13 +34,13 @@ def laws(kind: str) -> dict[str, type]:
 
 
 def restore(known: dict[str, dict[str, type]]) -> None:
-    """Forget all laws but those `known`, as `laws` gave them by kind."""
+    """Reset the registry to the laws `known`, by kind as `laws` returns them."""
     _LAWS.clear()
     _LAWS.update({kind: dict(named) for kind, named in known.items()})
 
 
 def discover(package: Any) -> None:
-    """Import every module of `package`, so that its laws are registered: a new law is a new file."""
+    """Import all modules of `package`, which registers their laws; a new law is a new file."""
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
 
@@ -48,31 +48,37 @@ def discover(package: Any) -> None:
 def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: float | None = None,
              minimum: float | None = None, maximum: float | None = None, shape: tuple = (),
              words: tuple = (), formula: bool = False, formerly: str = "") -> Any:
-    """A parameter with a unit: dataclass field whose value is a float in the code's units.
+    """Dataclass field for a parameter with a unit; its value is a float in the code's units.
 
     Parameters
     ----------
-    unit : str -- the unit that users read and write, e.g. "kPa"; "" for a pure number [-].
-    doc : str -- one line: meaning, symbol.
-    default : str or float -- as in a case file ("10 nm"), or None if it may be absent.
-    above, minimum, maximum : float -- bounds in `unit` (exclusive, inclusive, inclusive).
-    shape : tuple of int -- () for one number, (2,) a vector, (None, 2) any number of vectors: nested tuples.
-    words : tuple of str -- what may stand in place of a number, e.g. ("auto",).
-    formula : bool -- whether an `Expression` of x and y may stand in place of a number.
-    formerly : str -- the key that a case had in its place before: who writes it is told the new one.
+    unit : str -- unit in case files, such as "kPa"; "" for a pure number [-].
+    doc : str -- meaning and symbol, in one line.
+    default : str or float -- as in a case file ("10 nm"); None if the parameter may be absent.
+    above, minimum, maximum : float -- bounds in `unit`: exclusive, inclusive, inclusive.
+    shape : tuple -- () for a number, (2,) for a vector, (None, 2) for any number of vectors, as nested tuples.
+    words : tuple of str -- words that are allowed in place of a number, such as ("auto",).
+    formula : bool -- whether an `Expression` of x and y is allowed in place of a number.
+    formerly : str -- former key, which a message replaces by the new one.
     """
     return parameter(doc, default, unit=unit, above=above, minimum=minimum, maximum=maximum, shape=shape, words=words,
                      formula=formula, formerly=formerly)
 
 
 def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> Any:
-    """A parameter of any other type (int, bool, str, tuple), with metadata that the case reader obeys.
+    """Dataclass field for a parameter of any other type (int, bool, str, tuple).
 
-    `choices=(…)` lists what is allowed, `known=(…)` what is usual (near misses are refused, other names are not);
-    `above`, `minimum`, `maximum` bound an int; `items="cell"` makes a tuple one of cell names, "count" of counts;
-    `or_file` reads the file whose name stands for a value; `scaled` is for lengths that are pure numbers if the table
-    has a `unit`; `formerly` is its former key; `reader` makes that from what stands in the case, and
-    `written()` is its inverse; `refers="material"` makes a string the name of a material.
+    Metadata
+    --------
+    choices : tuple -- all allowed words.
+    known : tuple -- usual words: a similar word is refused as a misspelling, any other is allowed.
+    above, minimum, maximum : bounds of an int.
+    items : "cell" for a tuple of names of cells, "count" for one of counts.
+    refers : "material" for a string that names a material.
+    or_file : function that reads the value from a file whose name is given instead.
+    scaled : whether lengths are pure numbers if the table has a `unit`.
+    reader : function that makes the value from that in the case; its method `written()` is the inverse.
+    formerly : former key.
     """
     from .units import number
 

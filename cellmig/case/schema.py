@@ -1,4 +1,4 @@
-"""What a case is: its sections, declared once; the reader, the messages and the JSON schema follow from this."""
+"""Sections and keys of a case, from whose declarations the reader, messages, JSON schema and reference follow."""
 
 # ruff: noqa: RUF009 -- parameter() and its kin return dataclass fields
 from __future__ import annotations
@@ -18,109 +18,115 @@ TS_TYPES = ("leapfrog", "auto", "static", "euler", "rk", "ssp", "basicsymplectic
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """How long, in which steps, and how often to look."""
+    """Duration, time step and times of output."""
 
     end: float = quantity("us", "time at which the run ends", above=0)
-    frames: int = parameter("pictures of all particles besides the first, evenly spaced", 100, minimum=1,
-                            maximum=1_000_000)
-    samples: int = parameter("rows of history and ledger besides the first, evenly spaced", 400, minimum=1,
+    frames: int = parameter("number of frames, the fields of all particles, after the first, at equal intervals", 100,
+                            minimum=1, maximum=1_000_000)
+    samples: int = parameter("number of rows of history and ledger after the first, at equal intervals", 400, minimum=1,
                              maximum=1_000_000)
-    step: float | str = quantity("us", "time step; \"auto\" takes a fraction of the stable one", "auto", above=0,
+    step: float | str = quantity("us", "time step; \"auto\": a fraction of the largest stable step", "auto", above=0,
                                  words=("auto",))
-    step_factor: float = quantity("", "the fraction of the stable step that \"auto\" takes", 0.8, above=0, maximum=1)
-    integrator: str = parameter("\"leapfrog\" or a type of PETSc's TS; \"auto\": the cheaper one of leapfrog and "
-                                "bdf, after a trial; \"static\": equilibria, each sample a load step", "leapfrog",
+    step_factor: float = quantity("", "fraction of the largest stable step for \"auto\"", 0.8, above=0, maximum=1)
+    integrator: str = parameter("\"leapfrog\", a type of PETSc's TS, or \"auto\": of leapfrog and bdf the one that is "
+                                "cheaper in a trial; \"static\": equilibria, one for each sample", "leapfrog",
                                 known=TS_TYPES)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Particles:
-    """How finely the cells are resolved: either their number or their distance."""
+    """Resolution: either the number of particles or their spacing."""
 
-    per_cell: int | None = parameter("particles of each cell", None, minimum=7, maximum=100_000_000)
-    spacing: float | None = quantity("um", "mean distance of particles, square root of the area of each", None,
+    per_cell: int | None = parameter("number of particles of each cell", None, minimum=7, maximum=100_000_000)
+    spacing: float | None = quantity("um", "mean distance of particles: square root of the area of one", None,
                                      minimum=1e-6)
-    dilation: float = quantity("", "radius of the kernel's support, in spacings", 2.2, minimum=1.2, maximum=10)
-    surface_refinement: float = quantity("", "how much denser particles are along surfaces than inside: a line of "
-                                         "contact moves in shorter steps, but what protrudes may grow thin fingers",
+    dilation: float = quantity("", "support radius of the kernel over the spacing", 2.2, minimum=1.2, maximum=10)
+    surface_refinement: float = quantity("", "density of particles along surfaces over that inside: contact lines "
+                                         "advance in shorter steps, but protrusions may grow thin fingers",
                                          1.0, minimum=1, maximum=10)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Numerics:
-    """Choices of the method that are none of the model."""
+    """Parameters of the method, as opposed to the model."""
 
-    bulk_viscosity: float = quantity("", "bulk viscosity of the mean stress, over ρ c h (velocity divergence)", 0.05,
+    bulk_viscosity: float = quantity("", "numerical bulk viscosity over ρ c h, with the speed of sound c", 0.05,
                                      minimum=0)
-    accuracy: str | None = parameter("error such as \"20 %\": what the case leaves open of per_cell, dilation, "
-                                     "step_factor and the reduced bulk modulus is the cheapest that was measured "
-                                     "below it on such a scene", None)
+    accuracy: str | None = parameter("error such as \"20 %\": those of per_cell, dilation, step_factor and the reduced "
+                                     "bulk modulus that the case does not give are the cheapest with a measured error "
+                                     "below it", None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One cell, or several alike in a row or a grid; the parameters of its shape stand beside these."""
+    """A cell, or equal cells in a row or grid; the parameters of the shape are keys of the same table."""
 
-    name: str = parameter("name; \"{}\" in it is the number of a repeated cell")
-    shape: Any = parameter("registered shape", kind="shape", inline=True)
-    centre: tuple = parameter("position of the centre; of a cell with `rest`, x alone is enough", unit="um",
+    name: str = parameter("name; \"{}\" in it is replaced by the number of a repeated cell")
+    shape: Any = parameter("law of kind shape", kind="shape", inline=True)
+    centre: tuple = parameter("position of the centre; with `rest`, x is enough", unit="um",
                               minimum=-1e6, maximum=1e6, shape=(2,), least=1)
-    rest: bool = parameter("whether it rests on the substrate: its lowest point is at the range of the bonds of "
-                           "adhesion.substrate, whatever y `centre` has; of a repeated cell the first copy", False)
+    rest: bool = parameter("whether the cell rests on the substrate: y of `centre` is ignored, and its lowest point is "
+                           "at the range of the bonds of adhesion.substrate; of a repeated cell, the first copy", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
-    displacement: tuple = quantity("um", "displacement at the start, may be formulas of x and y from the centre",
+    displacement: tuple = quantity("um", "initial displacement; may be formulas of x and y from the centre",
                                    (0.0, 0.0), shape=(2,), formula=True)
-    velocity: tuple = quantity("um/us", "velocity at the start, may be formulas of x and y from the centre", (0.0, 0.0),
+    velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x and y from the centre", (0.0, 0.0),
                                shape=(2,), formula=True)
-    velocity_gradient: tuple = quantity("1/us", "A of a start velocity A (X - centre), added to `velocity`",
+    velocity_gradient: tuple = quantity("1/us", "gradient A of an initial velocity A (X - centre), added to `velocity`",
                                         ((0.0, 0.0), (0.0, 0.0)), shape=(2, 2))
-    repeat: tuple = parameter("copies in each direction", (1,), items="count")
-    pitch: tuple = quantity("um", "step from copy to copy, a vector for each direction", (), shape=(None, 2))
+    repeat: tuple = parameter("number of copies in each direction", (1,), items="count")
+    pitch: tuple = quantity("um", "vector from copy to copy, one for each direction", (), shape=(None, 2))
 
 
 @dataclass(frozen=True, kw_only=True)
 class OnPart:
-    """Something on a part of the surface of some cells."""
+    """Base class of what acts on a part of the surface of some cells."""
 
-    name: str = parameter("name, unique: columns of history.csv begin with it")
-    cells: tuple = parameter("cells that it acts on; none given: all", (), items="cell")
-    parts: tuple = parameter("parts of the surface that the cells' shape has names for, such as \"left\"; none given: "
-                             "the whole surface", (), items="part")
-    box: tuple = quantity("um", "two opposite corners of a box about the cell's centre: only what lies in it", (),
+    name: str = parameter("unique name, with which columns of history.csv begin")
+    cells: tuple = parameter("names of cells; by default all", (), items="cell")
+    parts: tuple = parameter("named parts of the surface of the cells' shape, such as \"left\"; by default the whole "
+                             "surface", (), items="part")
+    box: tuple = quantity("um", "two opposite corners, from the cell's centre, of a box that contains the part", (),
                           shape=(None, 2))
 
     def __post_init__(self) -> None:
-        """Refuse a box that is none; the message is for the user."""
+        """Check the box.
+
+        Raises ValueError unless it has two corners; the message is for the user.
+        """
         if len(self.box) not in (0, 2):
             raise ValueError('box: expects two opposite corners, such as [["0 um", "0 um"], ["1 um", "2 um"]]')
 
 
 @dataclass(frozen=True, kw_only=True)
 class Support(OnPart):
-    """A part of the surface that moves as prescribed, exactly at its particles."""
+    """A part of the surface with a prescribed displacement, which its particles have exactly."""
 
     displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y "
                                    "from the centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
-    load_curve: Any = parameter("how it changes with time", None, kind="load_curve", default_law="constant",
+    load_curve: Any = parameter("factor of the displacement in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load(OnPart):
-    """A traction that keeps its direction, a pressure that follows the surface, or a force on the whole body."""
+    """A traction of constant direction, a pressure that follows the surface, or a body force."""
 
-    traction: tuple | None = quantity("Pa", "force per reference area of the surface, may be formulas of x and y from "
+    traction: tuple | None = quantity("Pa", "force per reference area of the surface; may be formulas of x and y from "
                                       "the centre", None, shape=(2,), formula=True)
-    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards, may be a formula of x "
-                                      "and y from the centre, where the surface was", None, formula=True)
-    body: tuple | None = quantity("Pa/um", "force per reference volume, may be formulas of x and y from the centre",
+    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards; may be a formula of x "
+                                      "and y, in the reference configuration, from the centre", None, formula=True)
+    body: tuple | None = quantity("Pa/um", "force per reference volume; may be formulas of x and y from the centre",
                                   None, shape=(2,), formula=True)
-    load_curve: Any = parameter("how it changes with time", None, kind="load_curve", default_law="constant",
+    load_curve: Any = parameter("factor of the load in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
     def __post_init__(self) -> None:
-        """Refuse a load that is none, or two; the messages are for the user."""
+        """Check the load.
+
+        Raises ValueError unless it is one of traction, pressure and body force; the message is for the user.
+        """
         super().__post_init__()
         if sum(load is not None for load in (self.traction, self.pressure, self.body)) != 1:
             raise ValueError("expects one of traction, pressure and body")
@@ -130,26 +136,29 @@ class Load(OnPart):
 
 @dataclass(frozen=True, kw_only=True)
 class Plate:
-    """A rigid half-plane without friction that no particle enters."""
+    """A rigid frictionless half-plane that no particle can enter."""
 
-    name: str = parameter("name, unique: columns of history.csv begin with it")
-    point: tuple = quantity("um", "a point of its face", shape=(2,))
-    normal: tuple = quantity("", "direction out of it, of any length", shape=(2,))
-    displacement: tuple = quantity("um", "how far it moves", (0.0, 0.0), shape=(2,))
-    load_curve: Any = parameter("how that changes with time", None, kind="load_curve", default_law="constant",
+    name: str = parameter("unique name, with which columns of history.csv begin")
+    point: tuple = quantity("um", "a point of the face", shape=(2,))
+    normal: tuple = quantity("", "outward normal of the face, of any length", shape=(2,))
+    displacement: tuple = quantity("um", "displacement of the plate", (0.0, 0.0), shape=(2,))
+    load_curve: Any = parameter("factor of the displacement in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
     def __post_init__(self) -> None:
-        """Refuse a plate without a direction; the message is for the user."""
+        """Check the normal.
+
+        Raises ValueError if it is zero; the message is for the user.
+        """
         if not any(self.normal):
             raise ValueError("normal: expects a direction, not zero")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Probe(OnPart):
-    """What is recorded in history.csv: where a point is and how far it moved, or the mean over a part of a surface."""
+    """Position and displacement of a point, or their means over a part of the surface, recorded in history.csv."""
 
-    point: tuple | None = quantity("um", "a point of the reference configuration, from the cell's centre", None,
+    point: tuple | None = quantity("um", "point in the reference configuration, from the cell's centre", None,
                                    shape=(2,))
 
 
@@ -162,39 +171,35 @@ def _list(cls: type, doc: str) -> Any:
 
 
 def _law(kind: str, doc: str, at: str = "", default_law: str | None = None) -> Any:
-    """One law of a kind, at a dotted path; absent is None."""
+    """A law of a kind at a dotted path; None if it is absent."""
     extra = {"at": tuple(at.split("."))} if at else {}
     return field(default=None, metadata={"doc": doc, "kind": kind, "default_law": default_law, **extra})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A case as loaded: all in the code's units (µm, µs, Pa), names checked, repeated cells written out.
+    """A case in the code's units (µm, µs, Pa), checked, with all copies of repeated cells; absent terms are None."""
 
-    materials : dict -- name to law;  cells : tuple of Cell, each with its shape;  supports, loads, plates, probes :
-    tuples;  what else is absent is None.
-    """
-
-    title: str = parameter("one line that says what this is", "")
+    title: str = parameter("title of the case, one line", "")
     seed: int = parameter("seed of all random numbers", 0, minimum=0, maximum=2**63 - 1)
-    time: Time = _section(Time, "time, steps and samples")
-    particles: Particles = _section(Particles, "resolution")
+    time: Time = _section(Time, "duration, time step and times of output")
+    particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
     materials: dict = field(metadata={"doc": "materials by name", "kind": "material", "many": True})
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
     substrate: Any = _law("adhesion", "adhesion to the substrate y = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
     protrusion: Any = _law("protrusion", "push of the leading edge", default_law="edge")
-    cortex: Any = _law("cortex", "tension of the cells' surfaces; absent: none, as in the paper",
+    cortex: Any = _law("cortex", "tension of the cells' surfaces; by default none, as in the paper",
                        default_law="line-tension")
-    friction: Any = _law("friction", "drag on the substrate; absent: none, as in the paper", default_law="bonds")
-    director: Any = _law("director", "director field of the cytoplasm; absent: uniform")
-    body_force: tuple | None = parameter("acceleration by a force on the whole body", None, unit="m/s^2", shape=(2,),
+    friction: Any = _law("friction", "drag on the substrate; by default none, as in the paper", default_law="bonds")
+    director: Any = _law("director", "director field of the cytoplasm; by default uniform")
+    body_force: tuple | None = parameter("acceleration due to a body force", None, unit="m/s^2", shape=(2,),
                                          at=("body_force", "acceleration"))
-    supports: tuple = _list(Support, "what holds the cells, or moves parts of them")
-    loads: tuple = _list(Load, "tractions and pressures on the cells")
-    plates: tuple = _list(Plate, "rigid plates")
-    probes: tuple = _list(Probe, "what is recorded besides")
-    numerics: Numerics = _section(Numerics, "choices of the method")
+    supports: tuple = _list(Support, "prescribed displacements of parts of the cells' surfaces")
+    loads: tuple = _list(Load, "tractions, pressures and body forces on the cells")
+    plates: tuple = _list(Plate, "rigid frictionless plates")
+    probes: tuple = _list(Probe, "points and parts of surfaces whose motion is recorded in history.csv")
+    numerics: Numerics = _section(Numerics, "parameters of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
     formulas: dict = field(default_factory=dict, compare=False, metadata={
         "doc": "where formulas stand: (list, name of the item, key) to (file, line, dotted key)", "hidden": True})
@@ -202,16 +207,16 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name of the case: that of its file, without folder and ending."""
+        """Name of the case: that of its file, without folder and extension."""
         return os.path.splitext(os.path.basename(self.path))[0] or "case"
 
     @property
     def static(self) -> bool:
-        """Whether it is a row of equilibria."""
+        """Whether the case asks for equilibria instead of motion."""
         return self.time.integrator == "static"
 
     def resolved(self) -> dict:
-        """All that the case says, defaults included, in the form of a case file: `load.from_dict` reads it back."""
+        """Tables of a case file for this case, with all defaults; the inverse of `load.from_dict`."""
         tree: dict = {}
         for name, f in case_fields().items():
             value, table = getattr(self, name), tree
@@ -224,12 +229,12 @@ class Case:
 
 
 def case_fields() -> dict[str, dataclasses.Field]:
-    """The fields of a case that stand in its file."""
+    """Fields of a case that are keys or tables of its file, by name."""
     return {name: f for name, f in declared(Case).items() if "hidden" not in f.metadata}
 
 
 def case_path(f: dataclasses.Field) -> tuple[str, ...]:
-    """Where a field of the case stands in the file: names of tables, then the key."""
+    """Path of a field of the case in its file: names of tables, then the key."""
     return f.metadata.get("at", (f.name,))
 
 
@@ -242,7 +247,7 @@ def _written(f: dataclasses.Field, value: Any) -> Any:
 
 
 def _table(item: Any) -> dict:
-    """Table of a section, a law or a cell."""
+    """Table of a section, law or cell."""
     table = {"law": item.law} if hasattr(item, "law") else {}
     for name, f in declared(type(item)).items():
         value = getattr(item, name)
@@ -257,6 +262,6 @@ def _table(item: Any) -> dict:
 
 
 def particle_count(case: Case, shape: Any) -> int:
-    """Particles of a cell of this shape."""
+    """Number of particles of a cell of this shape."""
     p = case.particles
     return p.per_cell if p.per_cell is not None else max(7, round(shape.area / p.spacing**2))

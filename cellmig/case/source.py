@@ -1,4 +1,4 @@
-"""Where the values of a case come from: its file, the files that it extends, and `--set`."""
+"""Sources of the values of a case: its file, the files that it extends, and options `--set`."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from .copies import cell_names, copy_names
 from .lines import key_lines
 from .messages import Mistake, nearest, show, suggest
 
-LARGEST = 64 << 20  # bytes of a case file: 100,000 cells one by one take a quarter; what is larger is something else
+LARGEST = 64 << 20  # largest case file [B]: one that lists 100,000 cells has a quarter of this
 
 
 @dataclass
 class Source:
-    """Tables of a case as written, where each key stands, and what was wrong with the files.
+    """Tables of a case, the file and line of each key, and the mistakes found so far.
 
+    Attributes
+    ----------
     data : dict -- merged tables.
-    places : dict -- path of a key (names, numbers of items) to (file, line).
-    files : list -- in the order in which mistakes are told.
+    places : dict -- path of a key (names and indices of items) to (file, line).
+    files : list -- files in the order in which their mistakes are reported.
+    mistakes : list of Mistake.
     """
 
     data: dict = field(default_factory=dict)
@@ -30,56 +33,56 @@ class Source:
     mistakes: list = field(default_factory=list)
 
     def place(self, path: tuple) -> tuple[str, int | None]:
-        """File and line of a key, or of the nearest table above it."""
+        """File and line of a key, or of the nearest table that contains it."""
         for n in range(len(path), 0, -1):
             if path[:n] in self.places:
                 return self.places[path[:n]]
         return self.files[0], None
 
     def wrong(self, path: tuple, message: str) -> None:
-        """Note a mistake at a key; in a list of tables it is told with the name of the table, as keys count from 0."""
+        """Note a mistake at a key; in a list of tables, the name of the table is added to the message."""
         name = self._name(path)
         if name and repr(name) not in message:
             message += f" (of {name!r})"
         self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)), message))
 
     def _name(self, path: tuple) -> str:
-        """Name of the table in a list, such as [[cells]], that a key is in; "" if it has none."""
+        """Name of the table in a list, such as [[cells]], that contains a key; "" without one."""
         items = self.data.get(path[0]) if len(path) > 1 and isinstance(path[1], int) else None
         item = items[path[1]] if isinstance(items, list) and path[1] < len(items) else None
         name = item.get("name") if isinstance(item, dict) and path[2:] != ("name",) else None
         return name.strip()[:60] if isinstance(name, str) and name.isprintable() else ""
 
     def sorted_mistakes(self) -> list[Mistake]:
-        """By file and line."""
+        """Mistakes by file and line, each once."""
         order = {file: i for i, file in enumerate(self.files)}
         return sorted(dict.fromkeys(self.mistakes), key=lambda m: (order.get(m.file, len(order)), m.line or 0))
 
     def forget(self, path: tuple) -> None:
-        """Drop the places of a value that is replaced."""
+        """Remove the places of a value that is replaced."""
         for known in [p for p in self.places if p[:len(path)] == path]:
             del self.places[known]
 
 
 def read(path: str | os.PathLike, sets: Sequence[str] = ()) -> Source:
-    """Source of the case in a file, with everything that it extends, under `sets` ("a.b=value")."""
+    """Source of the case in a file, with all files that it extends and the changes `sets` ("a.b=value")."""
     source, chain, seen = Source(), [], set()
     file: str | None = os.fspath(path)
-    asked: tuple = (file, None)
+    extended_at: tuple = (file, None)
     while file is not None:
         if os.path.realpath(file) in seen:
-            source.mistakes.append(Mistake(*asked, "extends", f"'{file}' extends this file: they go in a circle"))
+            source.mistakes.append(Mistake(*extended_at, "extends", f"'{file}' extends this file: they go in a circle"))
             break
         source.files.append(file)
         seen.add(os.path.realpath(file))
         try:
             data, lines = _read_file(file)
         except _Unreadable as error:
-            mine, key = (asked, "extends") if error.line is None and chain else ((file, error.line), "")
+            mine, key = (extended_at, "extends") if error.line is None and chain else ((file, error.line), "")
             source.mistakes.append(Mistake(*mine, key, f"'{file}' {error}" if key else str(error)))
             break
         chain.append((file, data, lines))
-        asked, file = (file, lines.get(("extends",))), _parent(source, file, data, lines)
+        extended_at, file = (file, lines.get(("extends",))), _parent(source, file, data, lines)
     for file, data, lines in reversed(chain):
         _merge(source, source.data, data, ())
         source.places.update({p: (file, line) for p, line in lines.items() if p})
@@ -89,7 +92,7 @@ def read(path: str | os.PathLike, sets: Sequence[str] = ()) -> Source:
 
 
 def _parent(source: Source, file: str, data: dict, lines: dict) -> str | None:
-    """Path of the file that this one extends."""
+    """Path of the file that this one extends, None without one."""
     if "extends" not in data:
         return None
     parent = data.pop("extends")
@@ -101,7 +104,7 @@ def _parent(source: Source, file: str, data: dict, lines: dict) -> str | None:
 
 
 class _Unreadable(Exception):
-    """A file that gives no tables; `line` where that has one."""
+    """A file that cannot be read; `line` is that of the error, None without one."""
 
     def __init__(self, message: str, line: int | None = None):
         super().__init__(message)
@@ -125,7 +128,7 @@ def _read_file(file: str) -> tuple[dict, dict]:
 
 
 def _text(file: str) -> str:
-    """A file's text."""
+    """Text of a file."""
     try:
         if os.path.isdir(file):
             raise _Unreadable("is a directory, not a case file")
@@ -157,7 +160,7 @@ def _near_file(file: str) -> str:
 
 
 def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
-    """Lay `child` over `base`: tables are merged, everything else, and a table of another law, is replaced."""
+    """Merge `child` into `base`: tables are merged; other values, and tables of another law, are replaced."""
     for key, value in child.items():
         old = base.get(key)
         if isinstance(value, dict) and isinstance(old, dict) and value.get("law") in (None, old.get("law")):
@@ -169,7 +172,7 @@ def _merge(source: Source, base: dict, child: dict, path: tuple) -> None:
 
 
 def _set(source: Source, text: str) -> None:
-    """Apply one `a.b=value`."""
+    """Apply a change `a.b=value`."""
     name, equals, value = text.partition("=")
     place = f"--set {text}"
     source.files.append(place)
@@ -183,7 +186,7 @@ _NO_CHANGE = "expects key=value, such as time.end='40 us'"
 
 
 def assign(source: Source, name: str, value: object, place: str) -> None:
-    """Put a value, such as a file would hold, at a dotted name; `place` is where the user said so, for messages."""
+    """Set a value, as in a case file, at a dotted name; `place` is the option or call that does so, for messages."""
     keys = [key.strip() for key in name.split(".")]
     if not all(keys) or keys[0] == "extends":
         what = "belongs in a file" if keys[0] == "extends" else _NO_CHANGE
@@ -212,7 +215,7 @@ def assign(source: Source, name: str, value: object, place: str) -> None:
 
 
 def _step(where: object, key: str) -> str | int | None:
-    """What `key` means in a table (itself) or a list of tables (a number or a name); None if nothing."""
+    """Index for `key` in a table (the key) or a list of tables (an index or a name); None if there is none."""
     if isinstance(where, dict):
         return key
     if isinstance(where, list):
@@ -223,7 +226,7 @@ def _step(where: object, key: str) -> str | int | None:
 
 
 def _value(text: str) -> object:
-    """A value on the command line: TOML if it is, else text."""
+    """A value on the command line: TOML if it can be read as such, otherwise text."""
     try:
         return tomllib.loads(f"v = {text}")["v"] if "\n" not in text else text
     except (ValueError, RecursionError):

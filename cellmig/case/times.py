@@ -1,4 +1,4 @@
-"""When a run stops to look: its samples and frames."""
+"""Output times of a run: its samples and frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .schema import Case
 
 
 def until(case: Case, end: float | None) -> Case:
-    """The case with another end [µs], if one is given, and samples and frames as often: for estimates."""
+    """The case with another end [µs], if one is given, and outputs at the same intervals; used for estimates."""
     if end is None:
         return case
     counts = {name: max(1, math.ceil(getattr(case.time, name) * end / case.time.end)) for name in ("samples", "frames")}
@@ -18,11 +18,10 @@ def until(case: Case, end: float | None) -> Case:
 
 
 def stops(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:
-    """Times [µs] up to `end` at which the run looks up, and whether for a sample and for a frame.
+    """Output times [µs] up to `end` [µs], and whether each is for a sample and for a frame.
 
-    Where no stop cuts a step [µs], they are whole numbers of it, the nearest ones, each once.
-
-    Parts of the case's end are exact fractions, rounded once: what falls together is one time, whatever its digits.
+    With a fixed `step` [µs] they are rounded to multiples of it.  They are exact fractions of the case's end, rounded
+    once, so that coinciding times are equal.
     """
     whole, before = Fraction(str(float(case.time.end))), end * (1.0 - 1e-12)
 

@@ -1,7 +1,7 @@
-"""Physical quantities of a case file: text with a unit in, numbers in the code's units out.
+"""Conversion of quantities, such as "10 nm", to numbers in the code's units and back.
 
-The code's units are µm, µs and Pa.  Hence pN = Pa µm², mass is counted in femtograms, and a density in
-kg/m³ keeps its number.  Forces of the plane problem are per unit thickness: pN/µm = Pa µm.
+The code's units are µm, µs and Pa.  Forces are then in pN = Pa µm², masses in fg = Pa µm µs², and a density has the
+same value as in kg/m³.  In the plane, forces are per unit thickness: pN/µm = Pa µm.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ import pint
 _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*$")
-# No unit has a number of two digits or a power of a power (9^9^9 would not come back), nor other signs than these.
+# Text that is no unit: numbers with blanks, powers of powers (9^9^9 would take for ever), other characters.
 _NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|[^\w\s*/^()-]|.{60}", re.DOTALL)
 
-# Units by their symbols and names, and the prefixes that each may have.  Pint knows a thousand more, among them px (a
-# 96th of an inch), kT (kilotesla), kt (knot), ma (1/1000 year), c (of light), Mm and PN: where the dimension is right
-# they would pass for something else than what is meant.
+# Symbols of units, and the prefixes that each may have.  Pint knows a thousand more units, such as px (1/96 inch), kT
+# (kilotesla), kt (knot), ma (1/1000 year), c (speed of light), Mm and PN, which would be misunderstood.
 SYMBOLS = {"m": "f p n u m c d k", "s": "f p n u m", "g": "f p n u m k", "N": "f p n u m k", "Pa": "n u m h k M G",
             "J": "a f p n u m k", "eV": "m k", "L": "f p n u m", "l": "f p n u m", "P": "m c", "Hz": "m k M G",
             "bar": "m", "rad": "m", "Da": "k", "dyn": "", "erg": "", "atm": "", "mmHg": "", "cmH2O": "", "psi": "",
@@ -42,14 +41,14 @@ _POWER = re.compile("[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 
 @cache
 def _known() -> frozenset[str]:
-    """All names of units that may stand in a case."""
+    """All symbols and names of units that are allowed in a case."""
     short = {prefix + base for base, prefixes in SYMBOLS.items() for prefix in ["", *prefixes.split()]}
     long = {prefix + base for base in _NAMES for prefix in ["", *_PREFIXES]} | {"megapascal", "gigapascal"}
     return frozenset(short | long | {f"{name}s" for name in long})
 
 
 def plain(text: str) -> str:
-    """A quantity or its unit in the characters of a keyboard: any mu, minus, dot, blank, raised or wide: "5 um**2"."""
+    """A quantity or unit in ASCII, such as "5 um**2", for any form of mu, minus, dot, blank, power, wide letter."""
     if text.isascii():
         return text
     text = _POWER.sub(lambda raised: "**" + raised.group().translate(_RAISED).lstrip("+"), text)
@@ -58,12 +57,12 @@ def plain(text: str) -> str:
 
 
 class UnitError(ValueError):
-    """A quantity that cannot be read, or has the wrong dimension; the message is for the user."""
+    """A quantity that cannot be read or has the wrong dimension; the message is for the user."""
 
 
 @cache
 def _scale(unit: str) -> tuple[float, dict]:
-    """Factor from `unit` to the code's units, and its dimension as a dict of exponents."""
+    """Factor from `unit` to the code's units, and the dimension as a dict of exponents."""
     text = plain(unit).strip()
     if text.startswith("/"):
         text = "1" + text
@@ -86,7 +85,7 @@ def _scale(unit: str) -> tuple[float, dict]:
 
 
 def _refusal(unit: str, word: str) -> str:
-    """What is said of a unit in which there is a word that is none here."""
+    """Message about a `word` in a unit that is no unit here."""
     if word in _TRAPS:
         return f"'{word}' {_TRAPS[word]}"
     others = sorted(known for known in _known() if known.lower() == word.lower())  # such as mm for Mm
@@ -94,21 +93,14 @@ def _refusal(unit: str, word: str) -> str:
 
 
 def _tidy(scale: float) -> float:
-    """`scale` without the last bits that unit arithmetic left: 1000.0000000000001 is 1000."""
+    """`scale` without rounding errors of unit arithmetic: 1000.0000000000001 becomes 1000."""
     return float(f"{scale:.13g}")
 
 
 def number(text: str, unit: str) -> float:
-    """Value of a quantity such as ``"2.126 kPa"`` in the code's units.
+    """Value, in the code's units, of a quantity such as "2.126 kPa"; `unit` has the expected dimension, "" for [-].
 
-    Parameters
-    ----------
-    text : str -- a number and its unit.
-    unit : str -- a unit of the dimension that is expected, e.g. ``"Pa"``; "" where there is none [-].
-
-    Raises
-    ------
-    UnitError -- not a number, no unit, an unknown unit, or another dimension.
+    Raises UnitError where `text` is no number, or its unit is missing, unknown or of another dimension.
     """
     match = _QUANTITY.match(plain(text))
     if not match:
@@ -129,7 +121,7 @@ def number(text: str, unit: str) -> float:
 
 
 def text(value: float, unit: str) -> str:
-    """Quantity in the code's units as text with `unit`: the shortest that `number` reads back as the same value."""
+    """Shortest text, in `unit`, that `number` converts to `value`, which is in the code's units."""
     ratio = value / _scale(unit)[0]
     for digits in (12, 15, 17):
         shortest = written(f"{ratio:.{digits}g}", unit)
@@ -139,5 +131,5 @@ def text(value: float, unit: str) -> str:
 
 
 def written(digits: str, unit: str) -> str:
-    """A number and its unit as one writes them: "5 um", "8000 /um^2"."""
+    """Text of a number and its unit: "5 um", "8000 /um^2"."""
     return f"{digits} {unit.removeprefix('1')}".strip()

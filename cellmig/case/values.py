@@ -1,4 +1,4 @@
-"""One value of a case file against its declaration: read, checked, and written again."""
+"""Values of a case file: read and checked against their declaration, and written."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from . import units
 from .expression import Expression, is_formula
 from .messages import nearest, show, suggest
 
-LARGEST, LEAST = 1e100, 1e-100  # their squares and cubes are finite, too, and those of one over them
+LARGEST, LEAST = 1e100, 1e-100  # bounds of a number whose cube, and that of its inverse, are finite
 
 
 def declared(cls: type) -> dict[str, dataclasses.Field]:
-    """The fields of a declared class, by name."""
+    """Fields of a declared class by name."""
     return {f.name: f for f in dataclasses.fields(cls)}
 
 
 def required(field: dataclasses.Field) -> bool:
-    """Whether a case has to give it."""
+    """Whether a case has to give the field, as it has no default."""
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def type_name(field: dataclasses.Field) -> str:
-    """First word of a field's type: float, int, bool, str, tuple …"""
+    """First word of the type of a field: float, int, bool, str, tuple …"""
     return re.match(r"\w+", getattr(field.type, "__name__", str(field.type))).group()
 
 
 def in_table(field: dataclasses.Field, unit: Any) -> dataclasses.Field:
-    """The field in a table with this `unit`: where that is given, what it scales are pure numbers."""
+    """The field in a table with a key `unit`, if that is not None: lengths that it scales are pure numbers."""
     if unit is None or not field.metadata.get("scaled"):
         return field
     field = copy.copy(field)
@@ -40,9 +40,9 @@ def in_table(field: dataclasses.Field, unit: Any) -> dataclasses.Field:
 
 
 def read(field: dataclasses.Field, value: Any) -> Any:
-    """Value of a declared field, in the code's units, from what stands in the case.
+    """Value of a declared field, in the code's units, from the `value` in a case.
 
-    Raises ValueError; its text is for the user.
+    Raises ValueError where it is not allowed; the message is for the user.
     """
     meta = field.metadata
     if isinstance(value, str) and value in meta.get("words", ()):
@@ -57,7 +57,7 @@ def read(field: dataclasses.Field, value: Any) -> Any:
 
 
 def write(field: dataclasses.Field, value: Any) -> Any:
-    """What a case file holds for a value: the inverse of `read`."""
+    """Value as in a case file: the inverse of `read`."""
     if isinstance(value, tuple | list):
         return [write(field, item) for item in value]
     if isinstance(value, Expression):
@@ -70,7 +70,7 @@ def write(field: dataclasses.Field, value: Any) -> Any:
 
 
 def example(field: dataclasses.Field) -> str:
-    """What could be written for a field, in TOML."""
+    """Example of a value of a field, in TOML."""
     plain = '"…"' if "reader" in field.metadata else {"str": '"…"', "bool": "true"}.get(type_name(field), "1")
     return _example(field.metadata, field.metadata.get("shape", ()), plain)
 
@@ -86,7 +86,7 @@ def _example(meta: Any, shape: tuple, plain: str = "1") -> str:
 
 
 def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
-    """Nested tuples of a shape, None for any length."""
+    """Nested tuples of a shape, in which None is any length."""
     if not shape:
         return leaf(meta, value)
     if not isinstance(value, list | tuple) or shape[0] not in (None, len(value)):
@@ -95,7 +95,7 @@ def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
 
 
 def _quantity(meta: Any, value: Any) -> Any:
-    """A number with its unit, or a pure number where there is none; a word or a formula where one may stand."""
+    """A quantity or, without a unit, a pure number; a word or a formula where the field allows one."""
     unit = meta.get("unit", "")
     if isinstance(value, str) and value in meta.get("words", ()):
         return value
@@ -116,7 +116,7 @@ def _quantity(meta: Any, value: Any) -> Any:
         raise ValueError(f"expects a pure number such as 1.5, without quotes or unit{or_word}, not {show(value)}")
     else:
         number = value
-    if not (abs(number) <= LARGEST and (number == 0 or abs(number) >= LEAST)):  # neither is a NaN
+    if not (abs(number) <= LARGEST and (number == 0 or abs(number) >= LEAST)):  # false for NaN
         raise ValueError(f"expects a number of a size that can be computed with, not {show(value)}")
     number = float(number)
     _within(meta, number, value)
@@ -147,14 +147,14 @@ def _word(meta: Any, value: Any) -> str:
 
 
 def _item(meta: Any, value: Any) -> Any:
-    """An item of a list of names or counts."""
+    """Item of a list of names or counts."""
     if meta["items"] == "count":
         return _count({"minimum": 1}, value)
     return _word({}, value)
 
 
 def _within(meta: Any, number: float, value: Any) -> None:
-    """Raise unless a number (code's units) is within its bounds (declared in its own unit)."""
+    """Raise ValueError unless a number, in the code's units, is within its bounds, which are declared in its unit."""
     scale = units.number(f"1 {meta['unit']}", meta["unit"]) if meta.get("unit") else 1
     limits = (meta.get(k) for k in ("above", "minimum", "maximum"))
     above, minimum, maximum = (None if limit is None else limit * scale for limit in limits)
@@ -164,7 +164,7 @@ def _within(meta: Any, number: float, value: Any) -> None:
 
 
 def bounds(meta: Any) -> str:
-    """The declared bounds as text, with the unit: "> 0 um", ">= 0 and <= 1"."""
+    """Declared bounds as text, with the unit: "> 0 um", ">= 0 and <= 1"."""
     signs = (("above", ">"), ("minimum", ">="), ("maximum", "<="))
     limits = [(sign, units.written(str(meta[k]), meta.get("unit", ""))) for k, sign in signs if meta.get(k) is not None]
     return " and ".join(f"{sign} {limit}" for sign, limit in limits)
