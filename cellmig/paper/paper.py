@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from cellmig.runs.batch import Ended, Job, counting, run_missing, write_rows
 from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect, source
 from cellmig.runs.outcome import CELLS, Outcome
-from cellmig.runs.run import stop_requests
 
 from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
 from .figures import draw
@@ -78,9 +76,8 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     claims = list(dict.fromkeys(only)) or list(CLAIMS)
     jobs = plan(out, seeds, quick, given)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
-    with stop_requests() as asked:
-        failed = run_missing(out, wanted, at_once or len(os.sched_getaffinity(0)), asked)
-    if asked:
+    failed, stopped = run_missing(out, wanted, at_once)
+    if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED
     sound, bad = counting(jobs)

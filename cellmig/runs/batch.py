@@ -39,6 +39,7 @@ from cellmig.parallel.options import affecting_results, options_given, options_i
 from cellmig.version import __version__
 
 from .preflight import cost
+from .run import stop_requests
 
 _SETUP = 3.0  # wall time of a run before its first step and after its last (measured) [s]
 CLOSES = 0.01  # largest energy error of a run that counts [-]
@@ -154,15 +155,16 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
                 process.wait()
 
 
-def run_missing(out: Path, jobs: Iterable[Job], at_once: int, asked: Sequence[int] = (), longest_first: bool = False
-                ) -> dict[Job, Ended]:
-    """Run the jobs that are not complete, in order or the longest first, with progress; returns those that failed.
+def run_missing(out: Path, jobs: Iterable[Job], at_once: int | None = None, longest_first: bool = False
+                ) -> tuple[dict[Job, Ended], bool]:
+    """Run the jobs that are not complete, with progress; returns those that failed, and whether a signal stopped all.
 
-    out : their directory, which other commands must not use.  With `longest_first`, runs on several ranks come last, as
-    their ranks wait for each other and need all cores.
+    out : their directory, which other commands must not use;  at_once : runs at a time, by default one for each core.
+    With `longest_first`, runs on several ranks come last, as their ranks wait for each other and need all cores.
     """
-    with Claim(out, MPI.COMM_SELF, make=True):
-        return _run_missing(list(jobs), at_once, asked, longest_first)
+    with stop_requests() as signals, Claim(out, MPI.COMM_SELF, make=True):
+        failed = _run_missing(list(jobs), at_once or len(os.sched_getaffinity(0)), signals, longest_first)
+        return failed, bool(signals)
 
 
 def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longest_first: bool) -> dict[Job, Ended]:

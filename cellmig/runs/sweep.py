@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import itertools
 import json
-import os
 import re
 import shlex
 import tomllib
@@ -32,7 +31,6 @@ from cellmig.output.tables import HISTORY, further_columns, read_table
 from cellmig.plot.style import COLOURS, STYLE, save
 
 from .batch import Ended, Job, run_missing, unsound, write_rows
-from .run import stop_requests
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # largest number of letters in the name of a directory
@@ -213,13 +211,12 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     """
     jobs = plan.jobs()
     _check_columns(next(iter(jobs.values())).load(), shown)
-    with stop_requests() as asked:
-        failed = run_missing(plan.out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked)
+    failed, stopped = run_missing(plan.out, jobs.values(), at_once)
     failed |= unsound(job for job in jobs.values() if job.is_done())
     if rows := list(plan.rows(jobs, failed)):
         write_rows(plan.out / "sweep.csv", rows)
         print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), sep="\n")
-    if asked:
+    if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED
     return next((ended.code for ended in failed.values()), DONE)

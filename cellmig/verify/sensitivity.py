@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,6 @@ from cellmig.runs.batch import Job, counting, run_missing, write_rows
 from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect
 from cellmig.runs.outcome import Outcome
-from cellmig.runs.run import stop_requests
 
 LATE, PERCENTILE = 0.25, 99  # the peak stress is the 99th percentile in the last quarter of a run
 START, STEP = 20.0, 0.05  # plateaus: earliest begin [us], growth that ends them [um]
@@ -106,9 +104,8 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     int -- exit code: 0, that of the first run that failed, 1 if ranks change the bits, or 75 after a signal to stop.
     """
     jobs = plan(out, quick)
-    with stop_requests() as asked:
-        failed = run_missing(out, jobs.values(), at_once or len(os.sched_getaffinity(0)), asked, True)
-    if asked:
+    failed, stopped = run_missing(out, jobs.values(), at_once, longest_first=True)
+    if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED
     sound, bad = counting(jobs)
