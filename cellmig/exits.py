@@ -1,4 +1,4 @@
-"""Exit codes of all commands; `run` and README.md list the same."""
+"""Exit codes of all commands; `run` and docs/troubleshooting.md list the same."""
 
 DONE = 0
 DIFFERENT = 1  # two runs differ, a claim or a test does not hold; also a mistake of the program

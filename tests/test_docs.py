@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scenes import ROOT
 
+from cellmig.case.load import load
+from cellmig.laws import register
+from cellmig.parallel.arguments import split_arguments
+from cellmig.usage import parse, what_first
+from cellmig.verify.verify import load_references
+
 pytestmark = pytest.mark.serial
 
 DOCS = ROOT / "docs"
-PAGES = sorted([*DOCS.glob("*.md"), ROOT / "README.md"])
+PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory that looks like a checkout: the cases, and a `./run` on one rank."""
+    """A directory that looks like a checkout: what is read is there, `./run` and `.venv/bin/python` are on one rank."""
     home = tmp_path_factory.mktemp("checkout")
-    (home / "cases").symlink_to(ROOT / "cases")
-    launcher = home / "run"
-    launcher.write_text(f'#!/bin/bash\nexec "{sys.executable}" -m cellmig "$@"\n')
-    launcher.chmod(0o755)
+    for name in ("cases", "cellmig", "examples", "tests", "pyproject.toml"):
+        (home / name).symlink_to(ROOT / name)
+    for name in ("docs", ".venv/bin"):
+        (home / name).mkdir(parents=True)
+    for name, words in (("run", "-m cellmig"), (".venv/bin/python", "")):
+        (home / name).write_text(f'#!/bin/bash\nexec "{sys.executable}" {words} "$@"\n')
+        (home / name).chmod(0o755)
     return home
 
 
@@ -53,7 +67,46 @@ def test_every_command_of_the_tutorial_runs(place: Path, outside_mpi: dict[str, 
     assert (place / "output/bonds/sweep.png").exists() and (place / "output/softer/manifest.json").exists()
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/howto.md"])
+def test_the_commands_of_the_readme_run(place: Path, outside_mpi: dict[str, str]) -> None:
+    first, *others = blocks("README.md", "bash")
+    assert re.findall(r"^(\./run(?: \w+)?)  ", first[1], re.MULTILINE) == ["./run", "./run test"]  # of test_launcher
+    said = [obeyed(place, outside_mpi, *block) for block in others]
+    assert len(said) == 1 and "done: 20 µs" in said[0] and "one_cell" in said[0]
+
+
+@pytest.mark.parametrize("number", [pytest.param(i, marks=[pytest.mark.slow] * ("bench" in text)) for i, (_, text)
+                                    in enumerate(blocks("CONTRIBUTING.md"))])
+def test_every_command_of_contributing_runs(number: int, place: Path, outside_mpi: dict[str, str]) -> None:
+    obeyed(place, outside_mpi, *blocks("CONTRIBUTING.md")[number])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_command_of_a_page_is_one(page: Path) -> None:
+    """Parsed as the program does; of a case that is there, `--set` and `--vary` name keys and have values."""
+    register()
+    for words in commands(page):
+        options = parse(what_first(split_arguments(words)[0]))
+        case = getattr(options, "case", None) or next(iter(getattr(options, "cases", [])), None)
+        if (options.command == "verify" and options.stress) or options.command == "paper":
+            case = Path("cases/all_protrude.toml")
+        if case and (ROOT / case).is_file() and not getattr(options, "laws", []):
+            load(ROOT / case, options.sets)
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """The words of each command of cellmig's in the blocks of a page, without `./run`, its ranks and its tests."""
+    for _, text in BLOCK.findall(page.read_text()):
+        for line in text.replace("\\\n", " ").splitlines():
+            words = re.match(r"(?:\./run|cellmig)(?: (.*))?$", line.partition("  #")[0].partition(" ||")[0].rstrip())
+            if not words or " > " in line or "$" in line:
+                continue
+            words = shlex.split(words[1] or "cases/all_protrude.toml")
+            words = words[2:] if words[0] == "-n" else words
+            if words[0] != "test":
+                yield [str(next(iter(ROOT.glob(word)), word)) if "*" in word else word for word in words]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/howto.md", "docs/speed.md"])
 def test_python_of_a_page_runs(page: str, place: Path, outside_mpi: dict[str, str]) -> None:
     pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
     if not (place / "output/one_cell").exists():  # the page takes for granted that there is a run
@@ -64,7 +117,7 @@ def test_python_of_a_page_runs(page: str, place: Path, outside_mpi: dict[str, st
         obeyed(place, outside_mpi, *block)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     lost = []
     for target in LINK.findall(page.read_text()):
@@ -84,8 +137,64 @@ def anchors(page: Path) -> set[str]:
 
 
 def test_every_page_is_in_the_contents() -> None:
-    listed = set(re.findall(r"(\w+\.md)", (ROOT / "mkdocs.yml").read_text()))
-    assert listed == {path.name for path in DOCS.glob("*.md")}
+    assert set(contents()) == {path.name for path in DOCS.glob("*.md")}
+
+
+def contents() -> list[str]:
+    """The pages of the site's navigation."""
+    return re.findall(r"(\w+\.md)", (ROOT / "mkdocs.yml").read_text())
+
+
+@pytest.mark.parametrize("page", contents())
+def test_a_page_says_first_what_question_it_answers(page: str) -> None:
+    assert question(page)
+
+
+def test_the_index_lists_every_page_by_its_question() -> None:
+    listed = dict(re.findall(r"^- \[(.+?)\]\((\w+\.md)\)$", (DOCS / "index.md").read_text(), re.MULTILINE))
+    assert listed == {question(page): page for page in contents() if page != "index.md"}
+
+
+def question(page: str) -> str:
+    """The question with which the first paragraph of a page begins, or its sentence of what the page tells."""
+    title, first, *_ = (DOCS / page).read_text().split("\n\n")
+    found = re.match(r"[^.?]+\?|This page tells [^.]+\.", " ".join(first.split()))
+    assert re.fullmatch("# .+", title) and found, f"{page} begins with neither a question nor 'This page tells …'"
+    return found[0]
+
+
+def test_the_page_of_verification_has_the_verdicts_of_its_tables() -> None:
+    tables = (DOCS / "data/verify.md").read_text()
+    listed = {(name, error) for name, rows in re.findall(r"^## ([\w-]+) .*?\n(.*?)(?=^## |\Z)", tables, re.M | re.S)
+              for error in re.findall(r"^\| (?!error |-)(.+?) \|", rows, re.MULTILINE)}
+    assert listed == {(r.name, error) for r in load_references().values() for error in r.expected}
+    told = re.search(r"(\d+) of (\d+) errors hold", (DOCS / "verification.md").read_text())
+    failed = tables.count("**does not hold**")
+    assert [int(n) for n in told.groups()] == [len(listed) - failed, len(listed)]
+
+
+def names(column: int) -> list[str]:
+    """The names in code in a column of the notation's tables."""
+    rows = re.findall(r"^\|(.+)\|$", (DOCS / "notation.md").read_text(), re.MULTILINE)
+    return sorted({name for row in rows for name in re.findall(r"`([\w.]+)`", row.split("|")[column])})
+
+
+@pytest.mark.parametrize("name", names(2))
+def test_a_name_of_the_notation_is_in_the_code(name: str) -> None:
+    """`room.module.Thing.attribute`: a field, a property, a parameter, or an entry of a table of fields."""
+    room, module, thing, *more = name.split(".")
+    found: Any = getattr(import_module(f"cellmig.{room}.{module}"), thing)
+    for part in more:
+        there = (part in found if isinstance(found, dict) else hasattr(found, part)
+                 or part in getattr(found, "__annotations__", {}) or part in inspect.signature(found).parameters)
+        assert there, f"'{name}': there is no '{part}'"
+        found = found[part] if isinstance(found, dict) else getattr(found, part, None)
+
+
+def test_a_name_of_the_notation_is_in_the_kernel() -> None:
+    kernel = "".join(path.read_text() for path in sorted((ROOT / "cellmig/kernel").rglob("*")) if path.is_file()
+                     and path.suffix in (".c", ".h", ".py"))
+    assert len(names(3)) > 10 and not [name for name in names(3) if not re.search(rf"\b{name}\b", kernel)]
 
 
 def test_the_reference_is_that_of_the_code() -> None:

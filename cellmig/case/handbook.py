@@ -18,10 +18,12 @@ _TYPES = {"int": "whole number", "bool": "true or false", "str": "text", "float"
 def handbook() -> str:
     """The reference as one Markdown page."""
     lines = ["# Keys and laws of a case", "",
-             "Written by `cellmig schema --markdown` from the declarations in the code.  A quantity is a string with "
-             'its unit, such as `"10 nm"`; any unit of the right kind will do, of these, with the usual prefixes, and '
-             f"their products, quotients and powers: {', '.join(units.SYMBOLS)}; or by their names.  A default of "
-             "*needed* is none.", "",
+             "Which keys and laws may a case have, and what do they mean? This page is written by `cellmig schema "
+             "--markdown` from the declarations in the code.", "",
+             'A quantity is a string with its unit, such as `"10 nm"`. Any unit of the right kind will do: these, with '
+             f"the usual prefixes, and their products, quotients and powers: {', '.join(units.SYMBOLS)}; or their full "
+             "names. "
+             "A default of *needed* is none.", "",
              "## Top level", "", *_table(_plain_fields())]
     for f in case_fields().values():
         lines += ["", *_section(f)] if _is_section(f) else []
