@@ -7,10 +7,15 @@ same value as in kg/m³.  In the plane, forces are per unit thickness: pN/µm = 
 from __future__ import annotations
 
 import re
+import sys
 import unicodedata
 from functools import cache
 
-import pint
+sys.modules.setdefault("pandas", None)  # Pint 0.19 would import it, which is a quarter of the time a start takes
+import pint  # noqa: E402
+
+if sys.modules["pandas"] is None:
+    del sys.modules["pandas"]
 
 _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
