@@ -1,7 +1,7 @@
 """cellmig: collective cell migration by a meshfree particle method (Bai, Lin & Zeng 2019).
 
-From Python: `load` a case, `change` it, `run` it, look at its `Record`; `open` the record of any run.  `build` gives
-the simulation itself, to be driven step by step.
+From Python: `load` a case, `change` it, `run` it and use the `Record` of its results; `open` gives the record of any
+run, `build` the simulation itself, to advance it step by step.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["__version__", "build", "change", "load", "open", "run", "sweep"]
 
 
 def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
-    """The case in a file, with changes such as "particles.per_cell=500"; raises CaseError with all its mistakes."""
+    """The case in a file, with changes such as "particles.per_cell=500".  Raises CaseError with all mistakes."""
     from .case.load import load as read
 
     _simulation()
@@ -25,7 +25,7 @@ def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
 
 
 def change(case: Any, changes: Mapping[str, Any]) -> Any:
-    """The case with other values, as in a case file; the old one stays as it is.
+    """A copy of a case with other values, as in a case file.
 
     >>> finer = change(case, {"particles.per_cell": 3000, "adhesion.cells.bond_density": "2000 /um^2"})
     """
@@ -46,7 +46,7 @@ def build(case: Any, comm: Any = None) -> Any:
 
 
 def _simulation() -> Any:
-    """The module that registers the laws; it needs PETSc, which leaves signals to Python here."""
+    """The module of simulations, after the start of PETSc, which leaves signals to Python here."""
     from .parallel.arguments import start_petsc
 
     start_petsc([])
@@ -57,17 +57,17 @@ def _simulation() -> Any:
 
 def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False,
         start: str | PathLike | None = None) -> Any:
-    """Run a case and return the Record of what it left; collective.
+    """Run a case and return the Record of its results; collective.
 
     Parameters
     ----------
     case : Case.
-    out : Path -- directory of the run, by default output/<name of the case>; a run that is there is moved aside.
-    until : str -- end earlier or later than the case says, such as "40 us".
+    out : Path -- directory of the run, by default output/<name of the case>; an existing run is moved aside.
+    until : str -- end in place of the case's, such as "40 us".
     quiet : bool -- show neither log nor progress.
-    start : Path -- directory of a run of the same particles, whose last state this one starts with at time 0.
+    start : Path -- directory of a run of the same particles, whose last state is the initial state, at time 0.
 
-    Raises NumericsError or OutputError if the run breaks; what it left until then can be opened.
+    Raises NumericsError or OutputError if the run fails; its results until then can be opened.
     """
     from .case.units import number
     from .runs.api import run_here
@@ -79,7 +79,7 @@ def run(case: Any, out: str | PathLike | None = None, until: str | None = None, 
 
 def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | PathLike, sets: Sequence[str] = (),
           jobs: int | None = None) -> list[dict[str, Any]]:
-    """Run a case file for all combinations of values, in parallel; what is done already is kept.
+    """Run a case file for all combinations of values, in parallel; complete runs are not repeated.
 
     Parameters
     ----------
@@ -87,13 +87,13 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
     vary : dict -- dotted key to its values: ``{"adhesion.cells.bond_density": ["1000 /um^2", "2000 /um^2"],
         "seed": [1, 2]}``.
     out : Path -- directory of the runs and of sweep.csv, sweep.png and sweep.pdf.
-    sets : list of str -- changes to all, "particles.per_cell=300".
+    sets : list of str -- changes of all runs, such as "particles.per_cell=300".
     jobs : int -- runs at a time; by default one for each core.
 
     Returns
     -------
-    list of dict -- a row for each run that is done and cell (0 is the aggregate), and one, without cell, for each that
-        failed, with its cause; ``pandas.DataFrame(rows)`` takes it.
+    list of dict -- a row for each complete run and cell (0 is the aggregate), and one without a cell for each run that
+        failed, with its cause, as ``pandas.DataFrame(rows)`` accepts them.
     """
     from .runs.sweep import Sweep, sweep
 
@@ -103,7 +103,7 @@ def sweep(path: str | PathLike, vary: Mapping[str, Sequence[Any]], out: str | Pa
 
 
 def open(directory: str | PathLike) -> Any:
-    """The Record of a run that is there, finished or not: its case, tables and frames."""
+    """The Record of a run, complete or not: its case, tables and frames."""
     from .runs.record import Record
 
     return Record(Path(directory))

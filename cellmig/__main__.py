@@ -1,4 +1,4 @@
-"""The command line: `[mpiexec -n N] python -m cellmig CASE.toml [--option …] [-petsc_option …]`."""
+"""The command line: `[mpiexec -n N] python -m cellmig CASE.toml [--option] [-petsc_option]`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace, comm: Any) -> int:
 
 
 def resume(options: argparse.Namespace, comm: Any) -> int:
-    """Go on with the run in a directory on all ranks."""
+    """Resume the run in a directory on all ranks."""
     register()
     from .output.directory import Claim
     from .runs.checkpointing import is_done, look, new_end, origin
@@ -79,7 +79,7 @@ def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end:
 
 
 def validate(options: argparse.Namespace) -> int:
-    """Check cases; report what each will cost."""
+    """Check cases and estimate their cost."""
     wrong, end = [], _time(options.until, "--until") if options.until else None
     for path in options.cases:
         try:
@@ -97,7 +97,7 @@ def validate(options: argparse.Namespace) -> int:
 
 
 def sweep(options: argparse.Namespace) -> int:
-    """Many runs of one case."""
+    """Run a case with varied values."""
     from .runs.sweep import SHOWN, Sweep, array_script, sweep, variation
 
     try:
@@ -116,7 +116,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def paper(options: argparse.Namespace) -> int:
-    """The paper's claims against what is measured."""
+    """Judge the paper's claims by runs."""
     from .paper.claims import CLAIMS
     from .paper.paper import paper
 
@@ -136,7 +136,7 @@ def _in_a_name(text: str) -> str:
 
 
 def verify(options: argparse.Namespace) -> int:
-    """The references; or random scenes, or the sensitivity of the main one."""
+    """Compare with references, run random scenes, or measure sensitivity to numerical choices."""
     if options.sets and not options.stress:
         raise UsageError("--set is for --stress")
     if not (options.stress or options.sensitivity):
@@ -175,7 +175,7 @@ def _references(options: argparse.Namespace) -> int:
 
 
 def bench(options: argparse.Namespace) -> int:
-    """What a step costs, or run time against error."""
+    """Measure the cost of steps, or run time against error."""
     if options.modulus:
         if options.out:
             raise UsageError("--modulus writes nothing and knows no --out")
@@ -198,7 +198,7 @@ def bench(options: argparse.Namespace) -> int:
 
 
 def show(options: argparse.Namespace) -> int:
-    """The commands that look at runs and at this machine."""
+    """Commands that show runs, the schema or the state of this machine."""
     if options.command == "doctor":
         from .doctor import examine
 
@@ -211,7 +211,7 @@ def show(options: argparse.Namespace) -> int:
         from .case.json_schema import json_schema
         from .output.fields import handbook_of_fields
 
-        unicode = "utf" in (sys.stdout.encoding or "").lower()  # else JSON has its own way to say it
+        unicode = "utf" in (sys.stdout.encoding or "").lower()  # else JSON escapes other characters
         page = (handbook() + handbook_of_fields() if options.markdown else
                 json.dumps(json_schema(), indent=2, ensure_ascii=not unicode) + "\n")
         print(page, end="")
@@ -252,7 +252,7 @@ def _time(text: str, option: str) -> float:
 
 
 def _include(files: list[Path]) -> None:
-    """Laws of one's own, on every rank."""
+    """Register the user's own laws on every rank."""
     if files:
         from .case.own_laws import include
 
@@ -269,7 +269,7 @@ def _load(path: Path, sets: list[str]) -> Any:
 
 
 def load_together(path: Path, sets: list[str], comm: Any) -> Any:
-    """The case, read by rank 0 for all; its mistakes are raised on all ranks."""
+    """The case, read by rank 0 for all.  Raises CaseError on all ranks."""
     case = None
     register()
     if comm.rank == 0:
@@ -287,7 +287,7 @@ def load_together(path: Path, sets: list[str], comm: Any) -> Any:
 
 
 def main() -> None:
-    """Entry point: one rank speaks, all ranks end, with the exit code of the contract."""
+    """Entry point: rank 0 prints, all ranks end with one of the documented exit codes."""
     words, comm = sys.argv[1:], None
     lenient()
     try:
@@ -306,11 +306,11 @@ def main() -> None:
         _include(getattr(options, "laws", ()))
         if not serial:
             code = (run if options.command == "run" else resume)(options, comm)
-        else:  # nothing to share: other ranks than the first are idle
+        else:  # other ranks have nothing to do
             command = {"validate": validate, "sweep": sweep, "paper": paper, "verify": verify, "bench": bench}
             code = command.get(options.command, show)(options) if RANK == 0 else DONE
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
+    except BrokenPipeError:  # the reader, such as `head`, closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = DONE
     except KeyboardInterrupt:
@@ -321,7 +321,7 @@ def main() -> None:
 
 
 def failure(error: Exception, comm: Any) -> int:
-    """Say what went wrong, once; errors of the user's are known to all ranks, others end all ranks here."""
+    """Print an error once and return its exit code; unexpected errors of one rank abort all ranks."""
     codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "LawError": WRONG, "LawFileError": WRONG,
              "CompilerError": ENVIRONMENT,
              "NoRoom": ENVIRONMENT, "LaunchError": ENVIRONMENT,

@@ -1,4 +1,4 @@
-"""`cellmig doctor`: what this machine has and lacks, and what mends it.  It needs nothing but Python."""
+"""`cellmig doctor`: checks of this machine for what cellmig needs, with remedies.  It needs Python alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import NamedTuple
 from cellmig.parallel.launch import PYTHON, mpiexec, on_ranks, outside_mpi
 
 OLDEST = (3, 11)
-# What is looked at, with the versions that the tests have run with, Debian 12's and 13's.
+# Required modules, with the versions that the tests ran with, those of Debian 12 and 13.
 MODULES = {"numpy": "1.24, 2.2", "scipy": "1.10, 1.15", "pint": "0.19, 0.24", "tqdm": "4.64, 4.67",
            "h5py": "3.7, 3.13", "meshio": "5.0, 5.3", "matplotlib": "3.6, 3.10", "mpi4py": "3.1, 4.0"}
 TESTED = {**MODULES, "system": "Debian 12, 13", "Python": "3.11, 3.13", "PETSc": "3.18, 3.22",
@@ -25,15 +25,15 @@ TESTED = {**MODULES, "system": "Debian 12, 13", "Python": "3.11, 3.13", "PETSc":
 PETSC = "from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
 MPI = "from mpi4py import MPI; print(MPI.Get_library_version().split(', package')[0].split('\\n')[0])"
 RANKS = "from mpi4py import MPI; MPI.COMM_WORLD.rank == 0 and print(MPI.COMM_WORLD.size)"
-# Nothing needs them: what they are good for, and the package that has them.
+# Optional programs and modules: their use and package.
 OPTIONAL = {"pandas": ("tables as frames in Python", "python3-pandas"), "ffmpeg": ("films as mp4, else gif", "ffmpeg"),
             "pvpython": ("pictures by ParaView without a window", "python3-paraview"),
             "mkdocs": ("the documentation as a site", "mkdocs mkdocs-material")}
-PATIENCE = 60.0  # s for a program that is tried
+PATIENCE = 60.0  # time limit of a tried program [s]
 
 
 class Finding(NamedTuple):
-    """What was looked at and found; `mend` : a command, or what else helps, if it is not as it should be."""
+    """Result of a check; `mend` : the remedy, a command or a text, empty if nothing is wrong."""
 
     name: str
     found: str
@@ -41,7 +41,7 @@ class Finding(NamedTuple):
 
 
 def examine() -> tuple[bool, str]:
-    """Whether all is there, and the report for the user."""
+    """Whether nothing is missing, and the report for the user."""
     findings = list(_findings())
     width = max(len(f.name) for f in findings)
     lines = [f"{f.name:<{width}}  {'LACKING: ' if f.mend else ''}{f.found}{_tested(f)}" for f in findings]
@@ -59,7 +59,7 @@ def _tested(finding: Finding) -> str:
 
 
 def _system() -> str:
-    """Of Linux, what it calls itself."""
+    """Name of the operating system."""
     try:
         return platform.freedesktop_os_release()["PRETTY_NAME"]
     except (OSError, KeyError):
@@ -87,7 +87,7 @@ def _findings() -> Iterator[Finding]:
 def _tried(name: str, look: Callable[[], str], mend: str) -> Finding:
     try:
         return Finding(name, look())
-    except Exception as error:  # whatever is wrong with it, it is not there
+    except Exception as error:  # whatever the error, it cannot be used
         reason = getattr(error, "stderr", "") or str(error) or type(error).__name__
         return Finding(name, reason.strip().split("\n")[-1], mend)
 
@@ -97,7 +97,7 @@ def _version(name: str) -> str:
 
 
 def _output(*command: str) -> str:
-    """What a program writes; it fails where the program does."""
+    """Output of a program; raises an error where the program fails."""
     return subprocess.run(command, env=outside_mpi(), stdin=subprocess.DEVNULL, capture_output=True,
                           encoding="utf-8", errors="replace",
                           timeout=PATIENCE, check=True).stdout.strip()

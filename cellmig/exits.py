@@ -1,10 +1,10 @@
-"""Exit codes of all commands; `run` and docs/troubleshooting.md list the same."""
+"""Exit codes of all commands, as `run` and docs/troubleshooting.md list them."""
 
 DONE = 0
-DIFFERENT = 1  # two runs differ, a claim or a test does not hold; also a mistake of the program
-WRONG = 2  # the case or the call
+DIFFERENT = 1  # two runs differ, a claim or a reference does not hold, or the program has an error
+WRONG = 2  # invalid case or command line
 ENVIRONMENT = 3
-BROKEN = 4  # the numbers: NaN, a volume not kept, energy that does not add up
+BROKEN = 4  # the numerical solution failed: not finite, volumes not kept, energy error
 INPUT_OUTPUT = 5
-STOPPED = 75  # on request; `resume` goes on
-INTERRUPTED = 130  # a second ^C
+STOPPED = 75  # on request; `resume` continues the run
+INTERRUPTED = 130  # by a second ^C

@@ -1,4 +1,4 @@
-"""The laws and shapes that come with cellmig."""
+"""Registration of the laws and shapes of cellmig."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from .case.registry import discover
 
 
 def register() -> None:
-    """Import every module of a law or a shape, whereby it registers itself; a second call costs nothing."""
+    """Import every module of laws and shapes, which registers them; a second call has no effect."""
     discover(model)
     discover(geometry)

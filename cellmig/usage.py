@@ -1,4 +1,4 @@
-"""The commands and their options, as argparse knows them."""
+"""The commands and their options, for argparse."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from typing import Any
 from .parallel.launch import launcher_rank, launcher_size
 from .version import __version__
 
-WIDTH = 80  # letters of a line of help
+WIDTH = 80  # largest number of letters in a line of help
 RANK, RANKS = launcher_rank(), launcher_size()[1]
 
 
 class UsageError(Exception):
-    """The call is wrong; the message is for the user."""
+    """Invalid command line; the message is for the user."""
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
-    """Lines of 80 letters at most, or of what the terminal has."""
+    """Help with lines of at most WIDTH letters, or of the width of the terminal."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **{"width": min(WIDTH, shutil.get_terminal_size().columns) - 2} | more)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        """Text is filled, but for one that has its own lines."""
+        """Fill text, unless it has line breaks."""
         fill = argparse.HelpFormatter._fill_text
         return super()._fill_text(text, width, indent) if "\n" in text else fill(self, text, width, indent)
 
 
 class Parser(argparse.ArgumentParser):
-    """One rank speaks and all ranks end: a wrong call is an exception, help comes once."""
+    """Parser for several ranks: errors are exceptions, and rank 0 alone prints help."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**{"formatter_class": Help} | more)
 
     def error(self, message: str) -> None:
-        """Refuse the call."""
+        """Raise UsageError."""
         raise UsageError(f"{message}\n{self.format_usage().strip()}\n'{self.prog} --help' tells more")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse what no option takes here, in the parser of the command, which knows what there is."""
+        """Raise UsageError for unknown words, in the parser of the command, which knows its options."""
         found, left = super().parse_known_args(args, namespace)
         if left:
             self.error(_not_known(left[0], args, self._option_string_actions))
@@ -57,65 +57,65 @@ class Parser(argparse.ArgumentParser):
 
 _HELP = """\
 A case alone is run: 'cellmig run --help' lists its options.
-On several ranks: mpiexec -n 4 cellmig …
-Options with one dash are PETSc's: -ts_type rk, -ts_dt 1e-3 (in µs), -log_view …
+On several ranks: mpiexec -n 4 cellmig CASE.toml
+Options with one dash are PETSc's, such as -ts_type rk, -ts_dt 1e-3 (in µs).
 
-exit codes: 0 done, 1 two runs differ, 2 the case or the call is wrong,
-            3 the environment is, 4 the numbers broke, 5 input or output,
-            75 stopped on request: 'resume' goes on"""
+exit codes: 0 done, 1 two runs differ, 2 the case or the command line is wrong,
+            3 something is missing on the machine, 4 the solution failed,
+            5 input or output failed, 75 stopped on request: 'resume' continues"""
 
 
 def parser() -> Parser:
-    """All commands with their options."""
+    """The parser of all commands and options."""
     top = Parser(prog="cellmig", usage="cellmig CASE.toml [OPTION …]\n       cellmig COMMAND [ARGUMENT …]",
                  description="Collective cell migration by a meshfree particle method.", epilog=_HELP)
     top.add_argument("--version", action="version", version=f"cellmig {__version__}")
     commands = top.add_subparsers(dest="command", required=True, parser_class=Parser, metavar="COMMAND", prog="cellmig")
 
-    run = commands.add_parser("run", help="run a case", epilog="Options with one dash are PETSc's: -ts_type rk …",
+    run = commands.add_parser("run", help="run a case", epilog="Options with one dash are PETSc's: -ts_type rk.",
                               description="Run a case.  A run that is already in the directory is moved aside.  ^C, "
-                                          "SIGTERM and SIGUSR1 end a run with all its files whole and a checkpoint.")
+                                          "SIGTERM and SIGUSR1 end a run with complete files and a checkpoint.")
     run.add_argument("case", type=Path, help="case file")
     run.add_argument("--out", type=Path, metavar="DIR", help="directory of the run (default: output/<case name>)")
-    run.add_argument("--from", type=Path, metavar="DIR", dest="origin", help="start at time 0 with the last state of "
-                     "the run in DIR: the same particles; all else may differ")
+    run.add_argument("--from", type=Path, metavar="DIR", dest="origin", help="initial state: the last state "
+                     "of the run in DIR, which has the same particles; all else may differ")
     _until(run)
-    run.add_argument("--no-prune", action="store_true", help="compute also what the scene does not need: same bits")
-    run.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
-    run.add_argument("--resume", choices=("auto",), help="auto: go on from the newest checkpoint in the directory, "
+    run.add_argument("--no-prune", action="store_true", help="compute terms that the scene lacks, too: same bits")
+    run.add_argument("--quiet", action="store_true", help="print errors only")
+    run.add_argument("--resume", choices=("auto",), help="auto: resume from the newest checkpoint in the directory, "
                      "if there is one, else begin; for batch scripts")
     _checkpoints(run)
     _accuracy(run)
     _sets(run)
     _laws(run)
     resume = commands.add_parser(
-        "resume", help="go on with a run that was stopped or killed, or is to be longer",
-        epilog="Options with one dash are PETSc's: give those again that the run was given.", description="Go on "
-        "from the newest whole checkpoint of a run, on any number of ranks: the same bits as if it had never ended.  "
-        "What it wrote since is written again.")
+        "resume", help="continue a run that was stopped or killed, or extend it",
+        epilog="Options with one dash are PETSc's: repeat those of the run.", description="Continue a run from its "
+        "newest intact checkpoint, on any number of ranks, with the same bits as without the interruption.  Output "
+        "after the checkpoint is written again.")
     resume.add_argument("directory", type=Path, help="of the run")
-    resume.add_argument("--until", metavar='"800 us"', help="end there, earlier or later; a run that is done goes on")
-    resume.add_argument("--quiet", action="store_true", help="nothing on the screen but errors")
+    resume.add_argument("--until", metavar='"800 us"', help="new end, earlier or later; a complete run continues")
+    resume.add_argument("--quiet", action="store_true", help="print errors only")
     _checkpoints(resume)
     _laws(resume)
 
-    validate = commands.add_parser("validate", help="check cases and say what a run will cost")
+    validate = commands.add_parser("validate", help="check cases and estimate the cost of a run")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
     _until(validate)
     _accuracy(validate)
     _sets(validate)
     _laws(validate)
     _sweep(commands)
-    _looks(commands)
+    _others(commands)
     return top
 
 
 def _sweep(commands: Any) -> None:
-    """Many runs of one case."""
-    sweep = commands.add_parser("sweep", help="many runs of a case with values varied: one table, one picture",
+    """Add the command `sweep`."""
+    sweep = commands.add_parser("sweep", help="runs of a case with varied values: one table, one picture",
                                 description="Run a case for all combinations of values, as many at a time as there "
-                                "are cores.  What is done already is kept: the same command goes on, and more values "
-                                "add runs.  sweep.csv has a row for each run and cell at its end (cell 0 is the "
+                                "are cores.  Complete runs are kept: the same command continues, and more values add "
+                                "runs.  sweep.csv has a row for each run and cell at its end (cell 0 is the "
                                 "aggregate).", epilog="cellmig sweep cases/all_protrude.toml --vary "
                                 "adhesion.cells.bond_density='1000,2000,4000 /um^2' --vary seed=1:8")
     sweep.add_argument("case", type=Path, help="case file")
@@ -124,89 +124,88 @@ def _sweep(commands: Any) -> None:
     sweep.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/sweep-<case name>)")
     _until(sweep)
     sweep.add_argument("--jobs", type=_count, help="ranks at a time (default: one for each core)")
-    sweep.add_argument("--ranks", type=_count, default=1, help="of each run (default: 1)")
+    sweep.add_argument("--ranks", type=_count, default=1, help="ranks of each run (default: 1)")
     sweep.add_argument("--show", metavar="COLUMN,COLUMN", help="columns of history.csv to draw")
-    sweep.add_argument("--slurm", action="store_true", help="write a Slurm array that does the runs, and do none")
+    sweep.add_argument("--slurm", action="store_true", help="write a Slurm array of the runs instead of running")
     _accuracy(sweep)
     _sets(sweep)
     _laws(sweep)
 
 
-def _looks(commands: Any) -> None:
-    """The commands that look at runs and at this machine."""
-    info = commands.add_parser("info", help="what a run was and did")
+def _others(commands: Any) -> None:
+    """Add the commands that need no case file."""
+    info = commands.add_parser("info", help="summary of a run")
     info.add_argument("directory", type=Path, help="of a run")
-    diff = commands.add_parser("diff", help="whether two runs are the same, and where they part")
+    diff = commands.add_parser("diff", help="compare two runs: equal, or their first difference")
     diff.add_argument("directories", type=Path, nargs=2, metavar="directory", help="of a run")
-    diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0 (default) asks for the same bits")
+    diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0, the default, for equal bits")
     plot = commands.add_parser("plot", help="pictures of a run")
     plot.add_argument("directory", type=Path, help="of a run")
     plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
-    plot.add_argument("--field", default="effective_stress", help="what fills the shapes (default: effective_stress)")
-    plot.add_argument("--film", action="store_true", help="a film of all frames besides: mp4 if ffmpeg is there, "
-                      "else gif")
-    plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="of the pictures (default: png,pdf)")
+    plot.add_argument("--field", default="effective_stress", help="colours the shapes (default: effective_stress)")
+    plot.add_argument("--film", action="store_true", help="also a film of all frames: mp4 with ffmpeg, else gif")
+    plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="file formats (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
                        "followed by what is set)")
     paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
-    paper.add_argument("--quick", action="store_true", help="coarse: in minutes, to try it out")
-    paper.add_argument("--only", metavar="R3,R4", help="these claims alone, and the runs that they need")
+    paper.add_argument("--quick", action="store_true", help="coarse particles: takes minutes")
+    paper.add_argument("--only", metavar="R3,R4", help="these claims only, with the runs that they need")
     _sets(paper)
-    verify = commands.add_parser("verify", help="whether the program does what it should, and how far to trust it",
+    verify = commands.add_parser("verify", help="compare with known solutions; other checks of correctness",
                                  description="References against exact and published solutions at three resolutions or "
-                                             "more: error, order and verdict; exit code 1 if something does not hold. "
+                                             "more: errors, orders, verdicts; exit code 1 if one does not hold. "
                                              "With --stress or --sensitivity, other checks.")
-    verify.add_argument("--only", metavar="NAME,NAME", help="these references or groups of them alone")
+    verify.add_argument("--only", metavar="NAME,NAME", help="these references or groups only")
     what = verify.add_mutually_exclusive_group()
-    what.add_argument("--list", action="store_true", help="the references, their sources, and what theory expects")
-    what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each ends stable, stops with a "
-                      "message or is refused")
-    what.add_argument("--sensitivity", action="store_true", help="how the main scene depends on spacing, time step and "
-                      "other choices of the method")
+    what.add_argument("--list", action="store_true", help="list references, sources, and orders expected by theory")
+    what.add_argument("--stress", type=_count, metavar="N", help="N random scenes: each must run stably, stop with "
+                      "a message or be refused")
+    what.add_argument("--sensitivity", action="store_true", help="dependence of the main scene on spacing, time step "
+                      "and other numerical choices")
     verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
-    verify.add_argument("--quick", action="store_true", help="coarse references or a coarse sensitivity: in minutes")
+    verify.add_argument("--quick", action="store_true", help="coarse references or sensitivity: takes minutes")
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
                         "output/sensitivity, with --quick output/verify-quick, output/sensitivity-quick)")
     _sets(verify)
-    bench = commands.add_parser("bench", help="what a step costs; run time against error",
-                           description="What a step costs, term by term, on one rank and two, beside numpy and a "
+    bench = commands.add_parser("bench", help="cost of steps; run time against error",
+                           description="Cost of a step by term, on one and two ranks, compared with numpy and a "
                                        "plain loop; or one of these:")
     what = bench.add_mutually_exclusive_group()
     what.add_argument("--error", action="store_true", help="over spacing, dilation, stabilisation, "
-                      "integrator, step and modulus: the Pareto sets, and what the defaults should be")
-    what.add_argument("--modulus", action="store_true", help="only what the reduced bulk modulus costs, half a minute")
-    what.add_argument("--scaling", action="store_true", help="what steps cost on many ranks: a model whose constants "
-                      "are measured here, three minutes")
-    bench.add_argument("--quick", action="store_true", help="in half a minute, with --error in two, to try it out")
+                      "integrator, step and modulus: Pareto sets and a verdict on the defaults")
+    what.add_argument("--modulus", action="store_true", help="error of the reduced bulk modulus only, half a minute")
+    what.add_argument("--scaling", action="store_true", help="cost of steps on many ranks, by a model with "
+                      "constants measured here, three minutes")
+    bench.add_argument("--quick", action="store_true", help="half a minute; with --error two minutes")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")
     schema = commands.add_parser("schema", help="JSON schema of a case file, for editors")
-    schema.add_argument("--markdown", action="store_true", help="all keys and laws as a page to read, instead")
+    schema.add_argument("--markdown", action="store_true", help="a page of all keys and laws instead")
     _laws(schema)
-    commands.add_parser("doctor", help="what this machine has and lacks")
+    commands.add_parser("doctor", help="check this machine for what cellmig needs")
 
 
 def _until(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--until", metavar='"40 us"', help="end earlier or later than the case says")
+    command.add_argument("--until", metavar='"40 us"', help="end in place of the case's")
 
 
 def _checkpoints(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--wall-time", metavar='"2 h"', help="stop before this time is over, with a checkpoint and "
+    command.add_argument("--wall-time", metavar='"2 h"', help="stop within this wall time, with a checkpoint and "
                          "exit code 75")
     command.add_argument("--checkpoint-wall", metavar='"10 min"', help="wall time between checkpoints (default: 5 min, "
-                         "or longer if they would take more than 2 %% of the time)")
+                         "longer if they would take more than 2 %% of the time)")
     command.add_argument("--checkpoint-time", metavar='"5 us"', help="simulated time between checkpoints, besides")
 
 
 def _accuracy(command: argparse.ArgumentParser) -> None:
     command.add_argument("--accuracy", metavar="20%", action="append", default=[], dest="sets",
                          type="numerics.accuracy={}".format,
-                         help="as numerics.accuracy in a case: what it leaves open is the cheapest that was measured "
-                         "below this error")
+                         help="as numerics.accuracy in a case: choices that the case leaves open are the cheapest ones "
+                         "measured below this error")
 
 
 def _sets(command: argparse.ArgumentParser) -> None:
@@ -216,7 +215,7 @@ def _sets(command: argparse.ArgumentParser) -> None:
 
 def _laws(command: argparse.ArgumentParser) -> None:
     command.add_argument("--law", action="append", default=[], type=Path, metavar="FILE.py", dest="laws",
-                         help="a file of laws of one's own: the case may name them; again for another")
+                         help="a file of your own laws, which the case may name; repeat for others")
 
 
 COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schema", "doctor",
@@ -224,7 +223,7 @@ COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schem
 
 
 def what_first(words: list[str]) -> list[str]:
-    """A command line that begins with what is to be done: its first command or case file that is no option's value."""
+    """The words with the command or case file first, wherever it stands among the options."""
     if not words or not words[0].startswith("-"):
         return words
     for at, word in enumerate(words):
@@ -236,13 +235,13 @@ def what_first(words: list[str]) -> list[str]:
 
 
 def _alone() -> set[str]:
-    """Options of any command that take no value."""
+    """Options of all commands that take no value."""
     commands = next(a.choices for a in parser()._actions if isinstance(a.choices, dict))
     return {name for one in commands.values() for a in one._actions if a.nargs == 0 for name in a.option_strings}
 
 
 def parse(words: list[str]) -> argparse.Namespace:
-    """Our part of the command line; a case file as first word stands for `run`."""
+    """Parse the command line without PETSc's options; a case file as first word means `run`."""
     if words and words[0] not in COMMANDS and not words[0].startswith("-"):
         if words[0].endswith(".toml") or os.sep in words[0] or os.path.exists(words[0]):
             words = ["run", *words]
@@ -254,7 +253,7 @@ def parse(words: list[str]) -> argparse.Namespace:
 
 
 def _not_known(word: str, words: Sequence[str], options: Iterable[str]) -> str:
-    """What is wrong with a word of the call that no option takes."""
+    """Message about a word that no option takes."""
     before = words[words.index(word) - 1]
     if word.startswith("-"):
         near = difflib.get_close_matches(word.partition("=")[0], options, 1)

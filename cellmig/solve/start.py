@@ -1,4 +1,4 @@
-"""What a case begins with: its particles in the reference configuration, and their state, from its formulas."""
+"""Initial state of a case: reference configuration, and displacements, velocities and director from formulas."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..meshfree.rkpm import factorised
 from ..model.director import start_angle
 from ..parallel.direct import solve_positive
 
-LARGE = 5_000  # particles of a cell, from which MUMPS beats SuperLU in the setup
+LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in the setup
 
 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
