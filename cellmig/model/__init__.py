@@ -1,1 +1,1 @@
-"""The model of the paper: one law, one file."""
+"""The model of Bai, Lin & Zeng (2019) and additions to it: laws, each in a file of its own."""

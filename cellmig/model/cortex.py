@@ -1,4 +1,4 @@
-"""Cortex of a cell: an addition to the paper's model, absent unless a case asks for it."""
+"""Tension of the cell cortex: an addition to the model of Bai, Lin & Zeng (2019), absent by default."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from ..case.registry import law, quantity
 
 @law("cortex", "line-tension")
 class LineTension:
-    """Constant tension T of the surface, as of a liquid: its energy is T per current length, pressure inside T/R."""
+    """Constant tension T of the surface [pN/µm], as of a liquid: T is the energy per current length.
+
+    A disc of radius R is under the pressure p = T/R.  Source: the law of Young (1805) and Laplace, in the plane.
+    """
 
     line_tension: float = quantity("pN/um", "tension T of the surface", minimum=0)
 
     def energy(self, stretch):
-        """Energy per reference length [pN/µm] of a surface stretched to `stretch` times its reference length [-]."""
+        """Energy per reference length [pN/µm]; `stretch` is the current over the reference length [-]."""
         return self.line_tension * stretch
 
     def tension(self, stretch):
-        """Tension [pN/µm], d(energy)/d(stretch)."""
+        """Tension [pN/µm], the derivative of the energy by the stretch [-]."""
         return self.line_tension + 0.0 * stretch

@@ -1,4 +1,4 @@
-"""The director field h = (cos θ, sin θ) of the cytoplasm: where it starts and how it moves."""
+"""Initial state and evolution of the director h = (cos θ, sin θ) of equation (7) of Bai, Lin & Zeng (2019)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ STARTS = ("uniform", "radial", "tangential")
 
 
 def start_angle(start: str, angle: float, X: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Angle θ (n,) [rad] at the start, for particles at X (n, 2) [µm] of a cell with this centre (2,) [µm]."""
+    """Initial angles θ (n,) [rad] of particles at X (n, 2) [µm] of a cell with this `centre` (2,) [µm].
+
+    `start` is one of STARTS; `angle` [rad] is that of a uniform field.
+    """
     if start == "uniform":
         return np.full(len(X), angle)
     theta = np.arctan2(*(X - centre).T[::-1])
@@ -19,10 +22,14 @@ def start_angle(start: str, angle: float, X: np.ndarray, centre: np.ndarray) -> 
 
 @law("director", "frozen")
 class FrozenDirector:
-    """Director carried by the material unchanged, Dθ/Dt = 0: the η term is then elastic (modulus η/r²)."""
+    """Director that does not change in a material point, Dθ/Dt = 0: the limit γ = 0 of a relaxing one.
 
-    start: str = parameter("state at the start", "uniform", choices=STARTS)
-    angle: float = quantity("rad", "angle θ of a uniform start", "0 rad")
+    The η term of equation (7) of Bai, Lin & Zeng (2019) is then elastic; a radial field has the modulus η/r² at the
+    radius r.
+    """
+
+    start: str = parameter("initial director field", "uniform", choices=STARTS)
+    angle: float = quantity("rad", "angle θ of a uniform field", "0 rad")
 
     mobility = 0.0
     anchoring = "none"
@@ -30,12 +37,13 @@ class FrozenDirector:
 
 @law("director", "relaxing")
 class RelaxingDirector:
-    """Director that relaxes, h_t = γ (Δh - f(h)): with |h| = 1 kept by f, Dθ/Dt = γ Δθ.
+    """Director that relaxes, Dh/Dt = γ (Δh - f(h)); as f keeps |h| = 1, the angle diffuses, Dθ/Dt = γ Δθ.
 
-    "surface" anchoring holds θ of a surface particle at the angle of the membrane; its couple acts on the membrane.
+    With the anchoring "surface", θ of a surface particle is the angle of the membrane [rad], on which the reaction acts
+    as a couple.  Source: the simplified Ericksen-Leslie theory of Lin & Liu (2000).
     """
 
-    start: str = parameter("state at the start", "radial", choices=STARTS)
-    angle: float = quantity("rad", "angle θ of a uniform start", "0 rad")
+    start: str = parameter("initial director field", "radial", choices=STARTS)
+    angle: float = quantity("rad", "angle θ of a uniform field", "0 rad")
     mobility: float = quantity("um^2/us", "mobility γ", "1 um^2/us", above=0)
-    anchoring: str = parameter("what holds θ at the membrane", "none", choices=("none", "surface"))
+    anchoring: str = parameter("anchoring of θ at the membrane", "none", choices=("none", "surface"))

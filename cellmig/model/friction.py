@@ -1,4 +1,4 @@
-"""Friction on the substrate: an addition to the paper's model, absent unless a case asks for it."""
+"""Friction on the substrate: an addition to the model of Bai, Lin & Zeng (2019), absent by default."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from ..case.registry import law, quantity
 
 @law("friction", "bonds")
 class BondFriction:
-    """Drag of the bonds on a membrane that slides along the substrate, in proportion to how far they are closed."""
+    """Viscous drag t = c s v of a membrane on the substrate, with the share s of closed bonds and the sliding speed v.
 
-    coefficient: float = quantity("Pa us/um", "drag c of fully bonded membrane, over reference area and speed",
+    Source: derived here, as the friction of bonds that break and form again, linear in the speed.
+    """
+
+    coefficient: float = quantity("Pa us/um", "drag c of a fully bonded membrane, per reference area and speed",
                                   minimum=0)
 
     def drag(self, share, speed):
-        """Traction against the motion [Pa] for a share of closed bonds [-] and a speed along the substrate [µm/µs]."""
+        """Traction t [Pa] against the motion; `share` of closed bonds s [-], `speed` along the substrate v [µm/µs]."""
         return self.coefficient * share * speed

@@ -1,4 +1,4 @@
-"""Cytoplasm with an elastic cytoskeleton: an addition to the paper's model."""
+"""Cytoplasm with an elastic cytoskeleton: an addition to the model of Bai, Lin & Zeng (2019)."""
 
 from __future__ import annotations
 
@@ -10,39 +10,38 @@ from .nematic import Nematic
 
 @law("material", "gel")
 class Gel(Nematic):
-    r"""The nematic fluid of equation (7) and a network of modulus G, W = G (J^{-2/3} I1 - 3) / 2, I1 = tr C + 1."""
+    r"""The fluid of equation (7) and an elastic network, W = G (J^{-2/3} I1 - 3) / 2 with I1 = tr C + 1 in the plane.
 
-    energy_column = "elastic"  # of the ledger: both energies
+    G is the shear modulus [Pa]; the fluid has the parameters of the law nematic.  Source: the neo-Hookean network of
+    Treloar (1943), with the isochoric deformation of Flory (1961).
+    """
+
+    energy_column = "elastic"  # of the ledger, for the energies of fluid and network
 
     shear_modulus: float = quantity("Pa", "shear modulus G of the network", minimum=0)
 
     @property
     def sound_speed(self) -> float:
-        """Speed of compression waves, sqrt((k + 4G/3)/ρ) with the reduced modulus [µm/µs]."""
+        """Speed of compression waves, sqrt((k + 4G/3)/ρ), with the reduced modulus k [µm/µs]."""
         return float(sqrt((self.reduced_bulk_modulus + 4.0 / 3.0 * self.shear_modulus) / self.density))
 
     def energy(self, F):
-        """Energy of compression and of the network per reference volume [Pa]."""
-        (F00, F01), (F10, F11) = F
-        J = F00 * F11 - F01 * F10
-        I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
+        """Energy of compression and of the network, per reference volume [Pa]."""
+        J, I1 = self.volume_ratio(F), self.first_invariant(F)
         return self.compression(F) + 0.5 * self.shear_modulus * (I1 / cbrt(J * J) - 3.0)
 
     def stress(self, F):
-        """First Piola-Kirchhoff stress of pressure and network, G J^{-2/3} (F - I1/3 F⁻ᵀ) [Pa]."""
+        """First Piola-Kirchhoff stress of pressure and network, P = -J p F⁻ᵀ + G J^{-2/3} (F - I1/3 F⁻ᵀ) [Pa]."""
         (F00, F01), (F10, F11) = F
         (p00, p01), (p10, p11) = self.pressure_stress(F)
-        J = F00 * F11 - F01 * F10
-        I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
+        J, I1 = self.volume_ratio(F), self.first_invariant(F)
         g = self.shear_modulus / cbrt(J * J)
         h = g * I1 / (3.0 * J)
         return ((p00 + g * F00 - h * F11, p01 + g * F01 + h * F10),
                 (p10 + g * F10 + h * F01, p11 + g * F11 - h * F00))
 
     def out_of_plane(self, F):
-        """Cauchy stress across the plane, -p + G J^{-5/3} (1 - I1/3) [Pa]."""
-        (F00, F01), (F10, F11) = F
-        J = F00 * F11 - F01 * F10
-        I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
+        """Cauchy stress normal to the plane, σ33 = -p + G J^{-5/3} (1 - I1/3) [Pa]."""
+        J, I1 = self.volume_ratio(F), self.first_invariant(F)
         network = self.shear_modulus / (cbrt(J * J) * J) * (1.0 - I1 / 3.0)
         return 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J) + network

@@ -1,4 +1,4 @@
-"""How prescribed displacements and loads change with time: factors on their values."""
+"""Load curves: factors in time of prescribed displacements and of loads."""
 
 from __future__ import annotations
 
@@ -11,45 +11,48 @@ from ..case.registry import law, quantity
 
 @law("load_curve", "constant")
 class Constant:
-    """All of it from the start."""
+    """Factor 1 from the start."""
 
     def value(self, t):
         """Factor [-] at the time t [µs]."""
         return 1.0 + 0.0 * t
 
     def rate(self, t):
-        """Its derivative [1/µs]."""
+        """First derivative of the factor [1/µs] at the time t [µs]."""
         return 0.0 * t
 
     def acceleration(self, t):
-        """The derivative of that [1/µs²]; a jump of the rate is none."""
+        """Second derivative of the factor [1/µs²] at the time t [µs], without that of a jump of the rate."""
         return 0.0 * t
 
 
 @law("load_curve", "ramp")
 class Ramp:
-    """Linear from 0 to 1, which stays."""
+    """Linear from 0 to 1 at the time T, then 1."""
 
-    duration: float = quantity("us", "time T until all of it is there", above=0)
+    duration: float = quantity("us", "time T at which the factor reaches 1", above=0)
 
     def value(self, t):
         """Factor [-] at the time t [µs]."""
         return minimum(maximum(t / self.duration, 0.0), 1.0)
 
     def rate(self, t):
-        """Its derivative [1/µs]."""
+        """First derivative of the factor [1/µs] at the time t [µs]."""
         return where(t * (self.duration - t) < 0.0, 0.0, 1.0 / self.duration)
 
     def acceleration(self, t):
-        """The derivative of that [1/µs²]; a jump of the rate is none."""
+        """Second derivative of the factor [1/µs²] at the time t [µs], without that of a jump of the rate."""
         return 0.0 * t
 
 
 @law("load_curve", "smooth")
 class Smooth:
-    """From 0 to 1, which stays, by s³ (10 - 15 s + 6 s²) with s = t/T: neither speed nor acceleration jumps."""
+    """From 0 to 1 at the time T, then 1, as s³ (10 - 15 s + 6 s²) with s = t/T: rate and acceleration are continuous.
 
-    duration: float = quantity("us", "time T until all of it is there", above=0)
+    Source: the polynomial of least degree whose first two derivatives vanish at both ends.
+    """
+
+    duration: float = quantity("us", "time T at which the factor reaches 1", above=0)
 
     def value(self, t):
         """Factor [-] at the time t [µs]."""
@@ -57,19 +60,19 @@ class Smooth:
         return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
     def rate(self, t):
-        """Its derivative [1/µs]."""
+        """First derivative of the factor [1/µs] at the time t [µs]."""
         s = minimum(maximum(t / self.duration, 0.0), 1.0)
         return 30.0 * s**2 * (1.0 - s) ** 2 / self.duration
 
     def acceleration(self, t):
-        """The derivative of that [1/µs²]; a jump of the rate is none."""
+        """Second derivative of the factor [1/µs²] at the time t [µs], without that of a jump of the rate."""
         s = minimum(maximum(t / self.duration, 0.0), 1.0)
         return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration**2
 
 
 @law("load_curve", "sine")
 class Sine:
-    """sin(2π t/T), for ever."""
+    """The factor sin(2π t/T)."""
 
     period: float = quantity("us", "period T", above=0)
 
@@ -83,9 +86,9 @@ class Sine:
         return sin(self.frequency * t)
 
     def rate(self, t):
-        """Its derivative [1/µs]."""
+        """First derivative of the factor [1/µs] at the time t [µs]."""
         return self.frequency * cos(self.frequency * t)
 
     def acceleration(self, t):
-        """The derivative of that [1/µs²]; a jump of the rate is none."""
+        """Second derivative of the factor [1/µs²] at the time t [µs], without that of a jump of the rate."""
         return -self.frequency**2 * sin(self.frequency * t)

@@ -1,18 +1,20 @@
-"""Nucleus: modified Mooney-Rivlin solid, equations (8) and (9)."""
+"""Nucleus: modified Mooney-Rivlin solid, equations (8) and (9) of Bai, Lin & Zeng (2019)."""
 
 from __future__ import annotations
 
 from numpy import cbrt, log, sqrt
 
 from ..case.registry import law, quantity
+from .plane_strain import PlaneStrain
 
 
 @law("material", "mooney-rivlin")
-class MooneyRivlin:
-    r"""Hyperelastic solid with W = C1 (I1 - 3 I3^{1/3}) + C2 (I2 - 3 I3^{2/3}) + λ/2 (ln I3)².   (8)
+class MooneyRivlin(PlaneStrain):
+    r"""Hyperelastic solid with the energy W = C1 (I1 - 3 I3^{1/3}) + C2 (I2 - 3 I3^{2/3}) + λ/2 (ln I3)² [Pa].
 
-    Plane strain: the third principal stretch is 1, so I1 = C11 + C22 + 1, I2 = I3 + C11 + C22, I3 = det C.
-    At rest the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
+    In plane strain the third principal stretch is 1, so that C = FᵀF has the invariants I1 = C11 + C22 + 1, I2 = I3 +
+    C11 + C22 and I3 = det C.  At rest, the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
+    Source: equations (8) and (9) of Bai, Lin & Zeng (2019), after Fried & Johnson (1988).
     """
 
     density: float = quantity("kg/m^3", "mass density ρ0", "1000 kg/m^3", above=0)
@@ -20,9 +22,9 @@ class MooneyRivlin:
     C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
     volumetric_modulus: float = quantity("Pa", "volumetric constant λ of equation (8), a quarter of the bulk modulus",
                                          above=0, formerly="lame")
-    stabilisation: float = quantity("", "viscosity of the numerical stabilisation over ρ c h, c = sqrt(G/ρ)", 0.15,
+    stabilisation: float = quantity("", "viscosity of the stabilisation over ρ c h, with c = sqrt(G/ρ)", 0.15,
                                     minimum=0)
-    hourglass_modulus: float = quantity("", "modulus of the numerical stabilisation over G", 0.5, minimum=0,
+    hourglass_modulus: float = quantity("", "modulus of the stabilisation over G", 0.5, minimum=0,
                                         formerly="stiffening")
 
     energy_column = "elastic"
@@ -49,14 +51,14 @@ class MooneyRivlin:
         return self.hourglass_modulus * self.shear_modulus
 
     def numerical_viscosity(self, spacing: float) -> float:
-        """Viscosity of the viscous stabilisation [Pa µs] for particles `spacing` [µm] apart."""
+        """Viscosity of the stabilisation [Pa µs], in proportion to the `spacing` of particles [µm]."""
         return self.stabilisation * float(sqrt(self.density * self.shear_modulus)) * spacing
 
     def energy(self, F):
-        """Energy W per reference volume [Pa] (8); F is (2, 2, ...) or nested tuples."""
+        """Energy W per reference volume [Pa], equation (8)."""
         (F00, F01), (F10, F11) = F
         c = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11
-        I3 = (F00 * F11 - F01 * F10) ** 2
+        I3 = self.volume_ratio(F) ** 2
         a = cbrt(I3)
         volume = 0.5 * self.volumetric_modulus * log(I3) ** 2
         return self.C1 * (c + 1.0 - 3.0 * a) + self.C2 * (I3 + c - 3.0 * a * a) + volume
@@ -64,7 +66,7 @@ class MooneyRivlin:
     def stress(self, F):
         """First Piola-Kirchhoff stress P = F S [Pa], with S of equation (9)."""
         (F00, F01), (F10, F11) = F
-        J = F00 * F11 - F01 * F10
+        J = self.volume_ratio(F)
         C00 = F00 * F00 + F10 * F10
         C11 = F01 * F01 + F11 * F11
         C01 = F00 * F01 + F10 * F11
@@ -79,10 +81,8 @@ class MooneyRivlin:
                 (F10 * S00 + F11 * S01, F10 * S01 + F11 * S11))
 
     def out_of_plane(self, F):
-        """Cauchy stress across the plane σ33 = S33 / J [Pa], needed by the effective stress."""
-        (F00, F01), (F10, F11) = F
-        J = F00 * F11 - F01 * F10
-        I1 = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
+        """Cauchy stress normal to the plane, σ33 = S33 / J [Pa]."""
+        J, I1 = self.volume_ratio(F), self.first_invariant(F)
         I3 = J * J
         a = cbrt(I3)
         third = self.C1 * a + 2.0 * self.C2 * a * a - self.volumetric_modulus * log(I3)

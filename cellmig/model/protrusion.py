@@ -1,4 +1,4 @@
-"""Protrusion F_d of equation (2): the push of the leading edge."""
+"""Protrusion F_d of equation (2) of Bai, Lin & Zeng (2019): the push of the leading edge."""
 
 from __future__ import annotations
 
@@ -9,41 +9,42 @@ from ..case.registry import law, parameter, quantity
 
 @law("protrusion", "edge")
 class EdgeProtrusion:
-    r"""Push along +x, proportional to the adhesion: to its energy, which the advancing edge is about to gain, and to
-    the bonds by which the front half holds on.
+    r"""Push along +x, proportional to the adhesion energy, on the front half of a cell where it is near the substrate.
 
-    On the front half of a cell's surface a membrane at height g carries β α c N σ S'(g) per reference length, with
-    S = u² (3 - 2u), u = g/ℓ between 0 and 1: nothing where it is bonded (g = 0) or high (g > ℓ; ℓ is at most the cutoff
-    of the bonds).  α in [0, 1] differs from place to place.  c = min(1, B/ℓ), B being the length of closed bonds under
-    the front half: a cell beyond the reach of bonds is not pushed, one that they barely reach hardly (at 30 ε by less
-    than 0.2 % of the push of one that holds on).  Both S' and B are integrated exactly along surface segments; ℓ makes
-    them independent of the spacing, which the attraction itself, N U'(g), is not: it is felt over ε, far less than a
-    segment.  The front half begins gradually, over ℓ, at the mean of the surface along x, so that no particle is
-    switched on by chance; it is looked for in every step.
+    The force per reference length is β α c N σ S'(g) [pN/µm] at the height g, with S = u² (3 - 2u), u = g/ℓ in [0, 1]:
+    it vanishes where the membrane is bonded (g = 0) or high (g >= ℓ; ℓ is at most the cutoff of the bonds).
+    The factor α in [0, 1] varies along the surface.  The factor c = min(1, B/ℓ), where B is the length of closed bonds
+    under the front half, makes the push depend on adhesion: without bonds there is none, and at a height of 30 ε it is
+    less than 0.2 % of the full one.  The front half begins gradually, over ℓ, at the mean x of the surface, which is
+    computed in every step.
+    S' and B are integrated exactly along surface segments, so that the push converges with the spacing; the attraction
+    N U'(g) itself would not, as its range ε is far less than a segment.
+    Source: derived here from F_d of Bai, Lin & Zeng (2019), which acts on the front half, is proportional to the
+    adhesion and has a random factor.
     """
 
     cells: tuple = parameter("names of the cells that protrude", items="cell")
-    protrusion_ratio: float = quantity("", "ratio β of the push to the adhesion energy", 0.06, minimum=0,
+    protrusion_ratio: float = quantity("", "push over adhesion energy β", 0.06, minimum=0,
                                        formerly="strength")
     height: float = quantity("um", "height ℓ of the pushing edge, at most the cutoff of the bonds", "1 um", above=0)
-    random: bool = parameter("whether α is random in [0, 1]; else it is 1/2 everywhere", True)
-    correlation_length: float = quantity("um", "distance of the points where α is drawn, linear between them", "0.4 um",
-                                         above=0, formerly="patch")
+    random: bool = parameter("whether α is random in [0, 1]; otherwise it is 1/2", True)
+    correlation_length: float = quantity("um", "distance of the points at which α is drawn; it is linear between them",
+                                         "0.4 um", above=0, formerly="patch")
 
     def front(self, x):
-        """Share of the push at a distance x [µm] ahead of the mean of the cell's surface [-]: 0 behind, 1 ahead."""
+        """Factor of the front half [-], from 0 to 1, at a distance x ahead of the mean of the surface [µm]."""
         return minimum(maximum(0.5 + x / self.height, 0.0), 1.0)
 
     def hold(self, bonded):
-        """Share c of the push [-] for a length [µm] of closed bonds under the front half."""
+        """Factor c [-] for the length `bonded` of closed bonds under the front half, B [µm]."""
         return minimum(bonded / self.height, 1.0)
 
     def ramp(self, g):
-        """S(g) [-]: share of the adhesion energy that lies below the height g [µm]."""
+        """S(g) [-] at the height g [µm]."""
         u = minimum(maximum(g / self.height, 0.0), 1.0)
         return u * u * (3.0 - 2.0 * u)
 
     def ramp_slope(self, g):
-        """dS/dg [1/µm]."""
+        """Derivative dS/dg [1/µm] at the height g [µm]."""
         u = minimum(maximum(g / self.height, 0.0), 1.0)
         return 6.0 * u * (1.0 - u) / self.height

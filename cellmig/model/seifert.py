@@ -1,4 +1,4 @@
-"""Adhesion between surfaces: Seifert's potential, equations (3) to (6)."""
+"""Adhesion between surfaces by bonds with Seifert's potential, equations (3) to (6) of Bai, Lin & Zeng (2019)."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from numpy import where
 
 from ..case.registry import law, quantity
 
-WALL = 24.0  # pN/µm: surfaces repel each other as bonds with this work of adhesion do, if they have fewer or none
+WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if they have fewer bonds or none
 
 
 @law("adhesion", "seifert")
 class Seifert:
-    r"""Bonds with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] each (3), N of them per reference area.
+    r"""Bonds of length r with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] [pN µm], N per reference area.
 
-    Two additions keep it integrable in time: below 0.8 ε the potential goes on as its quadratic Taylor polynomial
-    (twice differentiable), and it is lowered to reach zero with zero slope at the cutoff.  A third keeps bodies apart
-    that do not adhere: the attraction, all beyond ε and the depth of the well, can be a share a of what belongs to the
-    repulsion, from 1 (the paper's bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
+    There are three additions.  Below 0.8 ε the potential continues as its quadratic Taylor polynomial, with continuous
+    second derivative, so that its stiffness is bounded.  A linear function makes it reach zero with zero slope at the
+    cutoff.  For bodies that repel but do not adhere, the attraction beyond ε is multiplied by a, from 1 (the original
+    bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
+    Source: Seifert (1991); equations (3) to (6) of Bai, Lin & Zeng (2019).
     """
 
     bond_density: float = quantity("1/um^2", "bond density N", minimum=0, formerly="bonds")
-    well_depth: float = quantity("pN um", "depth of the well σ", minimum=0, formerly="energy")
+    well_depth: float = quantity("pN um", "depth σ of the well", minimum=0, formerly="energy")
     equilibrium_distance: float = quantity("um", "equilibrium distance ε", above=0, formerly="range")
     cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "1 um", above=0)
-    attraction: float = quantity("", "share a of the bonds that attract; all repel", 1, minimum=0, maximum=1)
+    attraction: float = quantity("", "factor a of the attraction; the repulsion has none", 1, minimum=0, maximum=1)
 
     @property
     def work(self) -> float:
@@ -35,7 +36,7 @@ class Seifert:
 
     @property
     def solid(self) -> Seifert:
-        """The same adhesion between bodies that repel each other by WALL at least, however few bonds they have."""
+        """The same adhesion with a repulsion of at least WALL [pN/µm], which keeps surfaces with few bonds apart."""
         if self.bond_density * self.well_depth >= WALL:
             return self
         depth = self.well_depth or 1.0
@@ -43,11 +44,11 @@ class Seifert:
 
     @property
     def cap(self) -> float:
-        """Distance below which the potential is quadratic, 0.8 ε [µm]."""
+        """Length below which the potential is quadratic, 0.8 ε [µm]."""
         return 0.8 * self.equilibrium_distance
 
     def stiffness(self, least: float) -> float:
-        """Largest stiffness N U'' [Pa/µm] of a contact with gaps of at least `least` [µm]; 47 N σ/ε² if pressed."""
+        """Largest stiffness N U'' [Pa/µm] for gaps of at least `least` [µm]; 47 N σ/ε² below 0.8 ε."""
         eps = self.equilibrium_distance
         q = (eps / max(least, self.cap)) ** 2
         share = 1.0 if least < eps else self.attraction
@@ -55,18 +56,18 @@ class Seifert:
 
     @property
     def lift(self) -> float:
-        """Energy by which the repulsion is higher than that of the paper's bonds, (1 - a) σ [pN µm]."""
+        """Energy (1 - a) σ [pN µm], added below ε, which makes the potential continuous there."""
         return (1.0 - self.attraction) * self.well_depth
 
     @property
     def well_primitive(self) -> float:
-        """What makes the primitive continuous at ε [pN µm²]."""
+        """Constant, added below ε, which makes the primitive continuous there [pN µm²]."""
         eps = self.equilibrium_distance
         return -(1.0 - self.attraction) * self.pair_primitive(eps) - self.lift * eps
 
     @property
     def shift(self) -> float:
-        """Slope of the attraction at the cutoff, by which it is lowered to reach zero there [pN]."""
+        """Slope of the attraction at the cutoff [pN], which is subtracted."""
         return self.attraction * self.cut_slope
 
     @property
@@ -105,22 +106,22 @@ class Seifert:
         return float(self.pair_primitive(self.cutoff))
 
     def pair(self, r):
-        """Equation (3) as it stands [pN µm]."""
+        """Energy U [pN µm] of a bond of length r [µm], equation (3) without additions."""
         q = (self.equilibrium_distance / r) ** 2
         return self.well_depth * (q * q - 2.0 * q)
 
     def pair_slope(self, r):
-        """dU/dr of equation (3), minus equation (4) [pN]."""
+        """Derivative dU/dr [pN] of equation (3) at the length r [µm]; the force of equation (4) is its negative."""
         q = (self.equilibrium_distance / r) ** 2
         return -4.0 * self.well_depth * (q * q - q) / r
 
     def pair_primitive(self, r):
-        """Primitive of equation (3), σ [2 ε²/r - ε⁴/(3 r³)] [pN µm²]."""
+        """Primitive of equation (3), σ [2 ε²/r - ε⁴/(3 r³)] [pN µm²], at the length r [µm]."""
         q = (self.equilibrium_distance / r) ** 2
         return self.well_depth * r * (2.0 * q - q * q / 3.0)
 
     def potential(self, r):
-        """Energy of a bond of length r, with cap and cutoff [pN µm]."""
+        """Energy of a bond of length r [µm], with all additions [pN µm]."""
         s = r - self.cap
         inner = self.cap_potential + s * (self.cap_slope + 0.5 * s * self.cap_curvature)
         uncut = where(r < self.cap, inner, self.pair(where(r < self.cap, self.cap, r)))
@@ -129,14 +130,14 @@ class Seifert:
         return where(r < self.cutoff, cut, 0.0)
 
     def slope(self, r):
-        """d(potential)/dr, minus the bond's force [pN]."""
+        """Derivative of the potential at the length r [µm], minus the force of a bond [pN]."""
         inner = self.cap_slope + (r - self.cap) * self.cap_curvature
         uncut = where(r < self.cap, inner, self.pair_slope(where(r < self.cap, self.cap, r)))
         shared = where(r < self.equilibrium_distance, uncut, self.attraction * uncut)
         return where(r < self.cutoff, shared - self.shift, 0.0)
 
     def primitive(self, r):
-        """Primitive Ψ of the potential, zero from the cutoff on [pN µm²]: integrates it along a surface exactly."""
+        """Primitive Ψ of the potential, zero beyond the cutoff [pN µm²], for its exact integral along a segment."""
         s = r - self.cap
         inner = self.cap_primitive + s * (
             self.cap_potential + s * (0.5 * self.cap_slope + s * self.cap_curvature / 6.0)
@@ -150,7 +151,7 @@ class Seifert:
 
 
 def solid(law: Any) -> Any:
-    """The law of adhesion with which surfaces repel each other, even if they have no bonds."""
+    """The law of adhesion, of bonds or without any, with a repulsion that keeps surfaces apart."""
     if law.work == 0.0:
         eps = law.equilibrium_distance
         law = Seifert(bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=law.cutoff)
