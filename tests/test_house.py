@@ -41,8 +41,8 @@ JARGON = {"foot": ("the closest point", 3), "lent": ("shared, or ghosts of other
           "worst off": ("of the largest …", 0), "fling": ("what happens", 0),
           "kicked": ("accounted", 0), "lags? behind": ("the time since", 1), "tangled?": ("overlap", 0)}
 # Patterns that know of two dimensions, and how often they may yet stand.
-PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 26),
-          "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 15),
+PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 23),
+          "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 4),
           "gradients as complex numbers": (r"\b1j\b|\.real\b|\.imag\b|\w*complex\w+", 14),
           "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 71),
           "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 70)}
