@@ -44,7 +44,7 @@ JARGON = {"foot": ("the closest point", 3), "lent": ("shared, or ghosts of other
 PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 23),
           "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 4),
           "gradients as complex numbers": (r"\b1j\b|\.real\b|\.imag\b|\w*complex\w+", 14),
-          "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 71),
+          "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 68),
           "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 70)}
 FLAT = ("cellmig/verify/", "cellmig/bench/", "cellmig/plot/")
 WRITTEN = {"scaling.md", "verify.md"}  # by the program, where it runs

@@ -72,7 +72,7 @@ class Nematic(PlaneStrain):
                 (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))
 
     def current_gradient(self, F, gradient):
-        """Current gradient g = F⁻ᵀ ∇₀θ of the angle θ [1/µm], from its reference `gradient` ∇₀θ [1/µm]."""
+        """Current gradient g of the director's angle [1/µm]: F⁻ᵀ times its reference `gradient` [1/µm]."""
         (F00, F01), (F10, F11) = F
         a, b = gradient
         rJ = 1.0 / self.volume_ratio(F)
@@ -84,7 +84,7 @@ class Nematic(PlaneStrain):
         return 0.5 * self.eta * (g0 * g0 + g1 * g1)
 
     def director_flux(self, F, gradient):
-        """Derivative of the energy of the director field by ∇₀θ, η F⁻¹ g [pN/µm]."""
+        """Derivative of the energy of the director field by the reference gradient, η F⁻¹ g [pN/µm]."""
         (F00, F01), (F10, F11) = F
         g0, g1 = self.current_gradient(F, gradient)
         rJ = 1.0 / self.volume_ratio(F)
