@@ -26,11 +26,12 @@ from .parallel.swarm import Swarm
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
+from .solve.protrusion import Protruding
 from .solve.protrusion_noise import random_factor
 from .solve.restart import restore, same_places, saved
 from .solve.start import at_start, discretise
 from .solve.static import Static
-from .solve.step import StepControl
+from .solve.step import StepControl, widen
 
 register()
 
@@ -51,15 +52,12 @@ class Simulation:
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
         self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
-        owner, state, boundary, probes, alpha = others
+        owner, state, boundary, probes, protruding = others
         own = np.arange(self.scene.size)[comm.rank :: comm.size]
         begun = {} if start is None else self._begun(start, own)
         self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()} | begun)
         self.swarm.migrate(owner[comm.rank :: comm.size])
-        names = case.protrusion.cells if case.protrusion else ()
-        protruding = np.array([c.name in names for c in case.cells])
-        self.mechanics = Mechanics(self.scene, self.terms, boundary, self.swarm, owner, comm, case.director, alpha,
-                                   protruding)
+        self.mechanics = Mechanics(self.scene, self.terms, boundary, protruding, owner, self.swarm)
         fixed = None if case.time.step == "auto" else case.time.step
         kind = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
         self.integrator = Static(self.mechanics) if case.static else kind(
@@ -74,10 +72,13 @@ class Simulation:
         case = self.case
         scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that has no counterpart in C is refused before its first use
-        control = None if case.static else StepControl(scene, self.terms, case.director)
+        control = None if case.static else StepControl(scene, self.terms)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
-        alpha = random_factor(Surfaces.of(scene), self.terms.protrusion, case.seed, [c.name for c in case.cells])
-        return scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene), alpha
+        names, law = [c.name for c in case.cells], self.terms.protrusion
+        protruding = Protruding(np.array([law is not None and name in law.cells for name in names]),
+                                random_factor(Surfaces.of(scene), law, case.seed, names))
+        return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
+                protruding)
 
     def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
         """State of some particles as a checkpoint has it; collective."""
@@ -106,21 +107,25 @@ class Simulation:
         """
         m = self.mechanics
         if self.integrator.leapfrog:
-            m.undo.put_by()
+            m.set_aside()
         acceleration = self.integrator.rate()
         if self.integrator.leapfrog:
-            self.integrator.note_volumes()
+            seen = m.extremes()
+            widen(self.integrator.extremes, "J", seen.J_min, seen.J_max)
         m.store(self.swarm)
-        return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step)
+        self._powers = m.powers() if self._half_step else {}
+        return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step, self._powers)
 
     @property
     def _half_step(self) -> float:
         """What velocities and impulses of the leapfrog lag behind positions [µs]."""
-        return 0.5 * self.mechanics.dt_prev if self.integrator.leapfrog else 0.0
+        return 0.5 * self.mechanics.times.dt_prev if self.integrator.leapfrog else 0.0
 
     def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
         """After a sample to be kept: adds means since the last one to its rows; rows of other tables; collective."""
-        return self.interval.next(self.time, rows, self._half_step)
+        touches = self.terms.substrate is not None or self.terms.contact is not None
+        powers = self.mechanics.powers() if touches and not self._powers else self._powers
+        return self.interval.next(self.time, rows, self._half_step, powers)
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """All that decides the next bits: numbers, and on rank 0 arrays in global order; collective.

@@ -145,7 +145,7 @@ def _at(angle: np.ndarray, values: np.ndarray, where: float) -> float:
 def spreading(sim: Simulation) -> dict[str, float]:
     """Contact length with the substrate, height and height of the centre of mass of a cell [µm]."""
     row = sim.sample()[0][1]
-    y = sim.mechanics.surface_positions()[:, 1]
+    y = sim.mechanics.segments.everywhere()[:, 1]
     return {"contact": row["substrate_contact_um"], "height": float(np.ptp(y)), "centre": row["y_um"]}
 
 

@@ -114,7 +114,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     m, k = sim.mechanics, sim.mechanics.kernel
     m.advance(3, STILL)
     watch = Watch(comm, sim.scene.size, repeats)
-    scratch = np.zeros((m._capacity, 2))
+    scratch = np.zeros((m.part.capacity, 2))
     ns = {"step": watch(lambda n: m.advance(n, STILL)),
           "stress": watch(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
           "divergence": watch(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
@@ -132,8 +132,8 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     found = {
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
         "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
-        "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.base.n_rows),
-        "ghosts": comm.allgather(len(m.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
+        "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.part.numbering.n_rows),
+        "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
         "neighbours": float(np.mean([t.G.nnz / t.G.shape[0] for t in sim.scene.templates])),
         "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
         "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,

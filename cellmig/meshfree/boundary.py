@@ -71,36 +71,6 @@ class Boundary:
                    pressed, pressure, number(case.loads)[pressed_load],
                    np.array(plate).reshape(-1, 6), number(case.plates))
 
-    def fill(self, kernel: Any, base: Any, surface: np.ndarray, capacity: int) -> None:
-        """Set the arrays of a rank's kernel, for its numbering `base` and the ids `surface` (m,) int of its surface.
-
-        The kernel has room for `capacity` particles.
-        """
-        at = base.local(self.held[:, 0])
-        on = np.flatnonzero((at >= 0) & (at < base.n_owned))
-        kernel["n_held"], kernel["held"] = len(on), 4 * at[on] + self.held[on, 1]
-        kernel["held_value"], kernel["held_curve"] = self.held_value[on], self.held_curve[on]
-        kernel["held_before"], kernel["reaction"] = np.zeros((len(on), 2)), np.zeros(len(on))
-
-        at = base.local(self.dead)
-        on = np.flatnonzero((at >= 0) & (at < base.n_owned))
-        kernel["n_dead"], kernel["dead"] = len(on), at[on]
-        kernel["dead_force"], kernel["dead_curve"] = self.dead_force[on], self.dead_curve[on]
-        ends = base.local(self.pressed.ravel()).reshape(-1, 2)
-        near = np.flatnonzero(((ends >= 0) & (ends < base.n_owned)).any(axis=1))
-        kernel["n_pressed"], kernel["pressed"] = len(near), ends[near]
-        kernel["pressure"], kernel["pressed_curve"] = self.pressure[near], self.pressed_curve[near]
-        loaded = np.unique(np.concatenate([at[on], ends[near].ravel()]))
-        kernel["n_loaded"], kernel["loaded"] = len(loaded), loaded
-        kernel["load"], kernel["load_before"] = np.zeros((capacity, 2)), np.zeros((capacity, 2))
-
-        local = base.local(surface) if len(self.plate) else np.zeros(0, np.int64)
-        kernel["n_platable"], kernel["platable"] = len(local), local
-        kernel["n_plates"], kernel["plate"], kernel["plate_curve"] = len(self.plate), self.plate, self.plate_curve
-        kernel["plate_before"] = np.zeros((len(local), 2))
-        kernel["plate_force"] = np.zeros((len(local), len(self.plate)))
-        kernel["clock"] = np.zeros(3)
-
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """Numbers of the supports (k,) int that prescribe a `component` (k,) int of the particles `ids` (k,) int."""
         return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]

@@ -22,6 +22,7 @@ class Terms:
     ----------
     substrate, contact, protrusion, cortex, friction : law or None -- terms of the surface.
     director : str -- "none", "frozen" or "relaxing".
+    director_law : law or None -- that of the case.
     active : bool -- whether there is an active stress -ζ h⊗h.
     stabilised, bulk_damped, stiffened : bool -- whether there are numerical viscosities, and a numerical stiffness.
     acceleration : tuple or None -- of the body force (2,) [µm/µs²].
@@ -36,6 +37,7 @@ class Terms:
     cortex: Any = None
     friction: Any = None
     director: str = "none"
+    director_law: Any = None
     active: bool = False
     stabilised: bool = True
     bulk_damped: bool = True
@@ -97,8 +99,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
-                 director=director, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, load_curves=outside, single=single, skipped=skipped)
+                 director=director, director_law=law, active=active, stabilised=stabilised, bulk_damped=damped,
+                 stiffened=stiffened, acceleration=force, load_curves=outside, single=single, skipped=skipped)
 
 
 def _thin(case: Case) -> float:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..parallel.reduce import exact_sum
+from .view import View
 
 Rows = list[dict[str, float]]
 
@@ -19,16 +21,17 @@ class Interval:
     the substrate [µm].
     """
 
-    def __init__(self, mechanics: Any):
+    def __init__(self, mechanics: View):
         """Nothing is known before the first row."""
         self.mechanics = mechanics
-        self.time, self.moved = -np.inf, []
+        self.time, self.moved = -np.inf, list[tuple[float, float]]()
         self.width = max(t.spacing for t in mechanics.scene.templates)
 
-    def next(self, time: float, rows: Rows, half: float) -> dict[str, Rows]:
+    def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray]) -> dict[str, Rows]:
         """Rows of substrate.csv and neighbours.csv at a time [µs]; adds velocities to those of history; collective.
 
-        Impulses are of kicks, which end `half` a step [µs] before: the forces of now bring them up to date.
+        Impulses are of kicks, which end `half` a step [µs] before: the forces of now, which are among the `powers`,
+        bring them up to date.
         """
         m, elapsed = self.mechanics, time - self.time
         for row, before in zip(rows, self.moved, strict=False):
@@ -40,14 +43,15 @@ class Interval:
         found: dict[str, Rows] = {}
         if m.terms.substrate is None and m.terms.contact is None:
             return found
-        now, counted = m.powers(), m.impulses
-        bond, contact = (half * now[name] for name in ("bond_impulse", "contact_impulse"))
+        counted = m.accounts.impulses
+        bond, contact = (half * powers[name] for name in ("bond_impulse", "contact_impulse"))
         if m.terms.substrate is not None:
             mean = counted.of_surface(counted.bond + bond) / elapsed
-            found["substrate"] = self._substrate(mean, counted.of_surface(now["bond_impulse"]))
+            found["substrate"] = self._substrate(mean, counted.of_surface(powers["bond_impulse"]))
         if m.terms.contact is not None:
-            found["neighbours"] = self._neighbours((counted.contact + contact) / elapsed, now["contact_impulse"], rows)
-        counted.begin(m.own_surfaces()[:, 0], -bond, -contact)
+            mean = (counted.contact + contact) / elapsed
+            found["neighbours"] = self._neighbours(mean, powers["contact_impulse"], rows)
+        counted.begin(m.segments.own_places()[:, 0], -bond, -contact)
         return found
 
     def _substrate(self, mean: np.ndarray, now: np.ndarray) -> Rows:
@@ -55,8 +59,8 @@ class Interval:
 
         The mean force on a particle is spread over the way that it went since the last row.
         """
-        m, w, counted = self.mechanics, self.width, self.mechanics.impulses
-        x, cell = m.own_surfaces()[:, 0], m.surfaces.cell[counted.mine]
+        m, w, counted = self.mechanics, self.width, self.mechanics.accounts.impulses
+        x, cell = m.segments.own_places()[:, 0], m.surfaces.cell[counted.mine]
         parts = []
         for values, start, columns in ((mean, counted.place, slice(0, 3)), (now, x, slice(3, 6))):
             on = np.flatnonzero((values != 0.0).any(axis=1))
@@ -79,7 +83,7 @@ class Interval:
 
     def _neighbours(self, mean: np.ndarray, now: np.ndarray, cells: Rows) -> Rows:
         """Forces between each two cells that touch, of those (slots, 2) [pN/µm] on particles by cells; collective."""
-        m, counted = self.mechanics, self.mechanics.impulses
+        m, counted = self.mechanics, self.mechanics.accounts.impulses
         values = np.hstack([mean, now])[1:]
         on = (values != 0.0).any(axis=1)
         key = counted.key[1:][on]

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..case.pointwise import pointwise
+from ..meshfree.body import Scene
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
 from .tables import further_columns
+from .view import View
 
 STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
 ROUNDED = 1e-6  # of the energy of motion, of which no share is asked for that is smaller
 AT_A_TIME = 1 << 16  # rows whose stress is computed at a time
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
-
-
-def director_fields(mechanics: Any) -> dict[str, np.ndarray]:
-    """Reference gradient of θ [1/µm] and axis h of the rows, (2, n_rows) each; nothing if they do not matter."""
-    names = {"gradient": "director_gradient", "director": "director_axis"} if mechanics.theta is not None else {}
-    return {name: mechanics.by_row(mechanics.kernel[array]).T for name, array in names.items()}
 
 
 class Sampler:
@@ -32,7 +28,7 @@ class Sampler:
     start : entries of the first row of the ledger [pN], from which changes are counted.
     """
 
-    def __init__(self, mechanics: Any, probes: Probes):
+    def __init__(self, mechanics: View, probes: Probes):
         """Remember masses, volumes and the points that are watched."""
         m, self.probes = mechanics, probes
         self.mechanics = m
@@ -51,8 +47,8 @@ class Sampler:
         for c in range(self.n_cells):
             self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
         self.surface = self.surface[ids]
-        self._rows_material = scene.material[m.base.ids[: m.base.n_rows]]
-        self._recovery = Recovery(scene, m.base.ids[: m.base.n_rows], m.n_owned)
+        self._rows_material = scene.material[m.part.row_ids]
+        self._recovery = Recovery(scene, m.part.row_ids, m.n_owned)
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self.start: dict[str, float] | None = None
 
@@ -79,9 +75,9 @@ class Sampler:
 
     def nodal_stress(self) -> tuple[np.ndarray, np.ndarray]:
         """Cauchy stress of all rows (n_rows, 3, 3) [Pa] as the laws have it, not recovered, and J (n_rows,)."""
-        F, rate = self.mechanics.tensors()
+        F, rate = self.mechanics.state.tensors()
         J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-        everything = {"F": F, "Fdot": rate, **director_fields(self.mechanics)}
+        everything = {"F": F, "Fdot": rate, **self.mechanics.director_fields()}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
         for law, on in self._some_rows():
             local = {k: v[..., on] for k, v in everything.items()}
@@ -106,13 +102,13 @@ class Sampler:
         """The fields of a frame, for the owned particles, those that the scene has."""
         m, terms = self.mechanics, self.mechanics.terms
         out = {"id": m.ids.astype(np.int64), "cell": self.cell + 1, "material": self.material,
-               "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.owned[:, :2].copy(),
-               "v": m.state.owned[:, 2:].copy(), **self.stresses()}
+               "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.u.copy(),
+               "v": m.state.v.copy(), **self.stresses()}
         for name, field in FIELDS.items():
             if name.endswith("_force") and getattr(terms, field.term) is not None:
                 out[name] = m.surface_force(field.term)[0]
-        if m.theta is not None:
-            out["director"] = director_fields(m)["director"].T[: m.n_owned]
+        if director := m.director_fields():
+            out["director"] = director["director"].T[: m.n_owned]
         return out
 
     # ------------------------------------------------------------ per cell
@@ -121,7 +117,7 @@ class Sampler:
         """Rows of history.csv: the aggregate (cell 0), then the cells; collective."""
         m = self.mechanics
         stresses = self.stresses()
-        u, X = m.state.owned[:, :2], m.scene.X[m.ids]
+        u, X = m.state.u, m.scene.X[m.ids]
         mass, watched = self.mass[:, None], self._watched * stresses["stress"][:, 0, 0]
         sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
                                           self._outline(), watched]))
@@ -143,16 +139,16 @@ class Sampler:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of history beside those of every scene: of probes, then of supports and plates."""
-        return further_columns(self.probes.names, self.mechanics.boundary.names)
+        return further_columns(self.probes.names, self.mechanics.loads.boundary.names)
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Where the probes are and how far they moved, in the rows of their cells and of the aggregate; collective."""
         m, p = self.mechanics, self.probes
         if not p.names:
             return
-        at = m.base.local(p.id)
-        mine = np.flatnonzero((at >= 0) & (at < m.n_owned))
-        u = m.state.owned[at[mine], :2]
+        at = m.part.owned_numbers(p.id)
+        mine = np.flatnonzero(at >= 0)
+        u = m.state.u[at[mine]]
         moved = np.hstack([m.scene.X[p.id[mine]] + u, u])
         means = exact_sum(m.comm, p.weight[mine, None] * moved, p.probe[mine], len(p.names))
         for name, cell, mean in zip(p.names, p.cell, means.tolist(), strict=True):
@@ -161,42 +157,33 @@ class Sampler:
 
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
         """Forces of supports and plates on each cell and on all; collective."""
-        names = self.mechanics.boundary.names
+        names = self.mechanics.loads.boundary.names
         for name, by_cell in zip(names, self.reactions() if names else (), strict=True):
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
                 row |= {f"{name}_force_{c}_pn_per_um": float(f) for c, f in zip("xy", force, strict=True)}
 
     def reactions(self) -> np.ndarray:
         """Forces of supports and plates on the cells (names, cells, 2) [pN/µm]; collective."""
-        m, k, b = self.mechanics, self.mechanics.kernel, self.mechanics.boundary
-        cells, held, plated = len(m.scene.kind), k["held"], k["platable"]
-        particle, component = held // 4, held % 4
-        force = [np.zeros((len(held), 2))]
-        force[0][np.arange(len(held)), component] = k["reaction"]
-        group = [cells * b.support_of(m.ids[particle], component) + self.cell[particle]]
-        for p, normal in enumerate(b.plate[:, :2]):
-            force.append(k["plate_force"][:, p, None] * normal)
-            group.append(cells * (len(b.names) - len(b.plate) + p) + self.cell[plated])
-        sums = exact_sum(m.comm, np.concatenate(force), np.concatenate(group), len(b.names) * cells)
-        return sums.reshape(len(b.names), cells, 2)
+        force, particle, number = self.mechanics.loads.reactions()
+        names, cells = len(self.mechanics.loads.boundary.names), self.n_cells
+        sums = exact_sum(self.mechanics.comm, force, cells * number + self.cell[particle], names * cells)
+        return sums.reshape(names, cells, 2)
 
     def _outline(self) -> np.ndarray:
         """Shares (n_owned, 4) in area [µm²], perimeter, contact with the substrate and with cells [µm] of the cells."""
         m = self.mechanics
-        ends, x = m.segments()
+        ends, x = m.segments.owned()
         length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
         area = 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
         terms, substrate, contact = m.terms, np.zeros(len(ends)), np.zeros(m.n_owned)
         if terms.substrate is not None:
             substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
-        if terms.contact is not None and len(m.lists.segment):
-            gap, segment = m.closest_point["gap"], m.lists.segment
-            local = m.kernel["contact_node"][segment]
-            x2 = m._X[local] + m._memory[local, :2]
-            touched = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1) * _share_below(
-                gap[segment[:, 0]], gap[segment[:, 1]], TOUCHING * terms.contact.equilibrium_distance)
-            mine = local[:, 0] < m.n_owned
-            np.add.at(contact, local[mine, 0], touched[mine])
+        if terms.contact is not None:
+            near, x, gap = m.segments.in_contact()
+            share = _share_below(*gap.T, TOUCHING * terms.contact.equilibrium_distance)
+            touched = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) * share
+            mine = near[:, 0] < m.n_owned
+            np.add.at(contact, near[mine, 0], touched[mine])
         values = np.zeros((m.n_owned, 4))
         values[ends[:, 0], :3] = np.column_stack([area, length, substrate])
         values[:, 3] = contact
@@ -204,12 +191,17 @@ class Sampler:
 
     # ------------------------------------------------------------ in sums
 
-    def ledger(self, acceleration: np.ndarray, half_step: float) -> dict[str, float]:
-        """Row of ledger.csv [pN]; `half_step` [µs] brings the velocity of the leapfrog to the time of u; collective."""
+    def ledger(self, acceleration: np.ndarray, half_step: float,
+               powers: Mapping[str, np.ndarray] | None = None) -> dict[str, float]:
+        """Row of ledger.csv [pN]; collective.
+
+        `half_step` [µs] brings velocities of leapfrog, and what was counted, to the time of u, with their rates
+        `acceleration` (n_owned, 4) and `powers`, of which none are needed where it is zero.
+        """
         m, terms = self.mechanics, self.mechanics.terms
-        v = m.state.owned[:, 2:] + half_step * acceleration[:, 2:]
+        v = m.state.v + half_step * acceleration[:, 2:]
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
-        rows = {"F": m.tensors()[0], **director_fields(m)}
+        rows = {"F": m.state.tensors()[0], **m.director_fields()}
         everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
         for i, law in enumerate(m.scene.materials):
             on = self.material == i
@@ -223,12 +215,10 @@ class Sampler:
             parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
         if terms.cortex is not None:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
-        powers = m.powers() if half_step else {}
         for name in ("external_work", "viscous_loss", "friction_loss", "artificial_dissipation"):
-            # up to the time of u, as the velocity
-            parts[name] = m.kernel[name][: m.n_owned] + half_step * powers.get(name, 0.0)
+            parts[name] = m.accounts.of_particles[name] + half_step * (powers or {}).get(name, 0.0)
         if terms.acceleration is not None:  # work of the body force, a potential
-            parts["external_work"] += self.mass * (m.state.owned[:, :2] @ np.array(terms.acceleration))
+            parts["external_work"] += self.mass * (m.state.u @ np.array(terms.acceleration))
         parts["artificial_dissipation"] = parts["artificial_dissipation"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
@@ -255,10 +245,10 @@ class Sampler:
 
     def momentum(self) -> np.ndarray:
         """Total momentum (2,) [pN µs/µm]; collective."""
-        return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.owned[:, 2:])
+        return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.v)
 
 
-def _below_centre(scene: Any, cell: int) -> np.ndarray:
+def _below_centre(scene: Scene, cell: int) -> np.ndarray:
     """Global ids of the particles nearest to the middle of the lower half, its lower centre: one, or some as near."""
     t = scene.templates[scene.kind[cell]]
     away = np.linalg.norm(t.X - [0.0, 0.75 * t.X[:, 1].min()], axis=1)

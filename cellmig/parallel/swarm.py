@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.RealType), "v": (2, PETSc.RealType),
@@ -20,8 +21,9 @@ class Swarm:
     (n,) [rad], and the losses and impulses accumulated so far (n, 5).
     """
 
-    def __init__(self, comm: PETSc.Comm, fields: dict[str, np.ndarray]):
+    def __init__(self, comm: MPI.Comm, fields: dict[str, np.ndarray]):
         """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
+        self.comm = comm
         self.dm = PETSc.DMSwarm().create(comm=comm)
         self.dm.setDimension(2)
         self.dm.setType(PETSc.DMSwarm.Type.BASIC)

@@ -63,7 +63,7 @@ def cost(case: Case) -> Cost:
     part, ratio = _part(case, PROBE)
     scene = discretise(part)
     scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
-    stable = StepControl(scene, terms, case.director).stable()
+    stable = StepControl(scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
     per_step, row_bytes = _timed(part)
     kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}

@@ -252,7 +252,7 @@ class Run:
             self._integrator.fail(f"{100 * entries['energy_error']:.3g} % of the energy does not add up, of "
                                   f"{100 * ENERGY_ERROR:g} % at most")
         m, terms = s.mechanics, s.terms
-        x, outside = m.surface_positions(), []
+        x, outside = m.segments.everywhere(), []
         if frame:  # it takes longer than a sample
             own = m.scene.X[m.ids] + m.state.owned[:, :2]
             outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
@@ -287,7 +287,7 @@ class Run:
     def _say_scene(self) -> None:
         s, m, run = self.simulation, self.simulation.mechanics, self._integrator
         owned = self.comm.allgather(m.n_owned)
-        copies = self.comm.allgather(len(m.numbering.ids) - m.n_owned)
+        copies = self.comm.allgather(len(m.state.numbering.ids) - m.n_owned)
         shared = f"; on each rank {span(owned)} and copies of {span(copies)} others" if self.comm.size > 1 else ""
         cells = len(s.scene.kind)
         self.log.table([
@@ -320,9 +320,11 @@ class Run:
             "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_energy_error": self.worst_energy_error,
-            "momentum_pN_us_per_um": s.sampler.momentum(), "protrusion_impulse_pN_us_per_um": s.mechanics.impulse(),
+            "momentum_pN_us_per_um": s.sampler.momentum(),
+            "protrusion_impulse_pN_us_per_um": s.mechanics.accounts.protrusion_impulse(),
             **run.record(), **({"chosen": self.reason} if self.reason else {}),
-            "list_renewals": s.mechanics.rebuilds, "frames": self.frames.count if self.frames else self.frames_before,
+            "list_renewals": s.mechanics.segments.renewals,
+            "frames": self.frames.count if self.frames else self.frames_before,
             "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}

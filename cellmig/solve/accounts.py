@@ -2,37 +2,79 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mpi4py import MPI
 
-from ..meshfree.contact import ContactLists, Surfaces
+from ..kernel.fields import Field
+from ..kernel.kernel import Kernel
+from ..meshfree.contact import ContactLists
 from ..parallel.collect import gathered
+from ..parallel.reduce import exact_sum
+from .segments import Segments
+from .subdomain import Subdomain
 
 # Of particles.
 ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusion_impulse", "external_work")
 
 
-def accounts(mechanics: Any) -> dict[str, np.ndarray]:
-    """All that is counted, by the name of its array, to write to: (n_owned,) of the particles; impulses at surfaces."""
-    k = mechanics.kernel
-    return {**{name: k[name][: mechanics.n_owned] for name in ACCOUNTS},
-            **{name: k[name] for name in ("bond_impulse", "contact_impulse")}}
+class Accounts:
+    """Losses, work and impulses so far, to which each step adds.
 
+    Attributes
+    ----------
+    of_particles : dict of (n_owned,) float -- by name, to write to [pN], impulses [pN µs/µm].
+    impulses : Impulses -- of surfaces, since the last row of the tables.
+    """
 
-def rates(mechanics: Any) -> dict[str, np.ndarray]:
-    """Rates of the accounts for the state as it is; collective."""
-    counted = accounts(mechanics)
-    kept = {name: values.copy() for name, values in counted.items()}
-    for values in counted.values():
-        values[:] = 0.0
-    mechanics.kernel("account", 1.0)
-    found = {name: values.copy() for name, values in counted.items()}
-    for name, values in kept.items():
-        counted[name][:] = values
-    return found
+    FIELDS = (
+        Field("viscous_loss", "double *", "(n_owned,)", "pN", "energy taken by viscosity"),
+        Field("artificial_dissipation", "double *", "(n_owned,)", "pN", "energy taken by numerical viscosities"),
+        Field("friction_loss", "double *", "(n_owned,)", "pN", "energy taken by friction on the substrate"),
+        Field("protrusion_impulse", "double *", "(n_owned,)", "pN µs/µm", "of the push along x"),
+        Field("external_work", "double *", "(n_owned,)", "pN", "of push, loads, plates, supports and activity"),
+        Field("bond_impulse", "double *", "(n_segments, 2, 3)", "pN µs/µm", "see `Impulses.bond`"),
+        Field("contact_impulse", "double *", "(slots, 2)", "pN µs/µm", "see `Impulses.contact`"),
+        Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "where the impulse of a node is counted"),
+    )
+
+    def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
+        """All zero."""
+        self._comm, self._kernel = part.comm, kernel
+        for name in ACCOUNTS:
+            kernel[name] = np.zeros(part.capacity)
+        self.of_particles = {name: kernel[name][: part.n_owned] for name in ACCOUNTS}
+        self.impulses = Impulses(part, kernel, segments)
+
+    @property
+    def everything(self) -> dict[str, np.ndarray]:
+        """Of particles (n_owned,) [pN] and of surfaces (…) [pN µs/µm], by the names of the fields, to write to."""
+        return self.of_particles | self.impulses.arrays
+
+    @property
+    def changing(self) -> dict[str, np.ndarray]:
+        """What steps change (capacity, …), ghosts included [pN, pN µs/µm]."""
+        return {name: self._kernel[name] for name in ACCOUNTS} | self.impulses.arrays
+
+    def rates(self) -> dict[str, np.ndarray]:
+        """Rates of all for the state as it is, by name (n_owned,) and (…) [pN/µs, pN/µm]; collective."""
+        counted = self.everything
+        so_far = {name: values.copy() for name, values in counted.items()}
+        for values in counted.values():
+            values[:] = 0.0
+        self.add(1.0)
+        found = {name: values.copy() for name, values in counted.items()}
+        for name, values in so_far.items():
+            counted[name][:] = values
+        return found
+
+    def add(self, dt: float) -> None:
+        """Count `dt` [µs] at the rates of the state as it is; collective."""
+        self._kernel("account", dt)
+
+    def protrusion_impulse(self) -> float:
+        """Impulse of the protrusion so far [pN µs/µm]; collective."""
+        return float(exact_sum(self._comm, self.of_particles["protrusion_impulse"]))
 
 
 class Impulses:
@@ -44,22 +86,28 @@ class Impulses:
     surface particles;  place : (n,) -- their x at the last row [µm].
     """
 
-    def __init__(self, kernel: Any, surfaces: Surfaces, is_mine: np.ndarray, segments: np.ndarray):
-        """`is_mine` : (m,) bool -- surface particles of this rank;  `segments` : those of its arrays, by first end."""
-        self._kernel, self._surfaces, self._is_mine, self._segments = kernel, surfaces, is_mine, segments
-        self.cells, self.mine = int(surfaces.cell[-1]) + 1, np.flatnonzero(is_mine)
+    def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
+        """Nothing is counted, and there are no contacts before the first `follow`."""
+        self._kernel, self._surfaces, self._is_mine = kernel, part.surfaces, part.on_surface
+        self._segments = segments.number
+        self.cells, self.mine = len(part.scene.kind), part.own_surface
         self.key = np.full(1, -1)
         self.place = np.zeros(len(self.mine))
-        kernel["bond_impulse"], kernel["contact_impulse"] = np.zeros((len(segments), 2, 3)), np.zeros((1, 2))
+        kernel["bond_impulse"], kernel["contact_impulse"] = np.zeros((len(self._segments), 2, 3)), np.zeros((1, 2))
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Those of bonds and contacts, by the names of the fields [pN µs/µm]: shapes (n_segments, 2, 3), (slots, 2)."""
+        return {name: self._kernel[name] for name in ("bond_impulse", "contact_impulse")}
 
     @property
     def bond(self) -> np.ndarray:
-        """From the substrate."""
+        """From the substrate (n_segments, 2, 3) [pN µs/µm]."""
         return self._kernel["bond_impulse"]
 
     @property
     def contact(self) -> np.ndarray:
-        """From other cells."""
+        """From other cells (slots, 2) [pN µs/µm]."""
         return self._kernel["contact_impulse"]
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:

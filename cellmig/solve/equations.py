@@ -33,12 +33,11 @@ class Equations:
         self.mechanics = m = mechanics
         self.spacing = min(t.spacing for t in m.scene.templates)
         self.stiffness = Stiffness(m)
-        self.mass = 1.0 / m.kernel["inverse_mass"][: m.n_owned, None]
+        self.mass = m.state.mass[:, None]
         self.matrix = self.stiffness.matrix()
         self.evaluated = self.assembled = 0
         self.free = np.ones((m.n_owned, 2))
-        if m.terms.load_curves is not None:
-            self.free[m.kernel["held"] // 4, m.kernel["held"] % 4] = 0.0
+        self.free[m.loads.held] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contact is not None
@@ -56,12 +55,13 @@ class Equations:
         (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted or surfaces are beyond the search lists.
         """
         m = self.mechanics
-        m.set_clock(t)
-        m.state.owned[:, :2], m.state.owned[:, 2:] = u, v
+        m.loads.set_clock(t)
+        m.state.u[:], m.state.v[:] = u, v
         a = m.rate()[:, 2:].copy()
         self.evaluated += 1
-        F = m.by_row(m.kernel["F"])
-        if (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2] <= 0.0).any() or (self._touches and m.displaced() > 0.5 * m.skin):
+        F = m.state.F_of_rows
+        late = self._touches and m.segments.displaced() > 0.5 * m.segments.skin
+        if (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2] <= 0.0).any() or late:
             a[:] = np.nan  # a line search shortens its step, else TS cuts the time step
         return a
 

@@ -16,8 +16,8 @@ from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, global_maximum
 from .equations import Equations
 from .integrate import Integrator
-from .mechanics import SKIN as EXPLICIT_SKIN
 from .reduction import Reduction
+from .segments import SKIN as EXPLICIT_SKIN
 from .static import DEFAULTS
 from .step import widen
 
@@ -66,7 +66,7 @@ class Implicit(Integrator):
         """Give TS the equations, and SNES its solvers."""
         m, ts = self.mechanics, self.ts
         self.whole_step = None
-        m.skin *= SKIN / EXPLICIT_SKIN
+        m.segments.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
         self.equations = Equations(m)
         self.newton = self.failures = 0
@@ -86,7 +86,7 @@ class Implicit(Integrator):
             with default_options(self._defaults()):
                 ts.setFromOptions()
         else:
-            self._x = m.solution.duplicate()
+            self._x = m.state.solution.duplicate()
             with default_options(self._defaults()):
                 self.reduction = Reduction(self.equations, ts.getSNES().getKSP())
                 ts.setFromOptions()
@@ -244,7 +244,7 @@ class Implicit(Integrator):
         self._account_path(before, start, dt)
         m.relax_director(dt)
         limits = self._checked_limits()
-        if limits["displaced"] > 0.2 * m.skin:
+        if limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
         self._to_petsc()
         self.newton = ts.getSNESIterations()
@@ -292,13 +292,13 @@ class Implicit(Integrator):
             at, share = (part + at) / parts, weight / parts
             a = self.equations.acceleration(start + at * dt, before[:, :2] + at * moved, moved / dt)
             work += share * (mass * a * moved).sum(axis=1)
-            m.kernel("account", share * dt)
-        m.set_clock(start + dt)
+            m.accounts.add(share * dt)
+        m.loads.set_clock(start + dt)
         m.state.owned[:] = after
         m.rate()
         motion = 0.5 * (mass * (after[:, 2:] ** 2 - before[:, 2:] ** 2)).sum(axis=1)
         self.scheme_loss += work - motion
-        m.kernel["artificial_dissipation"][: m.n_owned] += work - motion
+        m.accounts.of_particles["artificial_dissipation"] += work - motion
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

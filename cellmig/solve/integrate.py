@@ -12,7 +12,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..parallel.options import default_options, original_errors, requested_step
-from .accounts import accounts
 from .mechanics import Mechanics
 from .step import NO_EXTREMES, NumericsError, StepControl, binding, widen
 
@@ -69,7 +68,7 @@ class Integrator:
             self.ts.setPythonContext(Leapfrog(self))
             self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
         else:
-            self.ts.setRHSFunction(self._rate, self.mechanics.solution.duplicate())
+            self.ts.setRHSFunction(self._rate, self.mechanics.state.solution.duplicate())
             self.ts.setPostStep(self._after_step)
 
     def _ts(self, kind: str) -> PETSc.TS:
@@ -170,12 +169,12 @@ class Integrator:
             self.begin_batch()
             ts.setTimeStep(self.equal_steps(stop)[1])
         with original_errors():
-            ts.solve(m.solution)
+            ts.solve(m.state.solution)
         if ts.getConvergedReason() < 0:
             self.fail("PETSc rejected a step as often as it may",
                       remedy="try a larger -ts_rtol or -ts_atol, or time.integrator = \"leapfrog\"")
         if not self.leapfrog:
-            self._store(m.solution)
+            self._store(m.state.solution)
             m.state.exchange()
         self._checked_limits()
         return ts.getTime()
@@ -200,9 +199,9 @@ class Integrator:
         NumericsError -- where the state is not sound or the stable step is below LEAST_STEP.
         """
         m = self.mechanics
-        m.undo.take_up()
+        m.resume()
         self.limits = limits = self._checked_limits()
-        if self.touches and limits["displaced"] > 0.2 * m.skin:
+        if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.choose()
@@ -210,8 +209,8 @@ class Integrator:
             self.fail(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         if not self.touches:
             return BATCH
-        m.least_gaps()  # start the minimum of the next batch
-        room = 0.5 * m.skin - limits["displaced"]
+        m.state.forget_gaps()
+        room = 0.5 * m.segments.skin - limits["displaced"]
         most = SHORT if self._compression(self.gaps) > 0.5 else BATCH
         return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
 
@@ -236,9 +235,8 @@ class Integrator:
             steps["contact"] *= 1.0 - (1.0 - PRESSED) * pressed
         return self.mechanics.comm.bcast(binding(steps)[1])  # processors may differ in the last bit
 
-    def was_stable(self, dt: float) -> bool:
-        """Whether `dt` [µs] was stable at the smallest gaps of the last batch; sets the expected gaps; collective."""
-        seen = self.mechanics.least_gaps()
+    def was_stable(self, dt: float, seen: np.ndarray) -> bool:
+        """Whether `dt` [µs] was stable at the least gaps `seen` (2,) [µm]; sets the expected gaps; collective."""
         if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * self._accurate_step(seen):
             self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.ranges)
             return True
@@ -261,10 +259,6 @@ class Integrator:
         if not self.leapfrog:  # the kernel follows J through the steps of leapfrog
             widen(self.extremes, "J", limits["J_min"], limits["J_max"])
         return limits
-
-    def note_volumes(self) -> None:
-        """Update `extremes` by J in all steps of leapfrog since the last call; collective."""
-        widen(self.extremes, "J", *self.mechanics.volumes())
 
     def _remedy(self, *others: str) -> str:
         """A remedy for a message: smaller loads of those that the scene has, or `others`."""
@@ -320,7 +314,7 @@ class Integrator:
         widen(self.extremes, "dt", dt, dt)
         if not np.isfinite(ts.getSolution().norm()):
             self.fail("a value is not finite any more")
-        if self._checked_limits()["displaced"] > 0.5 * m.skin:
+        if self._checked_limits()["displaced"] > 0.5 * m.segments.skin:
             m.renew_lists()
             ts.restartStep()
         self.after_batch(ts.getTime())
@@ -331,7 +325,7 @@ class Integrator:
     def _account(self, dt: float) -> None:
         """Add dissipation, work and impulses of a step, by the trapezoidal rule."""
         now = self.mechanics.powers()
-        for name, values in accounts(self.mechanics).items():
+        for name, values in self.mechanics.accounts.everything.items():
             before = np.zeros_like(now[name])
             before[: len(self._loss[name])] = self._loss[name]  # contacts that are new had no force before
             values += 0.5 * dt * (before + now[name])
@@ -356,27 +350,26 @@ class Leapfrog:
 
     def step(self, ts: PETSc.TS) -> None:
         """Take one batch of steps, and repeat it with a smaller step where it was not stable; collective."""
-        run = self._integrator
+        run, m = self._integrator, self._integrator.mechanics
         allowed = run.begin_batch()
         t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
         if run.touches:
-            run.mechanics.undo.keep()
+            m.save()
         while True:
             left, dt = run.equal_steps(stop)
-            run.mechanics.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
+            m.loads.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            run.mechanics.advance(n, dt)
-            if not run.touches:
+            m.advance(n, dt)
+            seen = m.extremes()
+            late = seen.displaced > 0.5 * m.segments.skin
+            if not run.touches or (run.was_stable(dt, seen.gaps) and not (late and n > 1)):
                 break
-            late = run.mechanics.lists_are_late()
-            if run.was_stable(dt) and not (late and n > 1):
-                break
-            run.mechanics.undo.go_back()
+            m.go_back()
             run.choose()
             run.redone += n
             allowed = max(1, n // 4) if late else allowed
-        run.note_volumes()
-        run.mechanics.solution.stateIncrease()
+        widen(run.extremes, "J", seen.J_min, seen.J_max)
+        m.state.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
         widen(run.extremes, "dt", dt, dt)
         ts.setTimeStep(dt)

@@ -20,28 +20,24 @@ class PlateContact:
     def __init__(self, mechanics: Mechanics):
         """Find the surface particles of this rank that plates may touch."""
         self.mechanics = m = mechanics
-        k, n = m.kernel, m.n_owned
-        there = m.terms.load_curves is not None and len(m.boundary.plate) > 0
-        self._held = np.zeros((n, 2), bool)
-        if m.terms.load_curves is not None:
-            self._held[k["held"] // 4, k["held"] % 4] = True
-        self.at = k["platable"] if there else np.zeros(0, np.int64)
+        self._held = np.zeros((m.n_owned, 2), bool)
+        self._held[m.loads.held] = True
+        self.at = m.loads.platable
         self._meets = ~self._held[self.at].all(axis=1)
 
     def gaps(self) -> np.ndarray:
         """Gaps between the surface particles and the plates (k, plates) [µm]."""
-        m, plate = self.mechanics, self.mechanics.boundary.plate
-        t = m.kernel["clock"][0]
-        factor = np.array([m.terms.load_curves[h].value(t) for h in m.boundary.plate_curve])
+        m, plate = self.mechanics, self.mechanics.loads.boundary.plate
+        factor = m.loads.factors(m.loads.boundary.plate_curve)
         face = plate[:, 2:4] + factor[:, None] * plate[:, 4:6]
-        x = m.scene.X[m.ids[self.at]] + m.state.owned[self.at, :2]
+        x = m.state.x(self.at)
         return np.einsum("kpc,pc->kp", x[:, None] - face, plate[:, :2])
 
     def _nearest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap (k,) [µm], normal (k, 2) and number (k,) of the plate nearest to each surface particle."""
         gaps = self.gaps()
         p = np.argmin(gaps, axis=1)
-        return gaps[np.arange(len(p)), p], self.mechanics.boundary.plate[p, :2], p
+        return gaps[np.arange(len(p)), p], self.mechanics.loads.boundary.plate[p, :2], p
 
     def _directions(self, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Row (k,) that the condition replaces; vectors (k, 2) whose product with -f is the pressure; tangents."""
@@ -95,7 +91,7 @@ class PlateContact:
     def store(self, f: np.ndarray) -> None:
         """Store the forces of the plates in the kernel: they balance the other forces f (n_owned, 2) [pN/µm]."""
         if len(self.at):
-            kept = self.mechanics.kernel["plate_force"]
+            kept = self.mechanics.loads.plate_force
             _, normal, p = self._nearest()
             pressure = (self._directions(normal)[1] * -f[self.at]).sum(axis=1)
             kept[:] = 0.0
@@ -105,5 +101,5 @@ class PlateContact:
         """Force of the plates on the owned particles (n_owned, 2) [pN/µm]."""
         m, out = self.mechanics, np.zeros((self.mechanics.n_owned, 2))
         if len(self.at):
-            out[self.at] = m.kernel["plate_force"] @ m.boundary.plate[:, :2]
+            out[self.at] = m.loads.plate_force @ m.loads.boundary.plate[:, :2]
         return out

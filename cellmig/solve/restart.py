@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,99 +12,93 @@ from mpi4py import MPI
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..parallel.collect import broadcast, gathered
-from .accounts import ACCOUNTS
 from .mechanics import Mechanics
 
 SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
-_TIMES = ("F_lag", "accounted_dt", "dt_prev", "rebuilds")
 
 
 def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Numbers, the same on all ranks, and arrays, on rank 0, of the state between two steps; collective.
 
-    Arrays are by particle in the order of the global ids, or by surface particle (of its segment, the first end).
+    Arrays are by particle in the order of the global ids, or by surface particle (of its segment, the first end):
+    (size, …) and (m, …) of any unit.
     """
-    m.undo.take_up()
-    about = {name: getattr(m, name) for name in _TIMES}
-    if m.terms.load_curves is not None:
-        about["clock"] = m.kernel["clock"].tolist()
+    m.resume()
+    about = asdict(m.times) | {"renewals": m.segments.renewals}
+    if m.loads.there:
+        about["clock"] = m.loads.clock
+    by_row = {name: m.state.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
     arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
-              for name, values in _of_particles(m).items()}
-    n = len(m.surfaces.ids)
-    arrays |= {f"surface {name}": gathered(m.comm, m._mine, values, n)
-               for name, values in _of_surface(m).items()}
+              for name, values in (_of_particles(m) | by_row).items()}
+    number = np.searchsorted(m.segments.number, m.part.own_surface)
+    of_segments = {name: values[number] for name, values in _of_segments(m).items()}
+    arrays |= {f"surface {name}": gathered(m.comm, m.part.own_surface, values, len(m.surfaces.ids))
+               for name, values in (_of_surface(m) | of_segments).items()}
     if m.terms.contact is not None:
-        arrays |= m.impulses.saved(m.comm)
+        arrays |= m.accounts.impulses.saved(m.comm)
     return about, {name: values for name, values in arrays.items() if values is not None}
 
 
 def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Go back to what was saved; rank 0 has the arrays; collective."""
-    m.undo.forget()
+    """Go back to what was saved; rank 0 has the `arrays` (…) of any unit; collective."""
+    m.undo.aside = False
     everything = broadcast(m.comm, arrays)
     particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
-    own = m._mine
     # Lists are made of the positions of that time; ghosts of what touches come with them.
-    m._memory[m._at, :2] = surface["renewed"][own]
+    m.state.u[m.part.at_surface] = surface["renewed"][m.part.own_surface]
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
-        if name not in ("renewed", *_BY_SEGMENT):
-            values[:] = surface[name][own]
-    for name in _BY_SEGMENT:
-        if name in surface:
-            m.kernel[name][:] = surface[name][m._segments]
+        values[:] = surface[name][m.part.own_surface]
+    for name, values in _of_segments(m).items():
+        values[:] = surface[name][m.segments.number]
     if m.terms.contact is not None:
-        m.impulses.restore(everything["contact key"], everything["contact impulse"])
+        m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():
-        if name not in _BY_BLOCK:
-            values[:] = particle[name][m.ids]
-    ids, (block, lane) = m.base.ids[: m.base.n_rows], m.blocks.lanes_of
+        values[:] = particle[name][m.ids]
+    block, lane = m.part.blocks.lanes_of
     for name, blocks in _by_blocks(m).items():  # of copies too, which have the same bits
-        blocks[block, :, lane] = particle[name][ids]
-    for name in _TIMES:
-        setattr(m, name, about[name])
-    if m.terms.load_curves is not None:
-        m.set_clock(*about["clock"])
-    m.solution.stateIncrease()
+        blocks[block, :, lane] = particle[name][m.part.row_ids]
+    m.segments.renewals = about["renewals"]
+    for name in asdict(m.times):
+        setattr(m.times, name, about[name])
+    if m.loads.there:
+        m.loads.set_clock(*about["clock"])
+    m.state.solution.stateIncrease()
     m.state.exchange()
-    if m.theta is not None:
-        m.theta.exchange()
+    if m.director is not None:
+        m.director.exchange()
 
 
-_BY_SEGMENT = ("pushed", "bond_impulse")
 _ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work")  # by blocks, which no look has settled
-_BY_BLOCK = ("F", "stabilising", "viscous", "bulk", "active", "director_gradient", "director_axis",
-             *(f"{name} of blocks" for name in _ACCOUNTED))
 
 
 def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values (n_owned, k) of the owned particles; those by block are copies, the others are where the kernel looks."""
-    found = {"state": m.state.owned, **{name: m.kernel[name][: m.n_owned] for name in ACCOUNTS}}
-    if m.theta is not None:
-        found["theta"] = m.theta.owned
-    if m.terms.load_curves is not None:
-        found["load_before"] = m.kernel["load_before"][: m.n_owned]
-    return found | {name: m.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
+    """Values (n_owned, k) of the owned particles, to write to."""
+    found = {"state": m.state.owned, **m.accounts.of_particles}
+    if m.director is not None:
+        found["theta"] = m.director.owned
+    if m.loads.there:
+        found["load_before"] = m.loads.changing["load_before"][: m.n_owned]
+    return found
 
 
 def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
     """What the kernel keeps by blocks (n_blocks, k, 4), to write to: F, and forces and stresses of the last kick."""
-    found = {"F": m.kernel["F"], **_step_memory(m)}
-    if m.theta is not None:
-        found |= {name: m.kernel[name] for name in ("director_gradient", "director_axis")}
-    return found
+    found = {"F": m.state.changing["F"], **_step_memory(m)}
+    return found | m.director.by_block if m.director is not None else found
 
 
 def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
     """Forces and stresses of the last kick and accounts, where `StepMemory` of the kernel has them."""
     terms = m.terms
-    layout = [("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4),
-              ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
+    layout: list[tuple] = [("stabilising", "f8", (4, 2)),
+                           ("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4),
+                           ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
     layout += [("elastic", "f8", (4, 2))] * terms.stiffened
     layout += [("external_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
-    memory = m.kernel["step_memory"].reshape(-1).view(np.dtype(layout))
+    memory = m.state.changing["step_memory"].reshape(-1).view(np.dtype(layout))
     there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
     found = {name: memory[name] for name, is_there in there.items() if is_there}
     found |= {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if name in memory.dtype.names}
@@ -111,16 +106,17 @@ def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values of the owned surface particles, or of the segments that begin there: u when the lists were made, x at the
-    last row of the tables, forces of plates and of the protrusion, impulses of bonds.
+    """Values of the owned surface particles, to write to: u when the lists were made, x at the last row of the tables,
+    forces of plates.
     """
-    found = {"renewed": m._renewed_at, "place": m.impulses.place}
-    if m.terms.load_curves is not None and len(m.boundary.plate):
-        found["plate_force"] = m.kernel["plate_force"]
-    number = np.searchsorted(m._segments, m._mine)
-    there = {"pushed": m.terms.protrusion is not None, "bond_impulse": m.terms.substrate is not None}
-    found |= {name: m.kernel[name][number] for name, is_there in there.items() if is_there}
-    return found
+    found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
+    return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
+
+
+def _of_segments(m: Mechanics) -> dict[str, np.ndarray]:
+    """Values of the segments, to write to: forces of the protrusion, impulses of bonds."""
+    found = m.protrusion.changing if m.protrusion is not None else {}
+    return found | ({"bond_impulse": m.accounts.impulses.bond} if m.terms.substrate is not None else {})
 
 
 def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:

@@ -53,11 +53,10 @@ class Static:
         self.report: Callable[[str], None] = lambda text: None
         self.newton: list[tuple[float, list[float]]] = []
         self.halted = False
-        m.state.owned[:, 2:] = 0.0
+        m.state.v[:] = 0.0
         m.state.exchange()
         self.stiffness = Stiffness(m)
         self.plates = PlateContact(m)
-        self._held = m.kernel["held"] if m.terms.load_curves is not None else np.zeros(0, np.int32)
         self._free_bodies = not _rigid_motions_are_held(m)
         self.rate()
         self._scale = typical(self.stiffness(), self.stiffness.start, m.comm)
@@ -120,22 +119,13 @@ class Static:
     def _forces(self) -> np.ndarray:
         """Forces (n_owned, 2) [pN/µm] without reactions of supports and plates; sets those of supports; collective."""
         m = self.mechanics
-        a, mass = m.rate()[:, 2:], 1.0 / m.kernel["inverse_mass"][: m.n_owned]
-        f = mass[:, None] * a
-        if m.terms.load_curves is not None:
-            i, c = m.kernel["held"] // 4, m.kernel["held"] % 4
-            f[i, c] -= m.kernel["reaction"]  # which the kernel chose such that `a` is that of the support
-            m.kernel["reaction"][:] = -f[i, c]
+        f = m.state.mass[:, None] * m.rate()[:, 2:]
+        f[m.loads.held] -= m.loads.reaction  # which the kernel chose such that accelerations are those of supports
+        m.loads.reaction[:] = -f[m.loads.held]
         return f
 
     def _set_displacements(self, x: PETSc.Vec) -> None:
-        self.mechanics.state.owned[:, :2] = x.getArray(readonly=True).reshape(-1, 2)
-
-    def _prescribed(self) -> np.ndarray:
-        """Prescribed displacements (k,) [µm] of the components that supports hold, at the current time."""
-        k, load_curves = self.mechanics.kernel, self.mechanics.terms.load_curves or ()
-        factor = np.array([h.value(k["clock"][0]) for h in load_curves]) if len(self._held) else np.zeros(0)
-        return k["held_value"] * factor[k["held_curve"]] if len(self._held) else np.zeros(0)
+        self.mechanics.state.u[:] = x.getArray(readonly=True).reshape(-1, 2)
 
     def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f; for a held component, to stiffness times the distance from its prescribed displacement."""
@@ -143,9 +133,9 @@ class Static:
         self._set_displacements(x)
         r = -self._forces()
         r = self.plates.residual(r, self._scale)
-        i, c = self._held // 4, self._held % 4
-        r[i, c] = self._scale * (m.state.owned[i, c] - self._prescribed())
-        F = m.tensors()[0][..., : m.n_owned]
+        held = m.loads.held
+        r[held] = self._scale * (m.state.u[held] - m.loads.prescribed())
+        F = m.state.tensors()[0][..., : m.n_owned]
         if (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] <= 0.0).any():
             r[:] = np.nan  # a line search shortens its step, else the load step is halved
         out.setArray(r.ravel())
@@ -157,7 +147,7 @@ class Static:
         f = self._forces()
         K = self.stiffness()
         factor, diagonal = self.plates.rows(f, self._scale)
-        i, c = self._held // 4, self._held % 4
+        i, c = self.mechanics.loads.held
         factor[i, c], diagonal[i, c] = 0.0, 0.0
         diagonal[i, c, c] = self._scale
         if self._free_bodies:
@@ -199,8 +189,8 @@ class Static:
     def _converges_at(self, time: float) -> bool:
         """Whether Newton's method converges at a time [µs]; if not, the state is restored; collective."""
         m = self.mechanics
-        self._before = m.state.owned[:, :2].copy()
-        m.set_clock(time)
+        self._before = m.state.u.copy()
+        m.loads.set_clock(time)
         self._x.setArray(self._before.ravel())
         with original_errors():
             self.snes.solve(None, self._x)
@@ -209,29 +199,23 @@ class Static:
         self.newton.append((time, norms))
         if good:
             self._set_displacements(self._x)
-            i, c = self._held // 4, self._held % 4
-            m.state.owned[i, c] = self._prescribed()
+            m.state.u[m.loads.held] = m.loads.prescribed()
         else:
-            m.set_clock(self.time)
-            m.state.owned[:, :2] = self._before
+            m.loads.set_clock(self.time)
+            m.state.u[:] = self._before
         self.plates.store(self._forces())
         return good
 
     def _external_forces(self) -> np.ndarray:
         """Forces of supports, loads and plates on the owned particles (n_owned, 2) [pN/µm]."""
-        k, force = self.mechanics.kernel, self.plates.force()
-        if self.mechanics.terms.load_curves is not None:
-            loaded = k["loaded"][k["loaded"] < len(force)]
-            force[loaded] += k["load"][loaded]
-            force[self._held // 4, self._held % 4] += k["reaction"]
-        return force
+        return self.mechanics.loads.add_to(self.plates.force())
 
     def _accept(self, time: float) -> None:
         """Add the work of external forces in the load step, by the trapezoidal rule; update counts and extremes."""
         m = self.mechanics
         now = self._external_forces()
-        work = 0.5 * ((self._external + now) * (m.state.owned[:, :2] - self._before)).sum(axis=1)
-        m.kernel["external_work"][: m.n_owned] += work
+        work = 0.5 * ((self._external + now) * (m.state.u - self._before)).sum(axis=1)
+        m.accounts.of_particles["external_work"] += work
         self._external, self.dt, self.time = now, time - self.time, time
         self.steps += 1
         self.count["load"] = self.steps
@@ -272,7 +256,7 @@ class Static:
 
 def _rigid_motions_are_held(m: Mechanics) -> bool:
     """Whether supports hold the translations and the rotation of every cell."""
-    held = m.boundary.held
+    held = m.loads.boundary.held
     for cell in range(len(m.scene.kind)):
         on = held[m.scene.cell[held[:, 0]] == cell]
         x = m.scene.X[on[:, 0]] - m.scene.centre[cell]

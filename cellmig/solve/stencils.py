@@ -10,7 +10,7 @@ import numpy as np
 
 from ..meshfree.boundary import GAUSS
 from .mechanics import Mechanics
-from .push import depth
+from .segments import depth
 from .tangent import mixed
 
 LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are level
@@ -30,9 +30,7 @@ class Stencil:
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows, columns (b,) in local numbers and blocks (b, 2, 2) of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
-        state = m.kernel["state"]
-        x, v = ((m.kernel["X"] + state[:, :2])[self.nodes], state[self.nodes, 2:])
-        x, v = (a.transpose(0, 2, 1) for a in (x, v))
+        x, v = (a.transpose(0, 2, 1) for a in (m.state.x(self.nodes), m.state.memory[self.nodes, 2:]))
         blocks = -mixed(self.force, {"x": (x, by_u), "v": (v, by_v)}).transpose(0, 2, 4, 1, 3)
         k, n = self.nodes.shape
         rows = np.broadcast_to(self.nodes[:, None], (k, k, n))
@@ -55,12 +53,11 @@ def stencils(m: Mechanics) -> Iterator[Stencil]:
         yield Stencil("cortex", ends, lambda x, v: cortex(t.cortex, length, x))
     if t.contact is not None:
         yield _contact(m)
-    if t.load_curves is not None and len(k["pressed"]):
-        factor = np.array([h.value(k["clock"][0]) for h in t.load_curves])[k["pressed_curve"]]
-        yield Stencil("pressure", k["pressed"].T, lambda x, v: pressure(k["pressure"] * factor, x))
-    if m.law is not None and m.law.anchoring == "surface":
-        anchor = k["anchor"]
-        torque = k["director"][anchor[:, 1], 1]
+    pressed, pressures = m.loads.pressures()
+    if len(pressed):
+        yield Stencil("pressure", pressed.T, lambda x, v: pressure(pressures, x))
+    if t.director_law is not None and t.director_law.anchoring == "surface" and m.director is not None:
+        anchor, torque = m.director.anchored()
         yield Stencil("anchors", anchor[:, [0, 2]].T, lambda x, v: couple(torque, x))
 
 
@@ -174,7 +171,7 @@ def contact(law: Any, length: np.ndarray, side: np.ndarray, x: tuple) -> tuple:
 
 def _contact(m: Mechanics) -> Stencil:
     """The segments of contact whose bonds act, with the feet that the last evaluation found."""
-    k, law, feet = m.kernel, m.terms.contact, m.closest_point
+    k, law, feet = m.kernel, m.terms.contact, m.segments.closest_point
     segment = k["contact_segment"].reshape(-1, 2)
     gaps = feet["gap"][segment]
     acts = np.flatnonzero((gaps < law.cutoff).any(axis=1) & np.isfinite(gaps).all(axis=1))

@@ -52,8 +52,8 @@ class StepControl:
     is that of the largest Rayleigh quotient of a single particle's stress.
     """
 
-    def __init__(self, scene: Scene, terms: Terms, director: Any = None):
-        """`director` : its law, whose mobility limits the step of a relaxing one."""
+    def __init__(self, scene: Scene, terms: Terms):
+        """Find the largest eigenvalues of the scene's kinds of cells."""
         used = [scene.templates[k] for k in np.unique(scene.kind)]
         rates = np.array([t.rates for t in used])
         self.stabilisation, self.viscous, self.elastic = rates.max(axis=0)  # [1/µs], [1/µs], [1/µs²]
@@ -68,7 +68,8 @@ class StepControl:
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
-        mobility = director.mobility if director is not None and terms.director == "relaxing" else 0.0
+        law = terms.director_law if terms.director == "relaxing" else None
+        mobility = law.mobility if law is not None else 0.0
         self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:

@@ -13,7 +13,6 @@ from petsc4py import PETSc
 from ..case.pointwise import pointwise
 from ..kernel.kernel import assemble
 from ..kernel.layout import csr_rows
-from ..output.sample import director_fields
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
@@ -30,8 +29,8 @@ class Stiffness:
     def __init__(self, mechanics: Mechanics):
         """Rows of gradients, and the stabilisation; collective in nothing."""
         self.mechanics = m = mechanics
-        base, scene, n = m.base, m.scene, m.n_owned
-        self._column = m.place_in_petsc[base.ids]
+        base, scene, n = m.part.numbering, m.scene, m.n_owned
+        self._column = m.part.in_petsc[base.ids]
         self.start = int(self._column[0]) if n else 0
         self.shape = 2 * n, 2 * scene.size
         self._G = self._wide([t.G for t in scene.templates], base.n_rows)
@@ -51,23 +50,23 @@ class Stiffness:
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
         self._lists = *(a.astype(np.int64) for a in lists), np.column_stack([self._G.data.real, self._G.data.imag])
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
-        self._volume = scene.field("V")[base.ids[: base.n_rows]]
-        self._damping = scene.field("damping")[base.ids[: base.n_rows]] if m.terms.bulk_damped else None
-        self._material = scene.material[base.ids[: base.n_rows]]
+        self._volume = scene.field("V")[m.part.row_ids]
+        self._damping = scene.field("damping")[m.part.row_ids] if m.terms.bulk_damped else None
+        self._material = scene.material[m.part.row_ids]
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
         """First rows of matrices with the columns of all ranks."""
-        local = csr_rows(self.mechanics.scene, self.mechanics.base, matrices, n_rows, self.mechanics.scene.size)
-        wide = sparse.csr_matrix((local.data, self._column[local.indices], local.indptr),
-                                 (n_rows, self.mechanics.scene.size))
+        scene, numbering = self.mechanics.scene, self.mechanics.part.numbering
+        local = csr_rows(scene, numbering, matrices, n_rows, scene.size)
+        wide = sparse.csr_matrix((local.data, self._column[local.indices], local.indptr), (n_rows, scene.size))
         wide.sort_indices()
         return wide
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
         """V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) of the rows (2, 2, 2, 2, n_rows), for the state as it is."""
         m, terms = self.mechanics, self.mechanics.terms
-        F, rate = m.tensors()
-        given = {"F": F, "Fdot": rate, **director_fields(m)}
+        F, rate = m.state.tensors()
+        given = {"F": F, "Fdot": rate, **m.director_fields()}
         A = np.zeros((2, 2, 2, 2, F.shape[-1]))
         present = {"stress": True, "viscous_stress": True, "director_stress": terms.director != "none",
                    "active_stress": terms.active}
@@ -109,7 +108,7 @@ class Stiffness:
         order = np.argsort(rows, kind="stable")
         ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.shape[0] // 2))])
         m = self.mechanics  # contacts have copies of further particles, which come and go
-        wide = m.place_in_petsc[m.numbering.ids[columns[order]]]
+        wide = m.part.in_petsc[m.state.numbering.ids[columns[order]]]
         out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
         out.sum_duplicates()
         return out

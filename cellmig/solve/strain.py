@@ -47,7 +47,7 @@ class StrainWatch:
         m = self.mechanics
         if self.largest is None:
             return ""
-        stretches = stretch(m.tensors()[0][..., : m.n_owned])
+        stretches = stretch(m.state.tensors()[0][..., : m.n_owned])
         found = np.where(self._fluid, stretches, 0.0)
         i = int(found.argmax()) if len(found) else -1
         most, particle = max(m.comm.allgather((float(found[i]), -int(m.ids[i])) if i >= 0 else (0.0, 0)))

@@ -1,57 +1,53 @@
-"""What steps change, remembered: to undo a batch of steps, and to go on after a look as if nobody had looked."""
+"""Copies of what steps change: to undo a batch of steps, and to go on after a look as if nobody had looked."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-_TIMES = ("F_lag", "accounted_dt", "dt_prev")
-_NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # no look changes the first, rows of tables the others
+Arrays = dict[str, np.ndarray]
+
+
+@dataclass
+class Times:
+    """What a step of leapfrog leaves to the next one.
+
+    dt_prev : the previous step [µs], at whose middle the velocities are;  F_lag : time since F was updated [µs];
+    accounted_dt : time for whose work the forces at its end are still missing [µs].
+    """
+
+    F_lag: float = 0.0
+    accounted_dt: float = 0.0
+    dt_prev: float = 0.0
 
 
 class Undo:
-    """Copies of the arrays of a Mechanics that steps change, and of its times."""
+    """One earlier state: arrays by name, of any shape and unit, and times.
 
-    def __init__(self, mechanics: Any):
+    aside : whether the next step is to go on from there.
+    """
+
+    def __init__(self) -> None:
         """Copies are made when they are first needed."""
-        self._mechanics, self._put_by = mechanics, False
-        self._copies: dict[str, np.ndarray] = {}
+        self.aside = False
+        self._copies: Arrays = {}
+        self._times = Times()
 
-    def keep(self) -> None:
-        """Remember all that steps change, so that `go_back` can undo them."""
-        for name, values in self._mechanics.changing().items():
+    def save(self, arrays: Arrays, times: Times) -> None:
+        """Remember these."""
+        for name, values in arrays.items():
             copy = self._copies.get(name)
             if copy is None or copy.shape != values.shape:
                 self._copies[name] = values.copy()
             else:
                 np.copyto(copy, values)
-        self._times = {name: getattr(self._mechanics, name) for name in _TIMES}
+        self._times = replace(times)
 
-    def go_back(self) -> None:
-        """Undo the steps since `keep`."""
-        self._restore(())
-        self._mechanics.volumes()  # nor do the values of J count that occurred
-
-    def put_by(self) -> None:
-        """What the next step goes on from is put by, so that a look may bring F and the accounts up to date."""
-        if not self._put_by and self._mechanics.dt_prev:  # at the start nothing is left half done
-            self.keep()
-            self._put_by = True
-
-    def forget(self) -> None:
-        """What was put by does not count any more: another state takes its place."""
-        self._put_by = False
-
-    def take_up(self) -> None:
-        """What was put by is there again, as if nobody had looked."""
-        if self._put_by:
-            self._put_by = False
-            self._restore(_NOT_LOOKED_AT)
-
-    def _restore(self, but: tuple) -> None:
-        for name, values in self._mechanics.changing().items():
+    def restore(self, arrays: Arrays, times: Times, but: tuple[str, ...] = ()) -> None:
+        """Write to these what was remembered, except to the arrays named in `but`."""
+        for name, values in arrays.items():
             if name not in but:
                 np.copyto(values, self._copies[name])
-        for name, value in self._times.items():
-            setattr(self._mechanics, name, value)
+        times.F_lag, times.accounted_dt, times.dt_prev = (
+            self._times.F_lag, self._times.accounted_dt, self._times.dt_prev)

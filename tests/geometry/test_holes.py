@@ -56,7 +56,7 @@ def test_cells_touch_with_their_outer_loops_alone() -> None:
     with built(from_dict(hollow(beside, holes=[["-2.5 um", "0 um", "1.4 um"]]))) as sim:
         inner, force = in_holes(sim), of_all(sim, "contact")
         assert np.abs(force).max() > 0.0 and not force[inner].any()
-        assert not inner[sim.mechanics.surfaces.ids[sim.mechanics.lists.node]].any()
+        assert not inner[sim.mechanics.surfaces.ids[sim.mechanics.segments.lists.node]].any()
 
 
 @pytest.mark.serial

@@ -152,10 +152,10 @@ def test_divergence_is_the_adjoint_of_the_gradient(name: str) -> None:
         for term in ("substrate", "contact", "protrusion"):
             if getattr(sim.terms, term) is not None:
                 f -= everywhere(sim, m.surface_force(term)[0])
-        F = everywhere(sim, m.tensors()[0][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
+        F = everywhere(sim, m.state.tensors()[0][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
         w = np.random.default_rng(2).standard_normal(X.shape)
         put(sim, v=w)
-        dw = everywhere(sim, m.tensors()[1][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
+        dw = everywhere(sim, m.state.tensors()[1][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
         P = np.zeros_like(F)
         for i, law in enumerate(scene.materials):
             on = scene.material == i

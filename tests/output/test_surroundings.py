@@ -57,7 +57,7 @@ def test_mean_forces_of_the_tables_are_what_changes_the_momentum_of_each_cell(na
     with built(case("all_protrude", *SCENES[name], per_cell=100)) as sim:
         found = rows_of(sim, times)
         if name == "lists renewed":
-            assert sim.mechanics.rebuilds > 2 + 2 * len(times)
+            assert sim.mechanics.segments.renewals > 2 + 2 * len(times)
         if name == "batches undone":
             assert sim.integrator.redone > 0
         for (_, _, before), (_, rows, after), elapsed in zip(found, found[1:], np.diff([0.0, *times]), strict=False):

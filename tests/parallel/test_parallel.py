@@ -323,5 +323,5 @@ def test_the_swarm_holds_the_particles_as_they_were_looked_at(comm: MPI.Comm) ->
         m, at = sim.mechanics, np.argsort(sim.mechanics.ids)
         assert np.array_equal(sim.swarm["id"], m.ids[at]) and np.array_equal(sim.swarm["X"], sim.scene.X[m.ids[at]])
         assert np.array_equal(np.hstack([sim.swarm["u"], sim.swarm["v"]]), m.state.owned[at])
-        assert np.array_equal(sim.swarm["theta"], m.theta.owned[at, 0])
+        assert np.array_equal(sim.swarm["theta"], m.director.owned[at, 0])
         assert np.array_equal(sim.swarm["loss"][:, 0], m.kernel["viscous_loss"][at])

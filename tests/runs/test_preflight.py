@@ -207,7 +207,7 @@ def test_where_explicit_steps_take_days_what_would_be_better_is_told(sets: tuple
 @pytest.mark.parametrize("name", ["one_cell", "nucleus", "outline"])
 def test_the_stable_step_of_many_particles_follows_from_few(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = case(name, per_cell=2400)
-    true = StepControl(discretise(found), find_terms(found), found.director).stable()
+    true = StepControl(discretise(found), find_terms(found)).stable()
     monkeypatch.setattr(preflight, "KIND", 600)
     guess = cost(found)
     assert guess.coarse and guess.particles == 2400

@@ -69,7 +69,7 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
             u[:, 1] = np.where(X[:, 1] < 2.0, low, X[:, 1]) - X[:, 1]
         put(sim, u)
         law, s = sim.terms.substrate, sim.mechanics.surfaces
-        y = sim.mechanics.surface_positions()[:, 1]
+        y = sim.mechanics.segments.everywhere()[:, 1]
         ends = y, y[s.after]
         assert level or y.min() < law.cap  # some are capped, most are not
         expected = np.zeros((len(y), 3))  # energy and the two forces, by fine quadrature

@@ -105,12 +105,12 @@ def test_reactions_and_loads_are_all_that_changes_momentum(name: str) -> None:
     dt = 2e-3
     with built(piece(**PIECES[name], step="2 ns")) as sim:
         m, mass = sim.mechanics, sim.scene.field("mass")[:, None]
-        names, force = m.boundary.names, []
+        names, force = m.loads.boundary.names, []
         sim.go(0.4)
         sim.sample()
         before, impulse = (mass * state(sim)[1]).sum(axis=0), np.zeros(2)
         for k in range(1, 51):
-            m.set_clock(0.4 + (k - 1) * dt)
+            m.loads.set_clock(0.4 + (k - 1) * dt)
             m.advance(1, dt)
             impulse += dt * sim.sampler.reactions().sum(axis=(0, 1)) if names else 0.0
             impulse += dt * everywhere(sim, np.asarray(m.kernel["load"])[: m.n_owned]).sum(axis=0)
@@ -150,7 +150,7 @@ def test_forces_of_a_traction_are_its_integrals_along_the_surface() -> None:
     load = {"name": "load", "box": RIGHT, "traction": ["100 + 30*y**2 Pa", "-20*y Pa"]}
     case = piece(loads=[load])
     with built(case) as sim:
-        b, y = sim.mechanics.boundary, sim.scene.X[:, 1] - CENTRE[1]
+        b, y = sim.mechanics.loads.boundary, sim.scene.X[:, 1] - CENTRE[1]
         assert set(b.dead) == set(near(sim, RIGHT).tolist())
         assert b.dead_force.sum(axis=0) == pytest.approx([2 * 100 + 30 * 2 / 3, 0.0], abs=1e-12)
         assert y[b.dead] @ b.dead_force[:, 1] == pytest.approx(-20 * 2 / 3, rel=1e-12)
@@ -158,7 +158,7 @@ def test_forces_of_a_traction_are_its_integrals_along_the_surface() -> None:
 
 def test_a_load_on_the_body_is_its_integral() -> None:
     with built(piece(loads=[{"name": "load", "body": ["100 + 30*y Pa/um", "-20*x Pa/um"]}])) as sim:
-        b, V = sim.mechanics.boundary, sim.scene.field("V")
+        b, V = sim.mechanics.loads.boundary, sim.scene.field("V")
         assert sorted(b.dead.tolist()) == list(range(sim.scene.size))
         x = sim.scene.X[b.dead] - CENTRE
         assert b.dead_force == pytest.approx(V[b.dead, None] * np.column_stack([100 + 30 * x[:, 1], -20 * x[:, 0]]))

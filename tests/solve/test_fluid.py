@@ -82,7 +82,7 @@ class Driven:
         """Largest stretch; noise of the pressure from particle to particle [Pa], raw and as recovered; on one rank."""
         m = self.sim.mechanics
         self.sim.sample()
-        F = m.tensors()[0]
+        F = m.state.tensors()[0]
         J, recovery = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0], self.sim.sampler._recovery
         law = self.sim.scene.materials[0]
         p = -0.5 * law.reduced_bulk_modulus * (J - 1.0 / J)
@@ -296,11 +296,11 @@ def history(case: Case, times: np.ndarray, comm: MPI.Comm) -> tuple[np.ndarray, 
         for time in times:
             sim.go(float(time))
             rows, ledger = sim.sample()
-            x = sim.mechanics.surface_positions()
+            x = sim.mechanics.segments.everywhere()
             size.append(np.ptp(x, axis=0))
             area.append(rows[1]["area_um2"])
             error.append(ledger["energy_error"])
-            far.append(float(comm.allreduce(stretch(sim.mechanics.tensors()[0]).max(), MPI.MAX)))
+            far.append(float(comm.allreduce(stretch(sim.mechanics.state.tensors()[0]).max(), MPI.MAX)))
         ends = sim.sampler.momentum(), sim.state_hash()
         return np.array(size), np.array(area), np.array(error), np.array(far), *ends
 
@@ -382,4 +382,4 @@ def stretched(case: Case, time: float) -> float:
     with built(case, MPI.COMM_SELF) as sim:
         sim.go(time)
         sim.sample()
-        return float(stretch(sim.mechanics.tensors()[0]).max())
+        return float(stretch(sim.mechanics.state.tensors()[0]).max())

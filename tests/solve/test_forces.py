@@ -65,7 +65,7 @@ def assembled(sim: Simulation, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray
     """Internal forces and the part of the stabilisation, from the templates and the laws as Python has them."""
     scene, terms = sim.scene, sim.terms
     total, stabilisation = np.zeros_like(u), np.zeros_like(u)
-    theta = None if sim.mechanics.theta is None else everywhere(sim, sim.mechanics.theta.owned[:, 0])
+    theta = None if sim.mechanics.director is None else everywhere(sim, sim.mechanics.director.owned[:, 0])
     for c, kind in enumerate(scene.kind):
         t, part = scene.templates[kind], slice(scene.offset[c], scene.offset[c + 1])
         g = t.G @ u[part], t.G @ v[part]

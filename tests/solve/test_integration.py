@@ -106,7 +106,7 @@ def test_momentum_is_the_impulse_of_the_protrusion(name: str) -> None:
     with built(case(name, per_cell=200)) as sim:
         sim.sample()
         sim.go(1.0)
-        impulse, momentum = sim.mechanics.impulse(), sim.sampler.momentum()
+        impulse, momentum = sim.mechanics.accounts.protrusion_impulse(), sim.sampler.momentum()
         assert impulse > 1.0
         assert momentum[0] == pytest.approx(impulse, rel=1e-9)  # measured 7e-15
 
@@ -125,8 +125,8 @@ def test_body_force_adds_to_momentum_what_it_should() -> None:
     with built(case("all_protrude", 'body_force.acceleration=["1e4 m/s^2", "0 m/s^2"]')) as sim:
         sim.sample()
         sim.go(0.5)
-        fell = 0.5 - 0.5 * sim.mechanics.dt_prev  # the velocities are those of half a step before
-        pushed = sim.mechanics.impulse() + 0.01 * fell * sim.scene.field("mass").sum()
+        fell = 0.5 - 0.5 * sim.mechanics.times.dt_prev  # the velocities are those of half a step before
+        pushed = sim.mechanics.accounts.protrusion_impulse() + 0.01 * fell * sim.scene.field("mass").sum()
         assert sim.sampler.momentum()[0] == pytest.approx(pushed, rel=1e-9)  # measured 1e-14
         assert sim.sample()[1]["energy_error"] < 0.01
 

@@ -79,7 +79,7 @@ def test_cells_without_bonds_or_with_few_keep_each_other_out(sets: str) -> None:
     with built(colliding("two", sets)) as sim:
         (momentum, _), first = per_particle(sim), sim.sample()[1]
         sim.go(4.0)
-        gaps = sim.comm.allreduce(list(sim.mechanics.closest_point["gap"]))
+        gaps = sim.comm.allreduce(list(sim.mechanics.segments.closest_point["gap"]))
         history, ledger = sim.sample()
         assert history[1]["cell_contact_um"] > 1.0  # they are pressed together
         assert min(gaps) > 0.004  # [µm]; measured 0.0072

@@ -39,7 +39,7 @@ def end(sim, times):
     for time in times:
         sim.go(time)
         rows.append(sim.sample())
-    return [sim.state_hash(), rows, *as_a_file_has_it(sim.integrator.saved(), sim.mechanics.rebuilds)]
+    return [sim.state_hash(), rows, *as_a_file_has_it(sim.integrator.saved(), sim.mechanics.segments.renewals)]
 
 
 def as_a_file_has_it(*about):

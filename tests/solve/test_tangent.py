@@ -96,7 +96,7 @@ def test_tangent_of_a_scene_is_the_derivative_of_its_forces() -> None:
         run, m = sim.integrator, sim.mechanics
         X = sim.scene.X[m.ids]
         u, d = smooth(X, 1, 0.04, shortest=1.0), smooth(X, 2, 1.0, shortest=0.3)
-        m.set_clock(0.7)
+        m.loads.set_clock(0.7)
 
         def residual(s: float) -> np.ndarray:
             run._x.setArray((u + s * d).ravel())
@@ -124,7 +124,7 @@ def applied(sim: Any, d: np.ndarray, by_u: float, by_v: float, *parts: str) -> n
     m = sim.mechanics
     m.rate()
     at = np.empty_like(d)
-    at[m.place_in_petsc] = d
+    at[m.part.in_petsc] = d
     stiffness = Stiffness(m)
     K = stiffness.surfaces(by_u, by_v, parts) if parts else stiffness(by_u, by_v)
     return everywhere(sim, (K @ at.ravel()).reshape(-1, 2))

@@ -145,7 +145,7 @@ def test_a_run_whose_energy_does_not_add_up_ends_with_exit_code_4(tmp_path: Path
 
 def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
     with built(case("paper")) as sim:
-        s, x = Surfaces.of(sim.scene), sim.mechanics.surface_positions()
+        s, x = Surfaces.of(sim.scene), sim.mechanics.segments.everywhere()
         assert overlap(s, x, True, True) is None
         apart = np.where(s.cell == 1, 0.4, 0.0)[:, None] * [1.0, 0.0]
         found = overlap(s, x + apart, True, False)

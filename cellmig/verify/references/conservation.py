@@ -20,7 +20,7 @@ def momentum(count: int) -> Measured:
     with built(case("all_protrude", count)) as sim:
         sim.go(1.0)
         sim.sample()
-        missed = sim.sampler.momentum()[0] / sim.mechanics.impulse() - 1.0
+        missed = sim.sampler.momentum()[0] / sim.mechanics.accounts.protrusion_impulse() - 1.0
         return Measured(sim.scene.templates[0].spacing, {"along x": abs(float(missed))}, count)
 
 

@@ -182,7 +182,7 @@ CORNER = {"stiff": 1.19, "soft": 1.48}  # twice λ of sin²(πλ/2) = (4 (1 - ν
 def bending(sim: Simulation, clamped: bool, guess: float) -> tuple[float, np.ndarray]:
     """Lowest nonzero eigenfrequency of the linear operator [rad/µs], near a guess, and its displacements (n, 2)."""
     t = sim.scene.templates[0]
-    n, held = len(t.X), sim.mechanics.boundary.held
+    n, held = len(t.X), sim.mechanics.loads.boundary.held
     left = np.setdiff1d(np.arange(2 * n), held[:, 0] + n * held[:, 1])  # x before y
     K, M = stiffness(t)[left][:, left], sparse.diags(np.tile(t.mass, 2)[left])
     count, shift = (1, 0.0) if clamped else (4, -((0.3 * guess) ** 2))

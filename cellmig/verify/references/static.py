@@ -81,7 +81,7 @@ def patch(count: int) -> Measured:
             loaded(sim)
             right = sim.scene.X @ (STRETCH - np.eye(2)).T
             if not tables:
-                right -= right[sim.mechanics.boundary.held[0, 0]]
+                right -= right[sim.mechanics.loads.boundary.held[0, 0]]
             found[name] = float(np.abs(displacement(sim) - right).max() / 6.0)
             s = sim.sampler.nodal_stress()[0]
             found["stress"] = max(found.get("stress", 0.0), float(np.ptp(s, axis=0).max() / np.abs(s).max()))

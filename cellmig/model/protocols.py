@@ -1,0 +1,177 @@
+"""What a law of each kind has, for type checkers; `own` laws that have it are as good as ours.
+
+Formulas take and return a `Value`: they are computed with numbers and arrays, differentiated with dual numbers, and
+translated to C.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+Value = Any  # float, array, dual number, or nested tuples of them for vectors and tensors
+
+
+class Law(Protocol):
+    """A law of any kind."""
+
+    kind: str
+    law: str
+
+
+class Material(Law, Protocol):
+    """A material; those with a director or activity have eta and zeta, and the methods of `Nematic`, besides."""
+
+    energy_column: str
+
+    @property
+    def density(self) -> float:
+        """Mass density ρ0 [kg/m³]."""
+
+    @property
+    def viscosity(self) -> float:
+        """Shear viscosity μ [Pa µs], 0 of a solid."""
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus at rest [Pa], 0 of a fluid."""
+
+    @property
+    def numerical_modulus(self) -> float:
+        """Modulus of the elastic stabilisation [Pa]."""
+
+    @property
+    def sound_speed(self) -> float:
+        """Speed of compression waves [µm/µs]."""
+
+    def numerical_viscosity(self, spacing: float) -> float:
+        """Viscosity of the viscous stabilisation [Pa µs] at a spacing [µm]."""
+
+    def energy(self, F: Value) -> Value:
+        """Energy per reference volume [Pa] at a deformation gradient F [-]."""
+
+    def stress(self, F: Value) -> Value:
+        """First Piola-Kirchhoff stress P [Pa], its derivative."""
+
+    def out_of_plane(self, F: Value) -> Value:
+        """Cauchy stress across the plane [Pa]."""
+
+
+class Adhesion(Law, Protocol):
+    """Bonds between surfaces."""
+
+    @property
+    def bond_density(self) -> float:
+        """Bonds per reference area N [1/µm²]."""
+
+    @property
+    def equilibrium_distance(self) -> float:
+        """Equilibrium distance ε [µm]."""
+
+    @property
+    def cutoff(self) -> float:
+        """Distance beyond which surfaces do not interact [µm]."""
+
+    @property
+    def cap(self) -> float:
+        """Distance below which the potential is quadratic [µm]."""
+
+    @property
+    def work(self) -> float:
+        """Work of adhesion [pN/µm]."""
+
+    def stiffness(self, least: float) -> float:
+        """Largest stiffness [Pa/µm] at gaps of at least `least` [µm]."""
+
+    def potential(self, r: Value) -> Value:
+        """Energy of a bond of length r [pN µm]."""
+
+    def slope(self, r: Value) -> Value:
+        """Its derivative by r [pN]."""
+
+    def primitive(self, r: Value) -> Value:
+        """Its primitive, zero from the cutoff on [pN µm²]."""
+
+
+class ProtrusionLaw(Law, Protocol):
+    """Push of the leading edge."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Names of the cells that protrude."""
+
+    @property
+    def protrusion_ratio(self) -> float:
+        """Ratio β of the push to the adhesion energy [-]."""
+
+    @property
+    def height(self) -> float:
+        """Height ℓ of the pushing edge [µm]."""
+
+    @property
+    def random(self) -> bool:
+        """Whether α is random; else it is 1/2."""
+
+    @property
+    def correlation_length(self) -> float:
+        """Distance of the points where α is drawn [µm]."""
+
+    def front(self, x: Value) -> Value:
+        """Share of the push [-] at a distance x [µm] ahead of the mean of the surface."""
+
+    def hold(self, bonded: Value) -> Value:
+        """Share of the push [-] for a length `bonded` [µm] of closed bonds."""
+
+    def ramp(self, g: Value) -> Value:
+        """Share of the adhesion energy [-] below the height g [µm]."""
+
+    def ramp_slope(self, g: Value) -> Value:
+        """Its derivative by g [1/µm]."""
+
+
+class Cortex(Law, Protocol):
+    """Tension of a cell's surface."""
+
+    def energy(self, stretch: Value) -> Value:
+        """Energy per reference length [pN/µm] at a `stretch` [-]."""
+
+    def tension(self, stretch: Value) -> Value:
+        """Tension [pN/µm], its derivative."""
+
+
+class Friction(Law, Protocol):
+    """Drag of bonds on a membrane that slides along the substrate."""
+
+    @property
+    def coefficient(self) -> float:
+        """Drag of fully bonded membrane [Pa µs/µm]."""
+
+    def drag(self, share: Value, speed: Value) -> Value:
+        """Traction [Pa] at a share of closed bonds [-] and a speed [µm/µs]."""
+
+
+class DirectorLaw(Law, Protocol):
+    """How the director begins and moves."""
+
+    start: str
+    anchoring: str
+
+    @property
+    def angle(self) -> float:
+        """Angle of a uniform start [rad]."""
+
+    @property
+    def mobility(self) -> float:
+        """Mobility γ [µm²/µs], 0 if it is frozen."""
+
+
+class LoadCurve(Law, Protocol):
+    """Factor on displacements and loads."""
+
+    def value(self, t: Value) -> Value:
+        """Factor [-] at a time t [µs]."""
+
+    def rate(self, t: Value) -> Value:
+        """Its derivative [1/µs]."""
+
+    def acceleration(self, t: Value) -> Value:
+        """The derivative of that [1/µs²]."""

@@ -1,0 +1,140 @@
+"""What those who watch a run may read of its mechanics."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from mpi4py import MPI
+
+from ..kernel.layout import Numbering
+from ..meshfree.body import Scene
+from ..meshfree.boundary import Boundary
+from ..meshfree.contact import Surfaces
+from ..meshfree.terms import Terms
+
+
+class StateView(Protocol):
+    """Displacements and velocities of the owned particles."""
+
+    @property
+    def u(self) -> np.ndarray:
+        """Displacements (n_owned, 2) [µm]."""
+
+    @property
+    def v(self) -> np.ndarray:
+        """Velocities (n_owned, 2) [µm/µs], of leapfrog half a step before."""
+
+    def tensors(self) -> tuple[np.ndarray, np.ndarray]:
+        """F [-] and Ḟ [1/µs] of the rows (2, 2, n_rows)."""
+
+
+class PartView(Protocol):
+    """Which particles are on this rank."""
+
+    @property
+    def numbering(self) -> Numbering:
+        """Local numbers of particles."""
+
+    @property
+    def row_ids(self) -> np.ndarray:
+        """Global ids of the rows (n_rows,), owned first."""
+
+    def owned_numbers(self, ids: np.ndarray) -> np.ndarray:
+        """Local numbers of global ids (k,); -1 where another rank owns the particle."""
+
+
+class SegmentsView(Protocol):
+    """Segments of surfaces."""
+
+    def own_places(self) -> np.ndarray:
+        """Positions of this rank's surface particles (k, 2) [µm]."""
+
+    def owned(self) -> tuple[np.ndarray, np.ndarray]:
+        """Segments that start on this rank: local ends (e, 2), positions (e, 2, 2) [µm]."""
+
+    def in_contact(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Segments near other cells: local ends (e, 2), positions (e, 2, 2) [µm], gaps of the ends (e, 2) [µm]."""
+
+
+class LoadsView(Protocol):
+    """Supports, loads and plates."""
+
+    boundary: Boundary
+
+    def reactions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces (k, 2) [pN/µm], owned particles (k,), numbers of the supports and plates (k,)."""
+
+
+class ImpulsesView(Protocol):
+    """Impulses of surfaces since the last row of the tables, which starts them anew."""
+
+    cells: int
+    mine: np.ndarray
+    place: np.ndarray
+    key: np.ndarray
+
+    @property
+    def bond(self) -> np.ndarray:
+        """From the substrate (n_segments, 2, 3) [pN µs/µm]."""
+
+    @property
+    def contact(self) -> np.ndarray:
+        """From other cells (slots, 2) [pN µs/µm]."""
+
+    def of_surface(self, values: np.ndarray) -> np.ndarray:
+        """Values of bonds (n_segments, 2, 3) by surface particle (k, 3)."""
+
+    def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
+        """Count anew from these impulses on, with the surface particles at x (k,) [µm]."""
+
+
+class AccountsView(Protocol):
+    """Losses and work so far."""
+
+    of_particles: dict[str, np.ndarray]
+
+    @property
+    def impulses(self) -> ImpulsesView:
+        """Those of surfaces."""
+
+
+class View(Protocol):
+    """A Mechanics as observers see it; everything is current after its `rate`."""
+
+    comm: MPI.Comm
+    scene: Scene
+    terms: Terms
+    surfaces: Surfaces
+    ids: np.ndarray
+    n_owned: int
+
+    @property
+    def part(self) -> PartView:
+        """Its subdomain."""
+
+    @property
+    def state(self) -> StateView:
+        """Its particles."""
+
+    @property
+    def segments(self) -> SegmentsView:
+        """Its surfaces."""
+
+    @property
+    def loads(self) -> LoadsView:
+        """What acts from outside."""
+
+    @property
+    def accounts(self) -> AccountsView:
+        """What was counted."""
+
+    def director_fields(self) -> dict[str, np.ndarray]:
+        """Gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each, if they matter."""
+
+    def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
+        """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term."""
+
+    def stabilisation_energy(self) -> np.ndarray:
+        """Energy of the elastic stabilisation (n_owned,) [pN]."""

@@ -1,0 +1,174 @@
+"""Displacements and velocities of a rank's particles, with ghosts, and what the kernel keeps of them row by row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from petsc4py import PETSc
+
+from ..kernel.fields import Field
+from ..kernel.kernel import Kernel, aligned_zeros
+from ..kernel.layout import Numbering, stencil_arrays
+from ..parallel.ghosts import GhostedField
+from .subdomain import Subdomain
+
+
+class State(GhostedField):
+    """(ux, uy, vx, vy) [µm, µm/µs] of owned particles and ghosts; F and internal forces of the rows.
+
+    Attributes
+    ----------
+    memory : (capacity, 4) float -- the state, with room for further ghosts [µm, µm/µs].
+    X : (capacity, 2) float -- reference positions [µm].
+    numbering : Numbering -- of the present ghosts, those of contacts among them.
+    solution : Vec -- the owned part, for PETSc's TS.
+    """
+
+    FIELDS = (
+        Field("n_owned", "long", doc="owned particles, which come first"),
+        Field("n_rows", "long", doc="particles whose stress is computed: owned, and first neighbours of these"),
+        Field("n_local", "long", doc="particles with ghosts"),
+        Field("n_shared_blocks", "long", doc="blocks with particles that other ranks have ghosts of; they come first"),
+        Field("n_owned_blocks", "long", doc="blocks of owned particles"),
+        Field("n_blocks", "long", doc="blocks of all rows"),
+        Field("block", "int32_t *", "(n_blocks, 6)", "",
+              "first row, number of rows, stencil, shift, material, whether more than stresses may act"),
+        Field("state", "double *", "(n_local, 4)", "µm, µm/µs", "ux, uy, vx, vy; ghosts are exchanged in each step"),
+        Field("state_vec", "void *", doc="what exchanges it: a Vec of PETSc or a `SharedCopies`"),
+        Field("X", "double *", "(n_local, 2)", "µm", "reference positions"),
+        Field("acceleration", "double *", "(2,)", "µm/µs²", "of the body force"),
+        Field("inverse_mass", "double *", "(n_rows,)", "µm/fg", "1/m"),
+        Field("F", "double *", "(n_blocks, 4, 4)", "-", "deformation gradients: components by lanes"),
+        Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
+        Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
+        Field("step_memory", "double *", "(n_blocks, …)", "", "forces and stresses of the last kick, for the accounts"),
+        # coefficients by stencil, which blocks of like neighbours share
+        Field("volume", "double *", "(stencils, 4)", "µm²", "V"),
+        Field("per_mass", "double *", "(stencils, 4)", "µm/fg", "1/m"),
+        Field("bulk_damping", "double *", "(stencils, 4)", "Pa µs", "bulk viscosity of the numerical damping"),
+        Field("first", "long *", "(stencils + 1,)", "", "groups of neighbours of each stencil"),
+        Field("column", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
+        Field("gradient", "coefficient *", "(groups, 8 or 12)", "1/µm", "G, and S where it has the same pattern"),
+        Field("adjoint", "coefficient *", "(groups, 8)", "1/µm", "-Gᵀ"),
+        *(field for name, unit, doc in (("outer", "Pa µs", "S elsewhere"), ("stiff", "Pa", "elastic stabilisation"))
+          for field in (Field(f"first_{name}", "long *", "(stencils + 1,)", "", f"groups of `{name}`"),
+                        Field(f"column_{name}", "uint32_t *", "(groups, 4)", "", f"neighbours in `{name}`"),
+                        Field(name, "coefficient *", "(groups, 4)", unit, doc))),
+        # step control
+        Field("least_gap", "double *", "(2,)", "µm", "least gaps to the substrate and between cells"),
+        Field("J_range", "double *", "(2, 4)", "-", "least and largest J, by lanes"),
+        Field("bound", "double *", "(n_owned, 3)", "1/(µm fg)", "local bound of the stiffness: Σ_J G⊗G/m_J"),
+        Field("viscous_weight", "double *", "(n_owned,)", "Pa µs", "modulus of that bound, viscous"),
+        Field("elastic_weight", "double *", "(n_owned,)", "Pa", "modulus of that bound, elastic"),
+    )
+
+    def __init__(self, part: Subdomain, kernel: Kernel):
+        """At rest in the reference configuration; collective."""
+        self._part, self._kernel = part, kernel
+        self.memory, self.X = aligned_zeros((part.capacity, 4)), aligned_zeros((part.capacity, 2))
+        super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
+        self.solution = PETSc.Vec().createWithArray(self.owned.ravel(), size=(4 * part.n_owned, None), bsize=4,
+                                                    comm=part.comm)
+        kernel["X"], kernel["state"] = self.X, self.memory
+        self.renumber(part.numbering)
+        self._set_rows()
+        if part.comm.size > 1:
+            kernel["ghost_begin"], kernel["ghost_end"] = self.exchange_functions
+
+    def renumber(self, numbering: Numbering) -> None:
+        """Have ghosts of these particles from now on; collective."""
+        self.numbering = numbering
+        self.X[: len(numbering.ids)] = self._part.scene.X[numbering.ids]
+        self.set_ghosts(self._part.in_petsc[numbering.ids[self._part.n_owned :]])
+        self.exchange()
+        self._kernel["n_local"], self._kernel["state_vec"] = len(numbering.ids), self.handle
+
+    def _set_rows(self) -> None:
+        """Coefficients of the rows, and memory for what is computed there."""
+        part, k, blocks, scene = self._part, self._kernel, self._part.blocks, self._part.scene
+        n_blocks = len(blocks.table)
+        k["n_owned"], k["n_rows"] = part.n_owned, part.numbering.n_rows
+        k["n_shared_blocks"], k["n_owned_blocks"], k["n_blocks"] = blocks.n_shared, blocks.n_owned, n_blocks
+        for name, values in stencil_arrays(scene, part.numbering, blocks, part.terms).items():
+            k[name] = values
+        k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
+        k["step_memory"] = np.zeros((n_blocks, k.library.step_memory_size() // 8))
+        k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
+        k["force"] = np.zeros((part.capacity, 2))
+        k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_J.copy()
+        for name in ("bound", "viscous_weight", "elastic_weight"):
+            k[name] = scene.field(name)[part.ids]
+        k["acceleration"] = part.terms.acceleration or (0.0, 0.0)
+
+    def set_blocks(self, loaded: np.ndarray) -> None:
+        """Tell the kernel the blocks; more than stresses may act on the particles `loaded` (k,) int, local numbers."""
+        table, n_rows = self._part.blocks.table, self._part.numbering.n_rows
+        on = np.zeros(n_rows, bool)
+        on[loaded[(loaded >= 0) & (loaded < n_rows)]] = True
+        block, _ = self._part.blocks.lanes_of
+        self._kernel["block"] = np.column_stack([table, np.bincount(block, on, len(table)) > 0])
+
+    def stiffen(self, modulus: np.ndarray, on: np.ndarray | slice = slice(None)) -> None:
+        """Add a `modulus` (k,) [Pa] to those that bound the step, `on` (k,) int owned particles or on all."""
+        self._kernel["elastic_weight"][on] += modulus
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Masses of the owned particles (n_owned,) [fg/µm]."""
+        return 1.0 / self._kernel["inverse_mass"][: self._part.n_owned]
+
+    @property
+    def u(self) -> np.ndarray:
+        """Displacements of the owned particles (n_owned, 2) [µm], to write to."""
+        return self.owned[:, :2]
+
+    @property
+    def v(self) -> np.ndarray:
+        """Velocities of the owned particles (n_owned, 2) [µm/µs], to write to."""
+        return self.owned[:, 2:]
+
+    @property
+    def changing(self) -> dict[str, np.ndarray]:
+        """What steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory (n_blocks, …)."""
+        return {"state": self.memory, "F": self._kernel["F"], "step_memory": self._kernel["step_memory"]}
+
+    @property
+    def F_of_rows(self) -> np.ndarray:
+        """F (n_rows, 4) [-], row by row; current after `Mechanics.rate`."""
+        return self.by_row(self._kernel["F"])
+
+    def extremes(self) -> np.ndarray:
+        """Of this rank since this was last asked (4,): minus least gaps [µm], minus least and largest J [-]."""
+        gap, J = self._kernel["least_gap"], self._kernel["J_range"].reshape(2, 4)
+        found = np.array([*-gap, -J[0].min(), J[1].max()])
+        self.forget_gaps()
+        self._kernel["J_range"][:] = NO_J
+        return found
+
+    def forget_gaps(self) -> None:
+        """Gaps that occurred so far count no more."""
+        self._kernel["least_gap"][:] = np.inf
+
+    def x(self, numbers: np.ndarray) -> np.ndarray:
+        """Current positions (…, 2) [µm] of particles with these local `numbers` (…) int."""
+        return self.X[numbers] + self.memory[numbers, :2]
+
+    def by_row(self, blocks: np.ndarray) -> np.ndarray:
+        """Values (n_rows, k) of what the kernel has by `blocks` (n_blocks, k, 4)."""
+        block, lane = self._part.blocks.lanes_of
+        return blocks[block, :, lane]
+
+    def tensors(self) -> tuple[np.ndarray, np.ndarray]:
+        """F and Ḟ of the rows, owned first, (2, 2, n_rows) each [-], [1/µs]; current after `Mechanics.rate`."""
+        rates = np.zeros_like(self._kernel["F"])
+        self._kernel("velocity_gradient", rates)
+        F, Fdot = (self.by_row(a).reshape(-1, 2, 2).transpose(2, 1, 0) for a in (self._kernel["F"], rates))
+        return F, Fdot
+
+    def destroy(self) -> None:
+        """Free what is PETSc's and MPI's; collective."""
+        super().destroy()
+        self.solution.destroy()
+
+
+NO_J = np.repeat([np.inf, -np.inf], 4)
