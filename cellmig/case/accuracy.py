@@ -81,18 +81,18 @@ def fill(source: Source) -> str:
     Keys that the case gives itself are not changed; the error is then known only if they have the values to be chosen.
     """
     data, path = source.data, ("numerics", "accuracy")
-    asked = data.get("numerics", {}).get("accuracy") if isinstance(data.get("numerics", {}), dict) else None
-    if asked is None:
+    wanted = data.get("numerics", {}).get("accuracy") if isinstance(data.get("numerics", {}), dict) else None
+    if wanted is None:
         return ""
     try:
-        accuracy = fraction(asked)
+        accuracy = fraction(wanted)
         chosen = pick(_measured()["points"], kind_of(data), accuracy)
     except ValueError as error:
         source.wrong(path, str(error))
         return ""
     data["numerics"]["accuracy"] = f"{100 * accuracy:g} %"
-    set_, kept = [], []
-    for key, place, value in _wanted(data, chosen):
+    new, unchanged = [], []
+    for key, place, value in _choices(data, chosen):
         table = data
         for name in place[:-1]:
             table = table.setdefault(name, {}) if isinstance(table, dict) else None
@@ -101,17 +101,17 @@ def fill(source: Source) -> str:
         given = table.get(place[-1], table.get("spacing") if key == "per_cell" else None)
         if given is None:
             table[place[-1]] = value
-            set_.append(f"{key} = {value}")
+            new.append(f"{key} = {value}")
         elif not _same(given, value):
-            kept.append(f"{key} = {given} (measured: {value})")
+            unchanged.append(f"{key} = {given} (measured: {value})")
     origin = _measured()["origin"]
-    told = [f"{100 * accuracy:g} %, {chosen['kind']}: measured {100 * chosen['error']:g} % ({origin['date']})"]
-    told += [f"chosen {', '.join(set_)}"] * bool(set_)
-    told += [f"kept as given, so that the error may be another: {', '.join(kept)}"] * bool(kept)
-    return "; ".join(told)
+    text = [f"{100 * accuracy:g} %, {chosen['kind']}: measured {100 * chosen['error']:g} % ({origin['date']})"]
+    text += [f"chosen {', '.join(new)}"] * bool(new)
+    text += [f"not changed, so that the error may differ: {', '.join(unchanged)}"] * bool(unchanged)
+    return "; ".join(text)
 
 
-def _wanted(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tuple, Any]]:
+def _choices(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tuple, Any]]:
     """Name, path in the case and value of each key that an accuracy sets."""
     rows = [(key, place, chosen[key]) for key, place in PLACES.items()]
     for name, material in data["materials"].items() if "modulus" in chosen else ():

@@ -16,7 +16,7 @@ from .schema import Case
 OUTLINE = 720  # points of an outline: that of a disc of radius 5 µm deviates by 0.05 nm
 
 
-class Lie(NamedTuple):
+class Arrangement(NamedTuple):
     """Arrangement of the cells of a case at the start, from their outlines and displacements.
 
     Attributes
@@ -37,7 +37,7 @@ class Lie(NamedTuple):
     floating: np.ndarray
 
 
-def lie(case: Case) -> Lie:
+def arrangement(case: Case) -> Arrangement:
     """Arrangement of the cells of a case at the start; bonds form up to their cutoff."""
     shared = {key: _outline(*key) for key in {(c.shape, c.displacement) for c in case.cells}}
     outlines = [shared[c.shape, c.displacement] for c in case.cells]
@@ -49,7 +49,7 @@ def lie(case: Case) -> Lie:
     group, floating = _groups(list(gaps), len(outlines)), np.zeros(0, int)
     if case.substrate is not None:
         floating = np.flatnonzero(~np.isin(group, group[low[:, 1] < case.substrate.cutoff]))
-    return Lie(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
+    return Arrangement(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
                group, floating)
 
 

@@ -27,7 +27,7 @@ def handbook() -> str:
              "## Top level", "", *_table(_plain_fields())]
     for f in case_fields().values():
         lines += ["", *_section(f)] if _is_section(f) else []
-    lines += ["", "## Laws", "", "`law = \"name\"` in the table of the thing, then the parameters of that law."]
+    lines += ["", "## Laws", "", "`law = \"name\"` in the table of a term, and the parameters of that law."]
     for kind in sorted(registry.kinds()):
         for name, cls in registry.laws(kind).items():
             lines += ["", f"### {kind}: `{name}`", "", *_law(cls)]

@@ -31,14 +31,14 @@ def triangles(X: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray]) -> tupl
     tri, beside = mesh.simplices, mesh.neighbors
     size = areas(X, tri)
     whole = size > FLAT * size.mean()
-    keep = whole.copy()
-    keep[whole] = wanted(tri[whole])
+    counts = whole.copy()
+    counts[whole] = wanted(tri[whole])
     polygon, count = _polygons(X, tri, beside, whole)
     alone = count[polygon] == 1
-    found, weight = [tri[keep & alone]], [np.ones((keep & alone).sum())]
-    kept = np.bincount(polygon, keep) > 0
-    for n in np.unique(count[kept & (count > 1)]):
-        of = np.flatnonzero((kept & (count == n))[polygon])
+    found, weight = [tri[counts & alone]], [np.ones((counts & alone).sum())]
+    split = np.bincount(polygon, counts) > 0
+    for n in np.unique(count[split & (count > 1)]):
+        of = np.flatnonzero((split & (count == n))[polygon])
         fans = _fans(X, tri[of[np.argsort(polygon[of], kind="stable")]].reshape(-1, 3 * n))
         fans = fans[wanted(fans)]
         found.append(fans)

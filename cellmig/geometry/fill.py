@@ -135,10 +135,10 @@ def _deepest_pairs(points: np.ndarray, depth: np.ndarray, centre: np.ndarray, co
         if n <= excess:
             out.append(k)
             excess -= n
-    kept = ~np.isin(group, out)
+    chosen = ~np.isin(group, out)
     order = np.lexsort((points[:, 0], group))
-    kept[order[kept[order]][:excess]] = False  # the left one of a pair, if only pairs are left
-    return kept
+    chosen[order[chosen[order]][:excess]] = False  # the left one of a pair, if only pairs are left
+    return chosen
 
 
 def _points(outline: np.ndarray, s: float, clearance: float, interface: np.ndarray) -> np.ndarray:

@@ -88,7 +88,7 @@ class _Solid(Outlined):
         Raises ValueError where they do not fit into the outline; the message is for the user.
         """
         if self.nucleus_offset is not None and self.nucleus_ratio is None:
-            raise ValueError("nucleus_offset: is where a nucleus of the size nucleus_ratio lies, which is missing")
+            raise ValueError("nucleus_offset: needs nucleus_ratio, the size of the nucleus, which is missing")
         for loop in self._nucleus if self.has_nucleus else ():
             if polygons.touch(loop, self._border) or not polygons.inside(loop[:1], self._border).all():
                 what = ("nucleus_corners: the nucleus" if self.nucleus_ratio is None else
@@ -183,11 +183,11 @@ class Polygon(_Solid):
         p = self._scaled(corners)
         if not (abs(p) <= MOST).all():
             raise ValueError(f"{key}: reach further than {MOST:.0e} um, with 1 as {self.unit:.4g} um")
-        kept = polygons.distinct(p)
-        if len(p := p[kept]) > 3 and (pair := polygons.crossing(p)) is not None:
+        found = polygons.distinct(p)
+        if len(p := p[found]) > 3 and (pair := polygons.crossing(p)) is not None:
             i, j = ("({:.4g}, {:.4g}) um".format(*p[n]) for n in pair)
             raise ValueError(f"{key}: the outline crosses or touches itself: the edge from {i} meets that from {j}, "
-                             + named(corners, kept[list(pair)]) + _exchanged(corners, kept, p))
+                             + named(corners, found[list(pair)]) + _exchanged(corners, found, p))
         if len(p) < 3 or polygons.is_flat(p):
             raise ValueError(f"{key}: the polygon has no area")
 
@@ -212,8 +212,8 @@ class Polygon(_Solid):
     def hint(self) -> str:
         """End of a message about particles that do not suit the outline: corners that may be in the wrong order."""
         p = self._scaled(self.corners)
-        kept = polygons.distinct(p)
-        return _exchanged(self.corners, kept, p[kept])
+        found = polygons.distinct(p)
+        return _exchanged(self.corners, found, p[found])
 
     @cached_property
     def _border(self) -> np.ndarray:
@@ -256,8 +256,8 @@ class Rectangle(_Solid):
         return 0.5 * np.array([self.width, self.height]) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
-def _exchanged(corners: tuple, kept: np.ndarray, p: np.ndarray) -> str:
-    """End of a message: adjacent ones of the corners p = corners[kept] (k, 2) that may be in the wrong order.
+def _exchanged(corners: tuple, numbers: np.ndarray, p: np.ndarray) -> str:
+    """End of a message: adjacent ones of the corners p = corners[numbers] (k, 2) that may be in the wrong order.
 
     At both of them the outline turns back, and exchanging them makes it shorter.
     """
@@ -268,7 +268,7 @@ def _exchanged(corners: tuple, kept: np.ndarray, p: np.ndarray) -> str:
     found = np.flatnonzero(back & (length[1] < length[0]))
     if not 0 < len(found) <= MOST_EXCHANGED:
         return ""
-    pairs = (named(corners, kept[[n, (n + 1) % len(p)]]) for n in found)
+    pairs = (named(corners, numbers[[n, (n + 1) % len(p)]]) for n in found)
     return f"; are {', '.join(pairs)} in the right order?"
 
 

@@ -64,17 +64,17 @@ def distinct(polygon: np.ndarray) -> np.ndarray:
     Left out are corners that coincide with the next one but for rounding, as the closing point of a curve does, and
     tips of no width, in which the polygon turns back along itself.
     """
-    kept = np.arange(len(polygon))
+    left = np.arange(len(polygon))
     tiny = TINY * np.ptp(polygon, axis=0).max() if len(polygon) else 0.0
     while True:
-        p = polygon[kept]
+        p = polygon[left]
         before, after = p - np.roll(p, 1, axis=0), np.roll(p, -1, axis=0) - p
         size, other = np.linalg.norm(after, axis=1), np.linalg.norm(before, axis=1)
         same = size <= tiny
         tip = (np.abs(cross(before, after)) <= tiny * np.minimum(size, other)) & ((before * after).sum(axis=1) < 0.0)
         if not (same | tip).any():
-            return kept
-        kept = kept[~(same if same.any() else tip)]
+            return left
+        left = left[~(same if same.any() else tip)]
 
 
 def area(outline: np.ndarray) -> float:

@@ -29,6 +29,6 @@ def solve_positive(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
         y.setArray(b[:, k])
         ksp.solve(y, x)
         out[:, k] = x.getArray(readonly=True)
-    for thing in (ksp, matrix, x, y):
-        thing.destroy()
+    for each in (ksp, matrix, x, y):
+        each.destroy()
     return out

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cellmig.case.expression import evaluate
-from cellmig.case.gaps import Lie
+from cellmig.case.gaps import Arrangement
 from cellmig.case.schema import Case, Cell
 
 
@@ -35,7 +35,7 @@ class Expected(NamedTuple):
         return max(self.speed, self.spreading, self.start)
 
 
-def expected(case: Case, lie: Lie, end: float) -> Expected:
+def expected(case: Case, found: Arrangement, end: float) -> Expected:
     r"""Estimate the motion of a case up to a time `end` [µs] from its driving forces.
 
     *Push.*  The protrusion on a membrane at an angle θ with the substrate is β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ, with
@@ -47,9 +47,9 @@ def expected(case: Case, lie: Lie, end: float) -> Expected:
 
     Source: derived here.
     """
-    touching = set(range(len(case.cells))) - set(lie.floating.tolist()) if case.substrate else set()
+    touching = set(range(len(case.cells))) - set(found.floating.tolist()) if case.substrate else set()
     best = (0.0, 0.0, 0.0)
-    for members in _groups(lie):
+    for members in _groups(found):
         best = max(best, _carried(case, end, [case.cells[n] for n in members], [n in touching for n in members]))
     speed, distance, push = best
     spreading = max((_spreading(case, case.cells[n]) for n in touching), default=0.0)
@@ -61,10 +61,10 @@ def expected(case: Case, lie: Lie, end: float) -> Expected:
     return Expected(push, speed, distance, spreading, start, size, reynolds)
 
 
-def _groups(lie: Lie) -> list[np.ndarray]:
+def _groups(found: Arrangement) -> list[np.ndarray]:
     """Numbers of the cells in each group of cells in contact."""
-    order = np.argsort(lie.group, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(lie.group[order])) + 1)
+    order = np.argsort(found.group, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(found.group[order])) + 1)
 
 
 def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellmig.case.gaps import Lie, lie
+from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
@@ -38,7 +38,7 @@ def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
 
 def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
     """Rows about initial positions and gaps, floating cells, and the motion to expect up to `end` [µs]."""
-    found = lie(case)
+    found = arrangement(case)
     (left, bottom), (right, top) = found.box
     rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
     lowest, gaps = int(found.heights.argmin()), []
@@ -52,9 +52,9 @@ def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
     return [*rows, *_floating(case, found), *_pressed(case, found), *([] if case.static else _motion(case, found, end))]
 
 
-def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
+def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]:
     """Rows about drag and estimated speeds."""
-    e = expected(case, lie, end)
+    e = expected(case, found, end)
     rows = [] if case.substrate is None else [
         ("drag", f"{case.friction.coefficient:g} Pa µs/µm on bonded membrane that slides" if case.friction else
          "none: cells slide, and what is pushed goes ever faster; [friction] holds them back")]
@@ -77,7 +77,7 @@ def _motion(case: Case, lie: Lie, end: float) -> list[tuple[str, str]]:
     return rows
 
 
-def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
+def _floating(case: Case, found: Arrangement) -> list[tuple[str, str]]:
     """A warning of cells above the reach of adhesion, which is rarely intended."""
     number = len(found.floating)
     if not number:
@@ -90,7 +90,7 @@ def _floating(case: Case, found: Lie) -> list[tuple[str, str]]:
                         f"holds {it}: {', '.join(names)}; rest = true in the table of a cell sets it down")]
 
 
-def _pressed(case: Case, found: Lie) -> list[tuple[str, str]]:
+def _pressed(case: Case, found: Arrangement) -> list[tuple[str, str]]:
     """Warnings of bonds that are compressed at the start, which push the cells apart."""
     rows = []
     for law, gap, term, remedy in (

@@ -128,6 +128,6 @@ def test_a_case_leaves_open_what_its_accuracy_fills_and_keeps_what_it_gives(tmp_
     assert f"per_cell = {chosen['per_cell']}" in case.chosen and "elastic" in case.chosen
 
     kept = load(CASES["one_cell"], ["numerics.accuracy=20%", "particles.per_cell=97"])
-    assert kept.particles.per_cell == 97 and "kept as given" in kept.chosen and "per_cell = 97" in kept.chosen
+    assert kept.particles.per_cell == 97 and "not changed" in kept.chosen and "per_cell = 97" in kept.chosen
     with pytest.raises(CaseError, match="was not measured"):
         load(CASES["one_cell"], ["numerics.accuracy=0.001%"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import CASES, built, case
 
-from cellmig.case.gaps import lie
+from cellmig.case.gaps import arrangement
 from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
@@ -54,7 +54,7 @@ def told(found: Case) -> dict[str, str]:
 def test_a_cell_of_any_shape_rests_where_the_bonds_are_at_their_range(name: str) -> None:
     found = scene({**SHAPES[name], "centre": ["3 um"], "rest": True})
     assert found.cells[0].centre[0] == 3.0
-    assert lie(found).heights[0] == pytest.approx(RANGE, abs=1e-14)
+    assert arrangement(found).heights[0] == pytest.approx(RANGE, abs=1e-14)
     with built(found) as simulation:
         # Corners and lowest points are particles; 150 along and in an ellipse leave its lowest point 9e-5 above.
         assert simulation.scene.X[:, 1].min() == pytest.approx(RANGE, abs=2e-4)
@@ -94,30 +94,31 @@ def test_what_cannot_rest_is_told_with_what_would_do(own: dict, part: str) -> No
 def test_the_least_gap_is_exact_between_corners_edges_and_curves() -> None:
     box = {"shape": "rectangle", "width": "4 um", "height": "2 um"}
     tip = {"shape": "polygon", "corners": [["0 um", "0 um"], ["3 um", "1 um"], ["3 um", "-1 um"]]}
-    found = lie(scene({**box, "centre": ["0 um", "1.5 um"]}, {**tip, "centre": ["2.7 um", "1.6 um"]},
+    found = arrangement(scene({**box, "centre": ["0 um", "1.5 um"]}, {**tip, "centre": ["2.7 um", "1.6 um"]},
                       {**box, "centre": ["0 um", "9 um"]}))
     assert (found.gap, found.pair) == (pytest.approx(0.7, abs=1e-12), (0, 1))
     assert found.box == pytest.approx(np.array([[-2.0, 0.5], [5.7, 10.0]]))
     assert found.heights == pytest.approx([0.5, 0.6, 8.0])
     for angle in (0.0, 0.3, 1.1):
         x, y = 10.01 * np.cos(angle), 5.01 + 10.01 * np.sin(angle)
-        far = lie(scene({"centre": ["0 um", "5.01 um"]}, {"centre": [f"{x} um", f"{y} um"]}))
+        far = arrangement(scene({"centre": ["0 um", "5.01 um"]}, {"centre": [f"{x} um", f"{y} um"]}))
         assert far.gap == pytest.approx(0.01, abs=1e-4)  # measured 4.3e-5: an outline has 720 points
-    assert lie(scene({"centre": ["0 um"], "rest": True})).gap is None
+    assert arrangement(scene({"centre": ["0 um"], "rest": True})).gap is None
     moved = scene({"centre": ["0 um", "5.01 um"], "displacement": ["0.02*x um", "0.5 um"]})
-    assert lie(moved).box == pytest.approx(np.array([[-5.1, 0.51], [5.1, 10.51]]), abs=1e-9)
+    assert arrangement(moved).box == pytest.approx(np.array([[-5.1, 0.51], [5.1, 10.51]]), abs=1e-9)
 
 
 def test_formulas_that_are_infinite_where_no_particle_is_do_no_harm() -> None:
     odd = {"displacement": ["0.01/x um", "0 um"], "velocity": ["0.01/x um/us", "0 um/us"]}
     found = scene({"centre": ["0 um", "5.01 um"], **odd}, {"centre": ["60 um", "5.01 um"], **odd})
-    assert lie(found).gap == pytest.approx(50.0, abs=0.01) and expected(found, lie(found), 1.0).start < 1.0
+    at_start = arrangement(found)
+    assert at_start.gap == pytest.approx(50.0, abs=0.01) and expected(found, at_start, 1.0).start < 1.0
 
 
 def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
     at = np.random.default_rng(3).permutation(36)[:12]
     centres = [(60.0 * (n % 6) + 7.0 * (n % 5), 40.0 + 50.0 * (n // 6) + 3.0 * (n % 4)) for n in at]
-    found = lie(scene(*({"centre": [f"{x} um", f"{y} um"]} for x, y in centres)))
+    found = arrangement(scene(*({"centre": [f"{x} um", f"{y} um"]} for x, y in centres)))
     apart = {(i, j): np.hypot(*np.subtract(centres[i], centres[j])) - 10 for i in range(12) for j in range(i)}
     assert found.gap == pytest.approx(min(apart.values()), abs=1e-4)
     assert found.pair == tuple(sorted(min(apart, key=apart.get)))
@@ -126,7 +127,7 @@ def test_the_least_gap_is_that_of_all_pairs_however_far_apart() -> None:
 def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
     found = scene({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]},  # 0.39 µm upon the first
                   {"centre": ["40 um", "7 um"]}, {"centre": ["50.01 um", "7 um"]})
-    assert list(lie(found).floating) == [2, 3]
+    assert list(arrangement(found).floating) == [2, 3]
     warning = told(found)["WARNING"]
     assert "2 cells float" in warning and "'Cell-3' by 2 µm, 'Cell-4' by 2 µm; rest = true" in warning
     assert "beyond the 1 µm that its bonds reach" in warning
@@ -149,7 +150,7 @@ PUSHED = 'protrusion.cells=["Cell-1"]'
     ("one_cell", (PUSHED, "cells.0.radius=3 um", "cells.0.rest=true")), ("three_only", ()), ("all_protrude", ())])
 def test_the_speed_to_expect_is_that_of_a_run_within_a_factor_of_two(name: str, sets: tuple) -> None:
     found = case(name, *sets, "time.end=200 us", per_cell=100)
-    estimate = expected(found, lie(found), 200.0)
+    estimate = expected(found, arrangement(found), 200.0)
     with built(found) as simulation:
         simulation.go(200.0)
         (aggregate, *_), _ = simulation.sample()
@@ -160,7 +161,7 @@ def test_the_speed_to_expect_is_that_of_a_run_within_a_factor_of_two(name: str, 
 
 def test_speeds_and_reynolds_number_are_those_of_the_formulas() -> None:
     found = case("one_cell", PUSHED)
-    e = expected(found, lie(found), 400.0)
+    e = expected(found, arrangement(found), 400.0)
     push = 0.06 * 0.5 * 240.0 * 1.6 * np.sqrt(2.5)
     mass = 1000.0 * np.pi * 25.0
     assert e.push == pytest.approx(push) and e.speed == pytest.approx(push * 400.0 / mass)
@@ -168,7 +169,7 @@ def test_speeds_and_reynolds_number_are_those_of_the_formulas() -> None:
     assert e.spreading == pytest.approx(240.0 / (1000.0 + np.sqrt(1000.0 * 5.0 * 240.0)))
     assert e.reynolds == pytest.approx(1000.0 * e.spreading * 10.0 / 1000.0)
     afloat = case("one_cell", PUSHED, "cells.0.radius=4 um", 'cells.0.velocity=["0.3 um/us", "-0.4 um/us"]')
-    e = expected(afloat, lie(afloat), 400.0)
+    e = expected(afloat, arrangement(afloat), 400.0)
     assert (e.push, e.speed, e.spreading, e.start) == (0.0, 0.0, 0.0, pytest.approx(0.5))
 
 
