@@ -24,6 +24,7 @@ def case():
     return cellmig.change(cellmig.load(CASES["one_cell"]), COARSE)
 
 
+@pytest.mark.serial
 def test_a_changed_case_is_another_and_the_old_one_stays(case):
     finer = cellmig.change(case, {"particles.spacing": "0.8 um", "cells.Cell-1.radius": "4 um"})
     assert (finer.particles.per_cell, finer.particles.spacing) == (None, 0.8)
@@ -31,12 +32,14 @@ def test_a_changed_case_is_another_and_the_old_one_stays(case):
     assert cellmig.change(case, {}) == case
 
 
+@pytest.mark.serial
 def test_a_table_may_be_changed_as_a_whole(case):
     elastic = {"law": "mooney-rivlin", "density": "1000 kg/m^3", "C1": "1 kPa", "C2": "0 Pa",
                "volumetric_modulus": "100 kPa"}
     assert cellmig.change(case, {"materials.cytoplasm": elastic}).materials["cytoplasm"].law == "mooney-rivlin"
 
 
+@pytest.mark.serial
 def test_all_mistakes_in_changes_are_told_at_once(case):
     with pytest.raises(CaseError) as error:
         cellmig.change(case, {"time.ends": "40 us", "cells.Cell-9.radius": "4 um", "seed": "many"})
@@ -58,12 +61,14 @@ def test_a_run_is_read_back_as_arrays(case, shared_tmp):
     assert "aggregate" in repr(again)
 
 
+@pytest.mark.serial
 def test_tables_are_pandas_frames(case, shared_tmp):
     pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
     record = cellmig.run(case, out=shared_tmp / "run", quiet=True)
     assert list(record.history.query("cell == 1")["time_us"]) == list(record.ledger["time_us"])
 
 
+@pytest.mark.serial
 def test_without_pandas_the_message_says_what_to_do(case, shared_tmp, monkeypatch):
     record = cellmig.run(case, out=shared_tmp / "run", quiet=True)
     monkeypatch.setitem(sys.modules, "pandas", None)
@@ -78,11 +83,13 @@ def test_forces_on_the_substrate_and_between_cells_are_drawn_of_scenes_that_have
     assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between"]
 
 
+@pytest.mark.serial
 def test_what_is_no_run_is_not_opened(shared_tmp):
     with pytest.raises(OutputError, match="not the directory of a run"):
         cellmig.open(shared_tmp / "nothing")
 
 
+@pytest.mark.serial
 def test_a_picture_shows_itself_in_a_notebook(case, shared_tmp):
     record = cellmig.run(case, out=shared_tmp / "run", until="0.1 us", quiet=True)
     assert record.picture([0.0])._repr_png_().startswith(b"\x89PNG")

@@ -11,8 +11,6 @@ import pytest
 from scenes import CASES, built, case, everywhere
 from scipy.spatial import Delaunay, cKDTree
 
-from mpi4py import MPI
-
 from cellmig.case.load import from_dict
 from cellmig.case.registry import laws
 from cellmig.geometry import polygons
@@ -20,6 +18,8 @@ from cellmig.geometry.delaunay import areas, triangles
 from cellmig.geometry.disc import Disc, Layout
 from cellmig.meshfree import rkpm
 from cellmig.solve.start import discretise
+
+pytestmark = pytest.mark.serial
 
 MIRROR = np.array([-1.0, 1.0])
 # What numpy leaves out on a processor without AVX-512; on one that has none anyway this changes nothing.
@@ -155,7 +155,6 @@ def laid_out(corners: np.ndarray, count: int = 200, **more: Any) -> Layout:
     return laws("shape")["polygon"](corners=tuple(map(tuple, corners.tolist())), **more).particles(count)
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("name", OUTLINES)
 @pytest.mark.parametrize("more", [{}, {"nucleus_ratio": 0.35}, {"nucleus_ratio": 0.15}], ids=["", "core", "small core"])
 def test_first_point_and_sense_of_an_outline_do_not_matter(name: str, more: dict) -> None:
@@ -167,7 +166,6 @@ def test_first_point_and_sense_of_an_outline_do_not_matter(name: str, more: dict
             assert np.array_equal(a, b)
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("name", OUTLINES)
 @pytest.mark.parametrize("count", [150, 201])
 @pytest.mark.parametrize("more", [{}, {"nucleus_ratio": 0.35}, {"nucleus_ratio": 0.15}], ids=["", "core", "small core"])
@@ -181,7 +179,6 @@ def test_a_mirrored_outline_has_the_mirrored_layout(name: str, count: int, more:
         assert np.abs(a.X * MIRROR - a.X[images(a.X * MIRROR, a.X)]).max() < 1e-12  # measured 6e-14
 
 
-@pytest.mark.serial
 def test_names_of_edges_stay_those_of_the_corners_as_given() -> None:
     p = OUTLINES["corners"]
     for corners in (p, np.roll(p, 2, axis=0), p[::-1]):
@@ -194,7 +191,6 @@ def test_names_of_edges_stay_those_of_the_corners_as_given() -> None:
             assert polygons.sides(layout.X[layout.surface])[on].sum() == pytest.approx(length, rel=1e-12)
 
 
-@pytest.mark.serial
 def test_points_of_a_circle_are_exact_mirror_images_from_the_lowest_one() -> None:
     for n in (3, 8, 12, 137, 2000):
         p = polygons.circle(n)
@@ -203,24 +199,9 @@ def test_points_of_a_circle_are_exact_mirror_images_from_the_lowest_one() -> Non
         assert np.abs(np.hypot(*p.T) - 1.0).max() < 1e-14  # measured 1e-15
 
 
-# ----------------------------------------------------------------------------------------- ranks, processors and orders
+# ------------------------------------------------------------------------------------------------ processors and orders
 
 
-@pytest.mark.parametrize("name", ["all_protrude", "director_radial"])
-def test_ranks_whose_sines_differ_run_the_same_run(comm: MPI.Comm, name: str, monkeypatch) -> None:
-    found = case(name, 'time.end="0.5 us"', per_cell=60)
-    with built(found, MPI.COMM_SELF) as sim:
-        sim.go(0.2)
-        expected = comm.bcast(sim.state_hash())
-    plain = polygons.circle
-    if comm.rank > 0:  # as if its processor were unlike that of rank 0, and worse
-        monkeypatch.setattr(polygons, "circle", lambda n: plain(n) * (1.0 + 1e-7))
-    with built(found) as sim:
-        sim.go(0.2)
-        assert sim.state_hash() == expected
-
-
-@pytest.mark.serial
 def test_layouts_have_the_same_bits_on_an_older_processor(outside_mpi: dict[str, str]) -> None:
     program = """if True:
         import hashlib, sys

@@ -17,6 +17,8 @@ from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.overlap import escaped
 from cellmig.solve.start import discretise
 
+pytestmark = pytest.mark.serial
+
 RADIUS, RATIO = 5.0, 0.283
 COUNTS = [7, 19, 91, 150, 200, 331, 631, 1485]
 DILATIONS = [1.3, 1.8, 2.2, 3.0]
@@ -69,7 +71,6 @@ def test_lowest_particle_is_on_the_axis(count: int) -> None:
 
 
 # measured 1.5, -3.9, -2.5, 0.33, -0.32 %: polygons for circles, 1485 being the paper's number
-@pytest.mark.serial
 @pytest.mark.parametrize(("count", "tolerance"), [(200, 0.02), (331, 0.045), (631, 0.03), (1485, 0.015), (3000, 0.015)])
 def test_nucleus_has_its_share_of_the_area(count: int, tolerance: float) -> None:
     t = cell(count)
@@ -81,7 +82,6 @@ def polygon_area(X: np.ndarray) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("count", COUNTS)
 def test_volumes_add_up_to_the_area_of_the_polygon(count: int) -> None:
     t = cell(count)
@@ -105,7 +105,6 @@ def test_window_is_a_smooth_bump_of_known_weight() -> None:
     assert not np.any(rkpm.window(np.array([1.0, 1.5])))
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("count", COUNTS[1:])
 @pytest.mark.parametrize("dilation", DILATIONS)
 def test_gradients_of_constant_and_linear_fields_are_exact(count: int, dilation: float) -> None:
@@ -123,7 +122,6 @@ def test_gradients_of_linear_fields_are_exact_where_supports_differ() -> None:
     assert np.abs(G @ (X @ np.array([0.7, -1.3])) - (0.7 - 1.3j)).max() < 1e-12  # measured 2e-15
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("dilation", [1.8, 2.2])
 def test_gradient_of_a_smooth_field_converges_with_the_second_order(dilation: float) -> None:
     def error(count: int) -> tuple[float, float]:
@@ -166,7 +164,6 @@ def test_divergence_is_the_adjoint_of_the_gradient(name: str) -> None:
         assert (f * w).sum() == pytest.approx(-power.sum(), abs=1e-13 * np.abs(power).sum())
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("count", [91, 150, 331, 1485])
 @pytest.mark.parametrize("dilation", [1.8, 2.2, 3.0])
 def test_gradients_obey_the_divergence_theorem(count: int, dilation: float) -> None:
@@ -184,7 +181,6 @@ def test_gradients_obey_the_divergence_theorem(count: int, dilation: float) -> N
 # ------------------------------------------------------------------------------------------------ recovered stress
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("count", [331, 1485])
 def test_recovery_keeps_linear_stresses_and_damps_noise(count: int) -> None:
     t = cell(count)
@@ -201,7 +197,6 @@ def rms(a: np.ndarray) -> float:
 # -------------------------------------------------------------------------------------------------- stabilisation
 
 
-@pytest.mark.serial
 @pytest.mark.parametrize("count", [19, 91, 150, 331])
 def test_stabilisation_is_symmetric_positive_and_blind_to_linear_fields(count: int) -> None:
     t = cell(count)
@@ -224,7 +219,6 @@ def dissipation(t: Template, v: np.ndarray) -> tuple[float, float]:
 # Total over exact, measured on a disc with 3000 particles at 4.5, 6, 8, 12, 20 spacings (stabilisation's share):
 # 1.12 (0.65), 1.08 (0.42), 1.05 (0.25), 1.02 (0.12), 1.01 (0.05).  A support of 3 spacings sees less of short waves:
 # 0.89, 0.88, 0.90, 0.95, 0.98.
-@pytest.mark.serial
 @pytest.mark.parametrize("wavelength", [4.5, 6.0, 8.0, 12.0, 20.0])
 @pytest.mark.parametrize(("dilation", "low", "high"), [(2.2, 0.95, 1.15), (3.0, 0.87, 1.0)])
 @pytest.mark.parametrize("angle", [0.0, 0.5])
@@ -240,7 +234,6 @@ def test_shear_waves_lose_what_they_should(wavelength: float, dilation: float, l
     assert low < lost / exact < high
 
 
-@pytest.mark.serial
 def test_zigzag_that_the_gradient_hardly_sees_is_damped() -> None:
     t = cell(1485, nucleus=False)
     v = np.random.default_rng(3).choice([-1.0, 1.0], (1485, 2))

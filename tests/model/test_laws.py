@@ -19,6 +19,8 @@ from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
 from cellmig.model.director import STARTS, start_angle
 
+pytestmark = pytest.mark.serial
+
 MATERIALS, ADHESIONS, PROTRUSIONS = (list(laws(kind)) for kind in ("material", "adhesion", "protrusion"))
 
 

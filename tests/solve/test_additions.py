@@ -27,6 +27,7 @@ def drop(**tables: dict[str, Any]) -> Case:
     return from_dict(tree | tables)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", CORTEXES)
 def test_tension_is_the_derivative_of_the_cortex_energy(name: str) -> None:
     law, stretch, h = example("cortex", name), np.linspace(0.6, 2.0, 15), 1e-5
@@ -54,6 +55,7 @@ def test_cortex_pulls_with_the_gradient_of_its_energy_and_moves_nothing_as_a_who
         assert abs(turn.sum()) < 1e-13 * np.abs(turn).sum()  # measured 5e-16
 
 
+@pytest.mark.serial
 def test_a_drop_under_tension_has_the_pressure_of_laplace() -> None:
     tension, radius = 200.0, 5.0
     with built(drop(cortex={"law": "line-tension", "line_tension": f"{tension} pN/um"})) as sim:
@@ -114,6 +116,7 @@ def test_the_work_of_activity_is_in_the_ledger_to_second_order() -> None:
     assert fine < coarse < 1e-4 and np.log2(coarse / fine) > 1.7
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("sets", [
     ("materials.cytoplasm.eta='1e8 pN'", "director.law=frozen", "director.start=radial"),
     ("materials.cytoplasm.eta='1e6 pN'", "director.law=relaxing", "director.start=uniform",
@@ -124,6 +127,7 @@ def test_director_and_activity_shorten_the_step_where_they_are_stiffer_than_the_
         assert after < 0.8 * before
 
 
+@pytest.mark.serial
 def test_a_director_relaxes_stably_in_a_small_cell_beside_a_large_one() -> None:
     tree = case("director_radial", per_cell=80).resolved()
     large = tree["cells"][0]
@@ -143,6 +147,7 @@ def test_loads_that_the_volumes_do_not_bear_end_a_run_and_are_named() -> None:
         sim.go(1.0)
 
 
+@pytest.mark.serial
 def test_a_network_resists_shear_and_a_fluid_does_not() -> None:
     shear = np.array([[1.0, 0.2], [0.0, 1.0]])[:, :, None]
     network, fluid = example("material", "gel"), example("material", "nematic")

@@ -13,6 +13,8 @@ from scipy.special import gamma
 from cellmig.parallel.reduce import exact_sum
 from cellmig.simulation import Simulation
 
+pytestmark = pytest.mark.serial
+
 WHAT = ["substrate", "contact"]
 
 

@@ -328,6 +328,7 @@ def test_a_drop_squeezed_flat_is_as_wide_and_high_as_with_finer_particles() -> N
 # ------------------------------------------------------------------------------------------------------- the message
 
 
+@pytest.mark.serial
 def test_stretch_is_the_largest_singular_value_and_indifferent_to_rotation() -> None:
     F = np.eye(2)[:, :, None] + 0.8 * np.random.default_rng(4).standard_normal((2, 2, 100))
     expected = np.linalg.svd(np.moveaxis(F, 2, 0), compute_uv=False)[:, 0]

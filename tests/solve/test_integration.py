@@ -38,6 +38,7 @@ def rms(a: np.ndarray) -> float:
 
 # Positions converge with the second order; damping sees the velocity of half a step before, which makes it the first.
 # Measured 1.83, 1.98 and 1.18, 1.09.
+@pytest.mark.serial
 @pytest.mark.parametrize(("sets", "order"), [((), 2), (DAMPED, 1)])
 def test_leapfrog_converges_with_its_order(sets: tuple, order: int) -> None:
     x = [after(stepped("nucleus", step, *sets), 1.0)[:, :2] for step in (4, 2, 1, 0.5)]
@@ -47,6 +48,7 @@ def test_leapfrog_converges_with_its_order(sets: tuple, order: int) -> None:
     assert change[-1] < 1e-3 * rms(x[-1])  # measured 1e-5 and 7e-5
 
 
+@pytest.mark.serial
 def test_runge_kutta_converges_with_the_third_order() -> None:
     """PETSc's default type of it, 3bs; measured 3.01."""
     x = [after(stepped("nucleus", step, *DAMPED, integrator="rk"), 1.0)[:, :2] for step in (4, 2, 1)]
@@ -55,6 +57,7 @@ def test_runge_kutta_converges_with_the_third_order() -> None:
     assert np.abs(found - 3).max() < 0.1, f"changes {change}, orders {found}"
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("name", "per_cell", "tolerance"), [("all_protrude", 93, 4e-3), ("nucleus", 150, 2e-5)])
 def test_leapfrog_and_runge_kutta_agree_as_steps_shrink(name: str, per_cell: int, tolerance: float) -> None:
     def difference(step: float) -> float:
@@ -85,6 +88,7 @@ def test_bonds_that_start_pressed_are_followed_with_finer_steps(height: str) -> 
 
 # Measured: between -3.9e-4 and +5.2e-4 at 0.8 of the stable step, within 1.7e-5 at 2 ns; no trend in 20 µs, which is
 # some 15 periods of the slowest mode.
+@pytest.mark.serial
 @pytest.mark.parametrize(("step", "tolerance"), [('"auto"', 1e-3), ('"2 ns"', 5e-5)])
 def test_an_elastic_disc_keeps_its_energy(step: str, tolerance: float) -> None:
     with built(case("nucleus", f"time.step={step}")) as sim:
@@ -149,6 +153,7 @@ def test_every_case_takes_steps_and_its_ledger_closes(name: str) -> None:
         assert ledger["artificial_dissipation_pn"] > 0.0 and min(ledger["viscous_loss_pn"], ledger["kinetic_pn"]) >= 0.0
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("name", "sets"), [("paper", []), ("director_radial", []),
                                             ("all_protrude", ["protrusion.protrusion_ratio=3.0"])])
 def test_the_ledger_closes_with_the_second_order(name: str, sets: list[str]) -> None:
@@ -163,6 +168,7 @@ def test_the_ledger_closes_with_the_second_order(name: str, sets: list[str]) -> 
     assert fine < 2e-4  # measured 8.5e-5
 
 
+@pytest.mark.serial
 def test_the_ledger_closes_with_the_second_order_while_the_step_changes() -> None:
     def energy_error(longest: float) -> float:
         n = round(0.05 / longest)
@@ -245,6 +251,7 @@ STICKY = 'materials.cytoplasm.viscosity="100 mPa s"'
 
 
 # Where elasticity alone sets it the estimate is sharp: measured stable at 1.0, not finite after 300 steps of 1.05.
+@pytest.mark.serial
 def test_stable_step_of_an_undamped_disc_is_sharp() -> None:
     quiet = case("nucleus", AT_REST)
     assert growth(quiet, 0.95) < 5.0  # measured 0.7; 1.7 at 1.0
@@ -253,6 +260,7 @@ def test_stable_step_of_an_undamped_disc_is_sharp() -> None:
 
 # The sum of the largest damping of each kind, and of sound, is a bound: measured stable up to 1.5 where viscosity
 # sets it, up to 1.0 in a lightly damped elastic disc.
+@pytest.mark.serial
 @pytest.mark.parametrize("scene", [("one_cell", IN_THE_AIR, STICKY), ("nucleus", AT_REST)])
 def test_stable_step_with_damping_is_safe_and_not_twice_too_small(scene: tuple) -> None:
     quiet = case(*scene)

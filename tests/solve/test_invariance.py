@@ -10,6 +10,8 @@ from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 
+pytestmark = pytest.mark.serial
+
 ALONE = 'protrusion.cells=["Cell-1"]'
 
 

@@ -19,6 +19,8 @@ from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.verify.exact import Ringing, cauchy, poisson, sheared
 
+pytestmark = pytest.mark.serial
+
 LAYOUTS = ["rings", "irregular"]
 NUCLEUS, CELL, RATIO = 1.415, 5.0, 0.283  # radii [µm]
 COUNTS = (200, 400, 800)
@@ -115,7 +117,6 @@ def check(spacing: list[float], found: list[list[float]], least: list[float], la
 # sound, which the default damping quiets: without it the whole stress is noise, and its deviator is as good.
 # measured orders 1.41, 1.20, 1.73, 1.81 and last errors 0.098, 0.040, 0.012, 0.013 in rings;
 # 1.59, 1.66, 1.55, 1.79 and 0.077, 0.026, 0.014, 0.013 irregular
-@pytest.mark.serial
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_stress_of_a_disc_that_rings_in_its_slowest_mode_converges(layout: str) -> None:
     spacing, found, size = [], [], 1e-6
@@ -223,7 +224,6 @@ def scatter(X: np.ndarray, s: np.ndarray) -> float:
 # fit (all relative to the exact stress, which is uniform).
 # measured orders 0.72, 1.06, 0.67 and 0.67, 1.15, 0.49, last values 0.55, 0.19, 0.42 and 0.54, 0.24, 0.40 in rings;
 # 0.76, 1.06, 0.67 and 0.74, 1.20, 0.49, 0.57, 0.19, 0.47 and 0.56, 0.24, 0.44 irregular
-@pytest.mark.serial
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_stress_of_a_nucleus_in_a_fluid_that_is_squeezed_converges(layout: str) -> None:
     """The kink of the velocity at the interface, smeared over a spacing, costs an order."""
@@ -265,7 +265,6 @@ def told_of(series: np.ndarray) -> str:
 # measured at these numbers of particles: nucleus 6.9, 6.8, 3.3, 2.8, 2.2, of its mean stress 4.2, 3.7, 2.3, 2.1, 1.7;
 # bottom 6.3, 5.5, 5.2, 4.4, 4.9, where single snaps of the contact line weigh; its median 3.31, 3.15, 3.39, 3.30, 3.31
 @pytest.mark.slow
-@pytest.mark.serial
 @pytest.mark.timeout(1800)
 def test_stress_of_a_cell_that_spreads_settles_in_the_cytoplasm_and_falls_in_the_nucleus_with_the_spacing() -> None:
     spacing, found = zip(*(spread(count) for count in (331, 631, 1485, 3000, 6000)), strict=True)  # a minute

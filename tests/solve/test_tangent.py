@@ -26,6 +26,7 @@ MATERIALS = [(name, method, by) for name, law in laws("material").items() for me
 # ------------------------------------------------------------------------------------------------------ pointwise
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("name", "method", "by"), MATERIALS)
 def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method: str, by: str) -> None:
     law = example("material", name)
@@ -40,12 +41,14 @@ def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method
     assert_close(found, expected, 1e-10)  # measured 2e-12, of the differences
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", [name for name, method, by in MATERIALS if method == "stress"])
 def test_tangent_of_an_energy_is_symmetric(name: str) -> None:
     A = tangent(example("material", name), "stress", {"F": deformations()})
     assert_close(A, A.transpose(2, 3, 0, 1, 4), 1e-14)  # measured 4e-16
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", laws("adhesion"))
 def test_tangent_of_adhesion_is_the_derivative_of_its_forces(name: str) -> None:
     law = example("adhesion", name)
@@ -64,6 +67,7 @@ def test_tangent_of_adhesion_is_the_derivative_of_its_forces(name: str) -> None:
     assert_close(found, expected, 1e-7)  # measured 2e-11, of the differences
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", laws("cortex"))
 def test_tangent_of_a_cortex_is_the_derivative_of_its_pull(name: str) -> None:
     law, along, length = example("cortex", name), vectors(), np.linspace(0.5, 2.0, 200)
@@ -75,6 +79,7 @@ def test_tangent_of_a_cortex_is_the_derivative_of_its_pull(name: str) -> None:
     assert_close(found, expected, 1e-7)  # measured 2e-8, of the differences
 
 
+@pytest.mark.serial
 def test_an_operation_without_a_rule_is_refused() -> None:
     with pytest.raises(TypeError, match="arcsinh"):
         np.arcsinh(Dual(1.0, [1.0]))
