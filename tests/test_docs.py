@@ -19,6 +19,7 @@ from scenes import ROOT
 from cellmig.case.load import load
 from cellmig.laws import register
 from cellmig.parallel.arguments import split_arguments
+from cellmig.runs.sweep import variation
 from cellmig.usage import parse, what_first
 from cellmig.verify.verify import load_references
 
@@ -90,7 +91,8 @@ def test_every_command_of_a_page_is_one(page: Path) -> None:
         if (options.command == "verify" and options.stress) or options.command == "paper":
             case = Path("cases/all_protrude.toml")
         if case and (ROOT / case).is_file() and not getattr(options, "laws", []):
-            load(ROOT / case, options.sets)
+            varied = [f"{key}={values[0]!r}" for key, values in map(variation, getattr(options, "vary", []))]
+            load(ROOT / case, [*options.sets, *varied])
 
 
 def commands(page: Path) -> Iterator[list[str]]:
