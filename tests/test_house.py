@@ -36,7 +36,7 @@ LARGEST_ROOM = 0.2  # of the lines of the package
 CONDITIONS, UNUSED, UNSAID = 45, 13, 9  # in C: lines `#if…`, casts `(void)x`, functions without a comment
 SILENT = {"model": 0, "geometry": 0, "meshfree": 0, "kernel": 18, "solve": 34}  # docstrings, to be completed
 # Words that a reader would not look up: what to write instead, and how often they may yet stand in comments.
-JARGON = {"foot": ("the closest point; columns have one", 2), "lent": ("shared, or ghosts of other ranks", 0),
+JARGON = {"foot": ("the closest point; columns have one", 3), "lent": ("shared, or ghosts of other ranks", 0),
           "homes?": ("stencil", 0), "whoever": ("who it is", 1), "that which": ("what it is", 1),
           "worst off": ("of the largest …", 0), "fling": ("what happens", 0),
           "kicked": ("accounted", 0), "lags? behind": ("the time since", 1), "tangled?": ("overlap", 0)}
