@@ -61,7 +61,7 @@ On several ranks: mpiexec -n 4 cellmig CASE.toml
 Options with one dash are PETSc's, such as -ts_type rk, -ts_dt 1e-3 (in µs).
 
 exit codes: 0 done, 1 two runs differ, 2 the case or the command line is wrong,
-            3 something is missing on the machine, 4 the solution failed,
+            3 something is missing on the machine, 4 the simulation failed,
             5 input or output failed, 75 stopped on request: 'resume' continues"""
 
 

@@ -118,7 +118,7 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
                    label=name.removesuffix("_pn").replace("_", " "))
     lower.plot(ledger["time_us"], 100 * ledger["energy_error"], color="0.2")
     upper.set_ylabel("energy per thickness [pN]")
-    lower.set(ylabel="does not\nadd up [%]", xlabel="time [µs]")
+    lower.set(ylabel="energy\nerror [%]", xlabel="time [µs]")
     if entries:
         upper.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
     return figure

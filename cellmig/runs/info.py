@@ -17,7 +17,7 @@ from cellmig.output.xdmf import frames
 from .summary import lost_said
 
 Rows = Iterator[tuple[str, Any]]
-_ENDED = {0: "done", 4: "the numbers broke", 5: "input or output failed", 75: "stopped on request"}
+_ENDED = {0: "done", 4: "the simulation failed", 5: "input or output failed", 75: "stopped on request"}
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
 # Keys that other rows already show, or that are for programs.
 _SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_energy_error", "hosts", "list_renewals",
@@ -101,8 +101,8 @@ def _ledger_rows(path: Path) -> Rows:
     worst = np.nanargmax(np.abs(table["energy_error"]))
     if lost := lost_said({name: float(column[-1]) for name, column in table.items()}):
         yield "losses", lost
-    yield "energy", (f"at most {100 * abs(table['energy_error'][worst]):.2g} % does not add up, at "
-                     f"{table['time_us'][worst]:g} µs")
+    yield "energy error", (f"at most {100 * abs(table['energy_error'][worst]):.2g} %, at "
+                           f"{table['time_us'][worst]:g} µs")
 
 
 def _made_with(m: dict[str, Any]) -> Rows:

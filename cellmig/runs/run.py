@@ -249,8 +249,8 @@ class Run:
         if frame:
             self._write_frame()
         if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
-            self._integrator.fail(f"{100 * entries['energy_error']:.3g} % of the energy does not add up, of "
-                                  f"{100 * ENERGY_ERROR:g} % at most")
+            self._integrator.fail(f"the energy error is {100 * entries['energy_error']:.3g} %, more than "
+                                  f"{100 * ENERGY_ERROR:g} %")
         m, terms = s.mechanics, s.terms
         x, outside = m.segments.everywhere(), []
         if frame:  # it takes longer than a sample
@@ -329,14 +329,14 @@ class Run:
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
         self._save_manifest()
-        ended = {DONE: "done", BROKEN: "broken", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
+        ended = {DONE: "done", BROKEN: "failed", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
         why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
         self.log(f"{ended}: {duration(1e-6 * s.time, 6)} in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per "
                  f"particle and step{why}")
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
-                     f"at most {100 * self.worst_energy_error:.2g} % of the energy does not add up")
+                     f"energy error at most {100 * self.worst_energy_error:.2g} %")
         if lost := lost_said(self.entries):
             self.log(f"lost {lost}")
         if warning := self.strain.summary():

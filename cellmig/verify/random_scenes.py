@@ -34,7 +34,7 @@ SOFT = 0.4  # largest allowance for softness: J from 0.5 to 1.5
 AREA = 0.1  # largest relative change of a cell's area beyond that by J, over the largest |J - 1|: 1 to 5 %
 STEPS, LIMIT = 3000, 240.0  # limits of a run: steps, wall time [s]
 # A clear message names time, cause, particle and remedy.
-CLEAN = re.compile(r"broke at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
+CLEAN = re.compile(r"failed at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
 
 
 @dataclass(frozen=True)

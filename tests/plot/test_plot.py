@@ -264,7 +264,7 @@ def test_info_tells_what_a_run_was_and_did(run):
     for part in ("case test scene", "ended not yet", "took 1:05 on", "skipped nothing", "frames 21 from 0 to 400 µs",
                  "last sample 400 µs", "aggregate moved 8 µm",
                  "cell 3 moved 11 µm on the substrate 7 µm on cells 2 µm",
-                 "energy at most 0.2 % does not add up, at 400 µs"):
+                 "energy error at most 0.2 %, at 400 µs"):
         assert part in text
 
 

@@ -363,7 +363,7 @@ def test_a_missing_module_is_named_with_what_installs_it(alone, tmp_path):
 def test_a_step_far_too_large_is_refused_by_the_numbers_with_cause_and_remedy(cellmig, tmp_path, ranks):
     done = cellmig(ranks, PAPER, *COARSE, "--until", "5 us", "--set", "time.step=20 ns", "--out",
                    tmp_path / "run")
-    refused(done, 4, "the numbers broke at", "particle ", "of cell ", "times the stable one", 'time.step = "auto"')
+    refused(done, 4, "the simulation failed at", "particle ", "of cell ", "times the stable one", 'time.step = "auto"')
     assert "TOO LARGE" in done.stdout and "20 ns as given" in done.stdout
     manifest = read_manifest(tmp_path / "run")
     assert manifest["exit_status"] == 4 and manifest["cause"] in done.stderr and manifest["state_hash"] is None
@@ -523,7 +523,7 @@ def test_validate_warns_of_bonds_that_start_pressed(alone):
 def test_info_tells_what_a_run_was(alone, runs):
     done = alone("info", runs[3])
     assert (done.returncode, done.stderr) == (0, "")
-    for part in ("all_protrude.toml", "3 ranks", "state hash", "frames", "aggregate", "does not add up"):
+    for part in ("all_protrude.toml", "3 ranks", "state hash", "frames", "aggregate", "energy error"):
         assert part in done.stdout
 
 

@@ -130,9 +130,9 @@ def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
     assert [(row["time.step"], row["cell"], row["exit_status"], row["cause"]) for row in good] == [
         ("auto", cell, "0", "") for cell in "01"]
     assert (bad["time.step"], bad["cell"], bad["exit_status"], bad["ux_um"]) == ("100 ns", "", "4", "")
-    assert "the numbers broke at" in bad["cause"] and Path(bad["directory"]).is_dir()
+    assert "the simulation failed at" in bad["cause"] and Path(bad["directory"]).is_dir()
     told = list(plan.rows(plan.jobs()))[-1]  # as from Python: its manifest tells
-    assert told["exit_status"] == 4 and "the numbers broke at" in told["cause"]
+    assert told["exit_status"] == 4 and "the simulation failed at" in told["cause"]
 
 
 def test_lists_of_who_protrudes_are_varied_in_directories_of_their_own(tmp_path):
