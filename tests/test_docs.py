@@ -138,6 +138,14 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in heads}
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_that_a_page_names_are_there(page: Path) -> None:
+    """From the root or from the package; NAME stands for any."""
+    told = set(re.findall(r"`([\w/]+/\w+\.(?:py|c|h|sh|toml|md))`", page.read_text()))
+    assert not [name for name in told if "NAME" not in name and not (ROOT / name).exists()
+                and not (ROOT / "cellmig" / name).exists()]
+
+
 def test_every_page_is_in_the_contents() -> None:
     assert set(contents()) == {path.name for path in DOCS.glob("*.md")}
 
