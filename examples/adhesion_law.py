@@ -71,4 +71,4 @@ for name in ("seifert", "spring"):
     contact[name] = record.table("history")["substrate_contact_um"][-1]
     error = record.table("ledger")["energy_error"].max()
     print(f"{name}: contact with the substrate {contact[name]:.2f} um after 40 us; "
-          f"{100 * error:.2g} % of the energy does not add up")
+          f"energy error {100 * error:.2g} %")
