@@ -15,6 +15,8 @@ from scipy.spatial import cKDTree
 from ..geometry import polygons
 from ..geometry.delaunay import areas, triangles
 
+CHUNK = 2000  # particles whose arrays fit into the processor's cache
+
 
 def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic spline window w(q) and its derivative dw/dq, (n,) each [-], at distances q (n,) in supports [-].
@@ -60,7 +62,7 @@ def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
-    """Support radii (n,) [µm] of particles at X (n, 2) [µm]: `radius` [µm], or 1.15 times the longest of their edges.
+    """Support radii (n,) [µm] of particles at X (n, 2) [µm]: `radius` [µm], but at least 1.15 times the longest edge.
 
     `edges` (m, 2) int are pairs of neighbours.
     """
@@ -105,9 +107,6 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
         on = slice(some[0], some[-1])
         parts.append(_gradients_of(X[I[on]] - X[J[on]], support[J[on]], support.max(), some[:-1] - some[0]))
     return _zero_row_sums(sparse.csr_matrix((np.concatenate(parts), J, bounds), (n, n)))
-
-
-CHUNK = 2000  # particles whose arrays fit into the processor's cache
 
 
 def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray) -> np.ndarray:

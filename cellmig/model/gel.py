@@ -12,8 +12,8 @@ from .nematic import Nematic
 class Gel(Nematic):
     r"""The fluid of equation (7) and an elastic network, W = G (J^{-2/3} I1 - 3) / 2 with I1 = tr C + 1 in the plane.
 
-    G is the shear modulus [Pa]; the fluid has the parameters of the law nematic.  Source: the neo-Hookean network of
-    Treloar (1943), with the isochoric deformation of Flory (1961).
+    G is the shear modulus [Pa], and J > 0; the fluid has the parameters of the law nematic.
+    Source: the neo-Hookean network of Treloar (1943), with the isochoric deformation of Flory (1961).
     """
 
     energy_column = "elastic"  # of the ledger, for the energies of fluid and network

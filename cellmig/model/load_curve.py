@@ -11,7 +11,7 @@ from ..case.registry import law, quantity
 
 @law("load_curve", "constant")
 class Constant:
-    """Factor 1 from the start."""
+    """The factor 1 at all times."""
 
     def value(self, t):
         """Factor [-] at the time t [µs]."""
@@ -28,7 +28,7 @@ class Constant:
 
 @law("load_curve", "ramp")
 class Ramp:
-    """Linear from 0 to 1 at the time T, then 1."""
+    """A factor that grows linearly from 0 to 1 at the time T, and stays 1."""
 
     duration: float = quantity("us", "time T at which the factor reaches 1", above=0)
 
@@ -47,7 +47,7 @@ class Ramp:
 
 @law("load_curve", "smooth")
 class Smooth:
-    """From 0 to 1 at the time T, then 1, as s³ (10 - 15 s + 6 s²) with s = t/T: rate and acceleration are continuous.
+    """A factor that grows from 0 to 1 at the time T as s³ (10 - 15 s + 6 s²), s = t/T, with continuous acceleration.
 
     Source: the polynomial of least degree whose first two derivatives vanish at both ends.
     """

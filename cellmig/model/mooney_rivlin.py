@@ -13,7 +13,7 @@ class MooneyRivlin(PlaneStrain):
     r"""Hyperelastic solid with the energy W = C1 (I1 - 3 I3^{1/3}) + C2 (I2 - 3 I3^{2/3}) + λ/2 (ln I3)² [Pa].
 
     In plane strain the third principal stretch is 1, so that C = FᵀF has the invariants I1 = C11 + C22 + 1, I2 = I3 +
-    C11 + C22 and I3 = det C.  At rest, the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
+    C11 + C22 and I3 = det C > 0.  At rest, the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
     Source: equations (8) and (9) of Bai, Lin & Zeng (2019), after Fried & Johnson (1988).
     """
 

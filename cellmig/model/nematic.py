@@ -13,9 +13,9 @@ class Nematic(PlaneStrain):
     r"""Viscous liquid crystal with the Cauchy stress σ = -p I + 2 μ d - η (∇h)ᵀ∇h - ζ h⊗h [Pa].
 
     d is the rate of deformation [1/µs] and h the director [-].  The pressure is that of a slightly compressible fluid,
-    p = -k (J - 1/J) / 2.  A run uses the *reduced* modulus for k, on which flow and shape depend as little as J departs
-    from 1.  With h = (cos θ, sin θ) and the current gradient g of θ, the η term is -(η/J) g⊗g, the stress of the energy
-    η |g|² / 2 per reference volume.
+    p = -k (J - 1/J) / 2, for J > 0.  A run uses the reduced modulus for k, on which flow and shape depend as little as
+    J departs from 1.  With h = (cos θ, sin θ) and the current gradient g of θ, the η term is -(η/J) g⊗g, the stress of
+    the energy η |g|² / 2 per reference volume.
     Source: equation (7) of Bai, Lin & Zeng (2019), after Lin & Liu (2000); the pressure is Simo & Hughes's (1998).
     """
 

@@ -14,7 +14,7 @@ WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if th
 
 @law("adhesion", "seifert")
 class Seifert:
-    r"""Bonds of length r with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] [pN µm], N per reference area.
+    r"""Bonds of length r with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] [pN µm], -σ at r = ε; N per reference area.
 
     There are three additions.  Below 0.8 ε the potential continues as its quadratic Taylor polynomial, with continuous
     second derivative, so that its stiffness is bounded.  A linear function makes it reach zero with zero slope at the
