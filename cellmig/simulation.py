@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from .case.messages import CaseError, Mistake
 from .case.schema import Case
-from .kernel.kernel import c_source
+from .kernel.source import c_source
 from .laws import register
 from .meshfree.body import Scene
 from .meshfree.boundary import Boundary, Probes

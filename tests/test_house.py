@@ -31,9 +31,8 @@ FLOORS = ["exits", "version", "case", "model", "geometry", "laws", "meshfree", "
 SIBLINGS = {"paper", "bench", "verify"}  # beside each other: none imports another
 PETSC_ROOMS = {"parallel", "solve", "__main__"}
 LONGEST, LONGEST_FUNCTION = {".py": 400, ".c": 300, ".h": 300}, 60
-LONGER = {"cellmig/kernel/c/step.c": 1010}  # to be split
 LARGEST_ROOM = 0.2  # of the lines of the package
-CONDITIONS, UNUSED, UNSAID = 45, 13, 9  # in C: lines `#if…`, casts `(void)x`, functions without a comment
+CONDITIONS, UNUSED, UNSAID = 4, 0, 0  # in C: lines `#if…`, casts `(void)x`, functions without a comment
 SILENT = {"model": 0, "geometry": 0, "meshfree": 0, "kernel": 18, "solve": 34}  # docstrings, to be completed
 # Words that a reader would not look up: what to write instead, and how often they may yet stand in comments.
 JARGON = {"foot": ("the closest point; columns have one", 3), "lent": ("shared, or ghosts of other ranks", 0),
@@ -45,7 +44,7 @@ PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 23),
           "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 4),
           "gradients as complex numbers": (r"\b1j\b|\.real\b|\.imag\b|\w*complex\w+", 14),
           "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 61),
-          "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 70)}
+          "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 10)}
 FLAT = ("cellmig/verify/", "cellmig/bench/", "cellmig/plot/")
 WRITTEN = {"scaling.md", "verify.md"}  # by the program, where it runs
 
@@ -87,10 +86,10 @@ def test_petsc_is_imported_in_parallel_and_solve_only() -> None:
 
 
 def test_a_module_is_read_in_one_sitting() -> None:
-    """C as well as Python; what is longer so far may only fall."""
+    """C as well as Python."""
     lines = {name: text.count("\n") for name, text in package().items()}
     long = [f"{name}: {n} lines, of {most}" for name, n in lines.items()
-            if n > (most := LONGER.get(name, LONGEST[Path(name).suffix]))]
+            if n > (most := LONGEST[Path(name).suffix])]
     assert not long, report(long)
 
 
@@ -114,8 +113,7 @@ def test_c_says_what_it_is_and_its_lines_fit_as_those_of_python_do() -> None:
     for name, text in package(".c", ".h").items():
         wrong += [f"{name}:1: no comment says what the file is"] * (not text.startswith("/*"))
         for number, line in enumerate(text.splitlines(), 1):
-            wide = len(line) > 120 and name not in LONGER
-            wrong += [f"{name}:{number}: {len(line)} characters"] * wide
+            wrong += [f"{name}:{number}: {len(line)} characters"] * (len(line) > 120)
             wrong += [f"{name}:{number}: a tab, or blanks at the end"] * ("\t" in line or line != line.rstrip())
     assert not wrong, report(wrong)
 

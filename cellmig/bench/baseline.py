@@ -16,7 +16,7 @@ from scipy import sparse
 from mpi4py import MPI
 
 from cellmig.kernel.codegen import Translator
-from cellmig.kernel.kernel import VECTORS
+from cellmig.kernel.source import text_of
 from cellmig.kernel.toolchain import loaded
 from cellmig.meshfree.body import Scene
 from cellmig.meshfree.rkpm import components
@@ -114,7 +114,7 @@ class Baseline:
         self._prepare_c(G)
 
     def _prepare_c(self, G: Any) -> None:
-        parts, chosen, self._vectors = [VECTORS.read_text(encoding="utf-8")], [], []
+        parts, chosen, self._vectors = [text_of("simd.h")], [], []
         for i, material in enumerate(self.materials):
             t = Translator(material, "double")
             parts.append(t.function("stress", f"stress_{i}"))

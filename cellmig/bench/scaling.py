@@ -76,7 +76,7 @@ def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
     """
     alone = sorted((p for p in probes if p["ranks"] == 1), key=lambda p: p["particles"])
     row = [median(p["ns"]["stress"]["cpu"]) + median(p["ns"]["divergence"]["cpu"]) for p in alone]
-    on_surface = [sum(median(p["ns"][t]["cpu"]) for t in (*SURFACE, "protrusion") if t in p["ns"]) * p["particles"]
+    on_surface = [sum(median(p["ns"][t]["cpu"]) for t in SURFACE if t in p["ns"]) * p["particles"]
                   / p["surface"] for p in alone]
     cut = [p for p in probes if p["bodies"] == 1 and p["ranks"] > 1]
     chord = [_cuts(p["particles"], p["ranks"]) * p["ranks"] for p in cut]

@@ -24,14 +24,14 @@ from cellmig.runs.cases import FOLDER
 from cellmig.solve.start import discretise
 
 from .baseline import Baseline
-from .timing import Scene
+from .timing import SURFACE, Scene
 
 PAPER = Scene(3, 1485)
 SCENES = ((PAPER, (1, 2)), (Scene(3, 6700), (1, 2)), (Scene(1, 100_000, False), (1, 2)),
           (Scene(1, 100_000, True), (1, 2)), (Scene(67, 1500), (1, 2)), (Scene(670, 1500), (1, 2)))
 REPEATS = 7
 OPERATIONS = 20.0  # floating-point operations of a neighbour in the internal force: 8 each for F and f, 4 for S
-TERMS = ("stress", "divergence", "substrate", "contact", "protrusion")
+TERMS = ("stress", "divergence", *SURFACE)
 
 
 def bench_speed(out: Path, quick: bool = False) -> int:

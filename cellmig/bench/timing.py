@@ -32,7 +32,7 @@ from cellmig.solve.step import binding
 
 STILL = 1e-12  # a step too short to change the state [µs]
 LEAST = 0.05  # shortest measurement [s]
-SURFACE = {"substrate": "substrate_adhesion", "contact": "cell_adhesion"}
+SURFACE = ("substrate", "contact", "protrusion")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,14 +114,13 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     m, k = sim.mechanics, sim.mechanics.kernel
     m.advance(3, STILL)
     watch = Watch(comm, sim.scene.size, repeats)
-    scratch = np.zeros((m.part.capacity, 2))
+    force, energy = np.zeros((m.part.capacity, 2)), np.zeros(m.part.capacity)
     ns = {"step": watch(lambda n: m.advance(n, STILL)),
           "stress": watch(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
           "divergence": watch(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
-    for term, function in SURFACE.items():
+    for term in SURFACE:
         if getattr(terms, term) is not None:
-            ns[term] = watch(lambda n, function=function: k.repeated(n, function, scratch, None, 0.0))
-    ns["protrusion"] = watch(lambda n: k.repeated(n, "protrude", scratch, None, None, 0.0, 0.0))
+            ns[term] = watch(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
     us = {"look": watch.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": watch.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
     if comm.size > 1:

@@ -1,4 +1,4 @@
-"""Calls of pointwise methods of laws, whose parameters are quantities by name."""
+"""Pointwise formulas, of laws and of forces: how they are called, and what they are written with."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ import inspect
 from typing import Any
 
 import numpy as np
+
+Vector = tuple  # two numbers, or arrays of them
+
+
+def either(yes: Any, one: tuple, other: tuple) -> tuple:
+    """Nested numbers of one tuple where `yes`, else of the other; C computes only the one that is chosen."""
+    return tuple(either(yes, a, b) if isinstance(a, tuple) else np.where(yes, a, b)
+                 for a, b in zip(one, other, strict=True))
 
 
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:

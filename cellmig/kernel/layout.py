@@ -1,4 +1,4 @@
-"""Rows of one rank: its particles and their neighbours, in the blocks of four that kernel.c reads."""
+"""Rows of one rank: its particles and their neighbours, in the blocks of four that the kernel reads."""
 
 from __future__ import annotations
 

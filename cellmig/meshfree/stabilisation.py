@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from ..model.plane_strain import PlaneStrain
+
 
 def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np.ndarray) -> sparse.csr_matrix:
     r"""Symmetric positive semidefinite matrix S: the forces on the particles are -S v, the dissipated power is v·S v.
@@ -53,3 +55,17 @@ def _safe_root(A: np.ndarray) -> np.ndarray:
     """Cholesky factors (n, 2, 2) of A (n, 2, 2), the identity where A is zero: nothing is stabilised there."""
     none = A[:, 0, 0] == 0.0
     return np.linalg.cholesky(np.where(none[:, None, None], np.eye(2), A))
+
+
+class BulkDamping(PlaneStrain):
+    """Numerical damping of sound: a pressure against the rate of dilation tr d, as the bulk viscosity of hydrocodes."""
+
+    def stress(self, viscosity, F, Fdot):
+        """First Piola-Kirchhoff stress viscosity tr d J F⁻ᵀ [Pa], minus its pressure [Pa] and J̇ [1/µs]; viscosity in
+        Pa µs.
+        """
+        (F00, F01), (F10, F11) = F
+        (R00, R01), (R10, R11) = Fdot
+        rate = R00 * F11 - R01 * F10 - R10 * F01 + R11 * F00
+        pressure = viscosity * rate * (1.0 / self.volume_ratio(F))
+        return ((pressure * F11, -pressure * F10), (-pressure * F01, pressure * F00)), pressure, rate

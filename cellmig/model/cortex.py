@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from numpy import sqrt
+
+from ..case.pointwise import Vector
 from ..case.registry import law, quantity
+from .protocols import Cortex
 
 
 @law("cortex", "line-tension")
@@ -21,3 +27,25 @@ class LineTension:
     def tension(self, stretch):
         """Tension [pN/µm], the derivative of the energy by the stretch [-]."""
         return self.line_tension + 0.0 * stretch
+
+
+@dataclass(frozen=True)
+class CortexForce:
+    """Tension of a segment along its edge, the vector from its first to its second end [µm]; length at rest in µm.
+
+    law : of the cortex, as LineTension is.
+    """
+
+    law: Cortex
+
+    def force(self, length, edge: Vector):
+        """Forces on both ends [pN/µm]."""
+        dx, dy = edge
+        now = sqrt(dx * dx + dy * dy)
+        tension = self.law.tension(now / length) / now
+        return (tension * dx, tension * dy), (-(tension * dx), -(tension * dy))
+
+    def energy(self, length, edge: Vector):
+        """Energy [pN]."""
+        dx, dy = edge
+        return length * self.law.energy(sqrt(dx * dx + dy * dy) / length)

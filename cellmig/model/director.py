@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..case.pointwise import Vector
 from ..case.registry import law, parameter, quantity
 
 STARTS = ("uniform", "radial", "tangential")
@@ -47,3 +48,13 @@ class RelaxingDirector:
     angle: float = quantity("rad", "angle θ of a uniform field", "0 rad")
     mobility: float = quantity("um^2/us", "mobility γ", "1 um^2/us", above=0)
     anchoring: str = parameter("anchoring of θ at the membrane", "none", choices=("none", "surface"))
+
+
+class Couple:
+    """Torque of a particle at the membrane as forces on its neighbours along it."""
+
+    def force(self, torque, edge: Vector):
+        """Forces on both neighbours [pN/µm], for a torque [pN] and the vector from the one to the other [µm]."""
+        dx, dy = edge
+        size = torque / (dx * dx + dy * dy)
+        return (size * dy, -size * dx), (-size * dy, size * dx)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from numpy import maximum, minimum
+
 from ..case.registry import law, quantity
+from .adhesion import SegmentBonds
+from .protocols import Friction
 
 
 @law("friction", "bonds")
@@ -18,3 +24,20 @@ class BondFriction:
     def drag(self, share, speed):
         """Traction t [Pa] against the motion; `share` of closed bonds s [-], `speed` along the substrate v [µm/µs]."""
         return self.coefficient * share * speed
+
+
+@dataclass(frozen=True)
+class FrictionForce:
+    """Drag of the closed bonds of a segment, half of it on either end.
+
+    law : of friction, as BondFriction is;  bonds : SegmentBonds of the substrate.
+    """
+
+    law: Friction
+    bonds: SegmentBonds
+
+    def force(self, length, gap1, gap2, speed1, speed2):
+        """Forces on both ends [pN/µm] for their speeds along the substrate [µm/µs]; length and gaps in µm."""
+        share = minimum(maximum(self.bonds.closed(gap1, gap2), 0.0), 1.0)
+        return ((-(0.5 * length * self.law.drag(share, speed1)), 0.0),
+                (-(0.5 * length * self.law.drag(share, speed2)), 0.0))

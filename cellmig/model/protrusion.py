@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from numpy import maximum, minimum
+from dataclasses import dataclass
+
+from numpy import maximum, minimum, where
 
 from ..case.registry import law, parameter, quantity
+from .adhesion import SegmentBonds
+from .protocols import ProtrusionLaw
+
+LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are level
 
 
 @law("protrusion", "edge")
@@ -48,3 +54,31 @@ class EdgeProtrusion:
         """Derivative dS/dg [1/µm] at the height g [µm]."""
         u = minimum(maximum(g / self.height, 0.0), 1.0)
         return 6.0 * u * (1.0 - u) / self.height
+
+
+@dataclass(frozen=True)
+class ProtrusionForce:
+    """Push of a cell on a segment of its surface.
+
+    law : of protrusion, as EdgeProtrusion is;  bonds : SegmentBonds of the substrate.
+    """
+
+    law: ProtrusionLaw
+    bonds: SegmentBonds
+
+    def grip(self, length, ahead, gap1, gap2):
+        """Length of closed bonds [µm] that counts to the front half; `ahead` of the middle of the cell [µm]."""
+        return maximum(self.bonds.closed(gap1, gap2), 0.0) * length * self.law.front(ahead)
+
+    def hold(self, bonded):
+        """Share of the push [-] for a length of closed bonds [µm] under the front half."""
+        return self.law.hold(bonded)
+
+    def force(self, size1, size2, hold, length, ahead1, ahead2, gap1, gap2):
+        """Forces on both ends [pN/µm]; `size` : β α N σ/2 [pN/µm]; `hold` : see there; lengths in µm."""
+        share, rise = hold * length, gap2 - gap1
+        inclined = abs(rise) > LEVEL * self.law.height
+        edge = where(inclined, (self.law.ramp(gap2) - self.law.ramp(gap1)) / where(inclined, rise, 1.0),
+                     self.law.ramp_slope(0.5 * (gap1 + gap2)))
+        return ((size1 * share * self.law.front(ahead1) * edge, 0.0),
+                (size2 * share * self.law.front(ahead2) * edge, 0.0))

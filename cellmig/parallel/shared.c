@@ -40,7 +40,6 @@ static inline void unpack(const Copies *c, const double *in, const long width)
  * the previous turn, for which this rank has waited. */
 int copies_begin(Copies *c, int mode, int direction)
 {
-    (void)mode, (void)direction;
     double *out = c->window + c->mine + (++c->turn & 1) * c->half;
     if (c->width == 4) pack(c, out, 4); else pack(c, out, c->width);
     atomic_store_explicit(COUNTER(c, c->counter), c->turn, memory_order_release);
@@ -50,7 +49,6 @@ int copies_begin(Copies *c, int mode, int direction)
 /* End an exchange: wait for the other ranks' rows of this turn, and copy them. */
 int copies_end(Copies *c, int mode, int direction)
 {
-    (void)mode, (void)direction;
     for (long i = 0; i < c->n_peers; i++)
         for (long looks = 0; atomic_load_explicit(COUNTER(c, c->peer[i]), memory_order_acquire) < c->turn; looks++)
             if (looks >= c->patience) sched_yield();

@@ -8,7 +8,6 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..kernel.fields import LAWS
 from ..kernel.kernel import Kernel
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
@@ -39,7 +38,7 @@ class Extremes(NamedTuple):
 
 
 OWNERS = (State, Segments, Loads, Director, Protrusion, Accounts)
-FIELDS = (*(field for owner in OWNERS for field in owner.FIELDS), *LAWS)
+FIELDS = tuple(field for owner in OWNERS for field in owner.FIELDS)
 
 
 class Mechanics:
@@ -219,10 +218,9 @@ class Mechanics:
         return self.accounts.rates()
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
-        """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term: a key of SURFACE_FORCES."""
+        """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of one of SURFACE_TERMS, by its name."""
         force, energy = np.zeros((self.part.capacity, 2)), np.zeros(self.part.capacity)
-        function, *arguments = SURFACE_FORCES[term]
-        self.kernel(function, force, *(energy if a is ENERGY else a for a in arguments))
+        self.kernel(f"add_{term}", force, energy, 0.0, 0.0)
         return force[: self.n_owned], energy[: self.n_owned]
 
     def stabilisation_energy(self) -> np.ndarray:
@@ -244,7 +242,3 @@ class Mechanics:
 
 
 NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # no look changes the first, rows of tables the others
-ENERGY = object()  # stands for the array of energies
-SURFACE_FORCES = {"substrate": ("substrate_adhesion", ENERGY, 0.0), "contact": ("cell_adhesion", ENERGY, 0.0),
-                  "cortex": ("cortex_pull", ENERGY), "friction": ("bond_friction", 0.0),
-                  "protrusion": ("protrude", None, None, 0.0, 0.0)}

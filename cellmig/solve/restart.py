@@ -91,17 +91,11 @@ def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
-    """Forces and stresses of the last kick and accounts, where `StepMemory` of the kernel has them."""
-    terms = m.terms
-    layout: list[tuple] = [("stabilising", "f8", (4, 2)),
-                           ("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4),
-                           ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4))]
-    layout += [("elastic", "f8", (4, 2))] * terms.stiffened
-    layout += [("external_work", "f8", 4), ("active", "f4", (4, 4))] * terms.active
-    memory = m.state.changing["step_memory"].reshape(-1).view(np.dtype(layout))
+    """What blocks remember of the last step, where the kernel has it."""
+    terms, memory = m.terms, m.state.changing["step_memory"]
     there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
     found = {name: memory[name] for name, is_there in there.items() if is_there}
-    found |= {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if name in memory.dtype.names}
+    found |= {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if memory.dtype[name].itemsize}
     return found | ({"stabilising": memory["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
 
 

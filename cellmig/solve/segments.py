@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mpi4py import MPI
@@ -11,7 +9,6 @@ from mpi4py import MPI
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import ContactLists, contact_lists
-from ..model.protocols import Adhesion
 from ..parallel.reduce import global_maximum
 from .state import State
 from .subdomain import Subdomain
@@ -42,9 +39,6 @@ class Segments:
         Field("length", "double *", "(n_segments,)", "µm", "reference lengths"),
         Field("n_near", "long", doc="segments near the substrate"),
         Field("near", "int32_t *", "(n_near,)", "", "their numbers"),
-        Field("substrate_bonds", "double", "", "1/µm²", "density of bonds to the substrate"),
-        Field("substrate_floor", "double", "", "µm", "distance below which their potential is quadratic"),
-        Field("substrate_depth", "double", "", "pN µm", "energy of a closed bond"),
         Field("n_contact_nodes", "long", doc="particles near another cell: by particle and cell"),
         Field("contact_node", "int32_t *", "(n_contact_nodes,)", "", "these particles"),
         Field("first_candidate", "long *", "(n_contact_nodes + 1,)", "", "their segments in `candidate`"),
@@ -54,8 +48,6 @@ class Segments:
         Field("contact_length", "double *", "(n_contact_segments,)", "µm", "reference lengths"),
         Field("contact_pull", "double *", "(n_contact_nodes,)", "pN/µm", "force of the bonds along the normal"),
         Field("closest_point", "void *", "(n_contact_nodes,)", "", "closest points on the other cell"),
-        Field("contact_bonds", "double", "", "1/µm²", "density of bonds between cells"),
-        Field("contact_floor", "double", "", "µm", "distance below which their potential is quadratic"),
         Field("contact_cutoff", "double", "", "µm", "distance beyond which they do not act"),
     )
 
@@ -75,10 +67,8 @@ class Segments:
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
         k["segment"] = part.numbering.local(s.ids[self.ends])
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
-        if (law := part.terms.substrate) is not None:
-            k["substrate_bonds"], k["substrate_floor"], k["substrate_depth"] = law.bond_density, law.cap, depth(law)
-        if (law := part.terms.contact) is not None:
-            k["contact_bonds"], k["contact_floor"], k["contact_cutoff"] = law.bond_density, law.cap, law.cutoff
+        if part.terms.contact is not None:
+            k["contact_cutoff"] = part.terms.contact.cutoff
 
     @property
     def ends(self) -> np.ndarray:
@@ -154,8 +144,3 @@ class Segments:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""
         moved = self._state.u[self._part.at_surface] - self.renewed_at
         return float(np.linalg.norm(moved, axis=1).max(initial=0.0))
-
-
-def depth(law: Adhesion) -> float:
-    """Energy of a bond that is closed [pN µm]; infinite where there are none, so that none is closed."""
-    return law.work / law.bond_density if law.work else math.inf

@@ -6,7 +6,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..kernel.fields import Field
+from ..kernel.fields import Field, step_memory
 from ..kernel.kernel import Kernel, aligned_zeros
 from ..kernel.layout import Numbering, stencil_arrays
 from ..parallel.ghosts import GhostedField
@@ -41,7 +41,7 @@ class State(GhostedField):
         Field("F", "double *", "(n_blocks, 4, 4)", "-", "deformation gradients: components by lanes"),
         Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
         Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
-        Field("step_memory", "double *", "(n_blocks, …)", "", "forces and stresses of the last kick, for the accounts"),
+        Field("step_memory", "StepMemory *", "(n_blocks,)", "", "what the accounts of the next step need of this one"),
         # coefficients by stencil, which blocks of like neighbours share
         Field("volume", "double *", "(stencils, 4)", "µm²", "V"),
         Field("per_mass", "double *", "(stencils, 4)", "µm/fg", "1/m"),
@@ -92,7 +92,7 @@ class State(GhostedField):
         for name, values in stencil_arrays(scene, part.numbering, blocks, part.terms).items():
             k[name] = values
         k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
-        k["step_memory"] = np.zeros((n_blocks, k.library.step_memory_size() // 8))
+        k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
         k["force"] = np.zeros((part.capacity, 2))
         k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_J.copy()

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from ..case.pointwise import pointwise
 from ..kernel.kernel import assemble
 from ..kernel.layout import csr_rows
+from ..meshfree.stabilisation import BulkDamping
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
@@ -78,7 +79,7 @@ class Stiffness:
                     A[..., on] += _of_both(lambda l=law, k=method, q=local, **moved: pointwise(l, k, q | moved),
                                            local, by_u, by_v)
         if self._damping is not None:
-            A += _of_both(lambda F, Fdot: damping_stress(self._damping, F, Fdot), given, by_u, by_v)
+            A += _of_both(lambda F, Fdot: BulkDamping().stress(self._damping, F, Fdot)[0], given, by_u, by_v)
         return self._volume * A
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
@@ -94,7 +95,7 @@ class Stiffness:
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
     def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:
-        """Of all that acts on surfaces, or of some terms, with the feet of the contacts where they were found last."""
+        """Of all that acts on surfaces, or of some terms, with the closest points of contacts that were found last."""
         parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics)
                  if s.nodes.size and (not names or s.name in names)]
         if not parts:
@@ -158,15 +159,6 @@ def _places(pattern: sparse.csr_matrix) -> np.ndarray:
     """A number for the place of each entry (nnz,)."""
     row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
     return row * pattern.shape[1] + pattern.indices
-
-
-def damping_stress(viscosity: np.ndarray, F: Any, Fdot: Any) -> tuple:
-    """First Piola-Kirchhoff stress of the numerical damping of sound, viscosity tr d J F⁻ᵀ [Pa]."""
-    (F00, F01), (F10, F11) = F
-    (R00, R01), (R10, R11) = Fdot
-    rate = R00 * F11 - R01 * F10 - R10 * F01 + R11 * F00
-    q = viscosity * rate / (F00 * F11 - F01 * F10)
-    return (q * F11, -q * F10), (-q * F01, q * F00)
 
 
 def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+from collections.abc import Iterator
 from math import pi
 from typing import Any
 
@@ -14,45 +15,53 @@ from samples import assert_close, deformations, distances, rates, slope, vectors
 from scenes import example
 
 from cellmig.case.registry import laws
-from cellmig.kernel.codegen import SHAPES, LawError, Translator
-from cellmig.kernel.kernel import VECTORS
+from cellmig.kernel.codegen import SHAPES, LawError, Translator, shapes_of
+from cellmig.kernel.source import text_of
+from cellmig.kernel.terms import FORMULAS, SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
+from cellmig.meshfree.terms import Terms
 from cellmig.solve.tangent import derivative
 
 pytestmark = pytest.mark.serial
 
 
-def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray]) -> np.ndarray:
-    """Results of the C function of a method, for arguments (..., n) with n a multiple of four."""
-    translator = Translator(law, number)
-    function = translator.function(method, "translated")
-    shapes = {a: SHAPES.get(a, ()) for a in arguments}
-    result = np.asarray(getattr(law, method)(*arguments.values()))
-    out, n = np.zeros_like(result), result.shape[-1]
-    lanes = 4 if number == "v4" else 1
-    passed, lines = [], []
-    for name, shape in shapes.items():
+def stacked(value: Any, n: int) -> np.ndarray:
+    """Nested numbers of a formula as an array (shape, n)."""
+    return np.array([stacked(v, n) for v in value]) if isinstance(value, tuple) else np.broadcast_to(value, n)
+
+
+def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray], *results: str) -> tuple[np.ndarray, ...]:
+    """What the C function of a method gives, for arguments (..., n) with n a multiple of four: one array, or one for
+    each of the results that have names.
+    """
+    translator, n, lanes = Translator(law, number), next(iter(arguments.values())).shape[-1], 4 if number == "v4" else 1
+    value = getattr(law, method)(*arguments.values())
+    parts = [stacked(v, n) for v in (value if results else (value,))]
+    call, lines, passed, out = ["p"], [], [], []
+    for name, values in arguments.items():
+        shape = values.shape[:-1]
         lines.append(f"{number} {name}{''.join(f'[{k}]' for k in shape)};")
         lines.append(f"memcpy(&{name}, in_{name} + i * {int(np.prod(shape))}, sizeof {name});")
+        call.append(f"(const {number} (*)[2]){name}" if len(shape) == 2 else name)
         # groups of four (or one) values, component by component
-        passed.append(np.ascontiguousarray(np.moveaxis(arguments[name].reshape(*shape, -1, lanes), -2, 0)))
-    call = ", ".join(["p", *[f"(const {number} (*)[2]){a}" if len(s) == 2 else a for a, s in shapes.items()]])
-    many = result.ndim - 1
-    size = int(np.prod(result.shape[:-1]))
-    lines.append(f"{number} result{''.join(f'[{k}]' for k in result.shape[:-1])};")
-    lines.append(f"translated({call}, result);" if many else f"result = translated({call});")
-    lines.append(f"memcpy(out + i * {size}, &result, sizeof result);")
-    signature = ", ".join(f"const double *in_{a}" for a in shapes)
+        passed.append(np.ascontiguousarray(np.moveaxis(values.reshape(*shape, -1, lanes), -2, 0)))
+    for name, part in zip(results or ("result",), parts, strict=True):
+        shape = part.shape[:-1] or (1,)
+        lines.append(f"{number} {name}_[{']['.join(map(str, shape))}];")
+        out.append(np.zeros((n // lanes, *part.shape[:-1], lanes)))
+    names = [f"{name}_" for name in results or ("result",)]
+    lines.append(f"translated({', '.join(call + names)});" if isinstance(value, tuple)
+                 else f"result_[0] = translated({', '.join(call)});")
+    lines += [f"memcpy(out_{name} + i / {lanes} * (sizeof {name} / 8), &{name}, sizeof {name});" for name in names]
+    signature = ", ".join([*(f"const double *in_{a}" for a in arguments), *(f"double *out_{a}" for a in names)])
     source = "\n".join([
-        VECTORS.read_text(encoding="utf-8"), function,
-        f"void run(long n, const double *p, {signature}, double *out) {{",
+        text_of("simd.h"), translator.function(method, "translated", results),
+        f"void run(long n, const double *p, {signature}) {{",
         f"    for (long i = 0; i < n; i += {lanes}) {{", *["        " + line for line in lines], "    }\n}\n"])
-    raw = np.zeros((n // lanes, *result.shape[:-1], lanes))
-    p = np.array(translator.vector() or [0.0])
-    addresses = [ctypes.c_void_p(a.ctypes.data) for a in (p, *passed, raw)]
+    parameters = np.array(translator.vector() or [0.0])
+    addresses = [ctypes.c_void_p(a.ctypes.data) for a in (parameters, *passed, *out)]
     ctypes.CDLL(str(compiled(source))).run(ctypes.c_long(n), *addresses)
-    out[:] = np.moveaxis(raw, 0, -2).reshape(result.shape)
-    return out
+    return tuple(np.moveaxis(a, 0, -2).reshape(part.shape) for a, part in zip(out, parts, strict=True))
 
 
 LIMIT = 0.25
@@ -95,7 +104,7 @@ def test_every_function_that_a_formula_may_have_is_the_same_in_c(method: str, nu
     expected = getattr(Formulas(), method)(r) + np.zeros_like(r)
     translator = Translator(Formulas(), number)
     lanes = 4 if number == "v4" else 1
-    source = "\n".join([VECTORS.read_text(encoding="utf-8"), translator.function(method, "translated"), f"""
+    source = "\n".join([text_of("simd.h"), translator.function(method, "translated"), f"""
         void run(long n, const double *p, const double *r, double *out) {{
             for (long i = 0; i < n; i += {lanes}) {{
                 {number} x; memcpy(&x, r + i, sizeof x); x = translated(p, x); memcpy(out + i, &x, sizeof x); }} }}"""])
@@ -178,18 +187,51 @@ def test_material_is_the_same_in_c(name: str, method: str) -> None:
     given = {"F": F, "Fdot": rates(), "gradient": vectors(), "director": np.array([np.cos(a), np.sin(a)])}
     arguments = {k: given[k] for k in list(inspect.signature(getattr(type(law), method)).parameters)[1:]}
     expected = np.asarray(getattr(law, method)(*arguments.values()))
-    assert_close(in_c(law, method, "v4", arguments), expected, 1e-13)  # measured 0; log and cbrt may round otherwise
+    assert_close(*in_c(law, method, "v4", arguments), expected, 1e-13)  # measured 0; log and cbrt may round otherwise
 
 
 @pytest.mark.parametrize(("name", "method"), pointwise_methods("adhesion"))
 def test_adhesion_is_the_same_in_c(name: str, method: str) -> None:
     law = example("adhesion", name)
     r = distances(law)
-    assert_close(in_c(law, method, "double", {"r": r}), getattr(law, method)(r), 1e-14)  # measured 0
+    assert_close(*in_c(law, method, "double", {"r": r}), getattr(law, method)(r), 1e-14)  # measured 0
 
 
 @pytest.mark.parametrize(("name", "method"), pointwise_methods("protrusion"))
 def test_protrusion_is_the_same_in_c(name: str, method: str) -> None:
     law = example("protrusion", name)
     g = np.linspace(-0.5, 1.5, 400) * law.height
-    assert_close(in_c(law, method, "double", {"g": g}), getattr(law, method)(g), 1e-14)  # measured 0
+    assert_close(*in_c(law, method, "double", {"g": g}), getattr(law, method)(g), 1e-14)  # measured 0
+
+
+KINDS = {"substrate": "adhesion", "contact": "adhesion", "cortex": "cortex", "friction": "friction",
+         "protrusion": "protrusion"}  # of laws, by surface terms that have one
+
+
+def formulas() -> Iterator[tuple[Any, str, str, tuple]]:
+    """All formulas of forces, with each law of their kind: object, C type, method, names of results."""
+    default = {part: example(kind, next(iter(laws(kind)))) for part, kind in KINDS.items()}
+    for term in SURFACE_TERMS:
+        for name in laws(KINDS[term.name]) if term.name in KINDS else [""]:
+            chosen = {term.name: example(KINDS[term.name], name)} if name else {}
+            formula = term.formula(Terms(**default | chosen, load_curves=()))
+            for method, results in term.methods.items():
+                yield pytest.param(formula, "double", method, results, id=f"{term.name}-{name}-{method}")
+    for formula, number, method, name, results in FORMULAS:
+        yield pytest.param(formula, number, method, results, id=name)
+
+
+@pytest.mark.parametrize(("formula", "number", "method", "results"), formulas())
+def test_a_force_is_the_same_in_c_to_the_last_bit(formula: Any, number: str, method: str, results: tuple) -> None:
+    """Segments as of the paper's cells, from pressed to out of reach, level and inclined."""
+    rng, given = np.random.default_rng(4), {}
+    for name, shape in shapes_of(getattr(type(formula), method)).items():
+        given[name] = rng.uniform(0.002, 0.1, (*shape, 400))
+    if "gap2" in given:
+        given["gap2"][::2] = given["gap1"][::2] * rng.uniform(0.97, 1.03, 200)
+    if "F" in given:
+        given["F"] += np.eye(2)[:, :, None]
+    value = getattr(formula, method)(*given.values())
+    for found, expected in zip(in_c(formula, method, number, given, *results), value if results else (value,),
+                               strict=True):
+        assert np.abs(found).max() > 0.0 and np.array_equal(found, stacked(expected, 400))

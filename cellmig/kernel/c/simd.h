@@ -1,4 +1,4 @@
-/* Vectors of four doubles, for any processor, with the instructions of AVX2 and FMA where they are. */
+/* Vectors of four doubles and their functions, for any processor; with AVX2 and FMA where it has them. */
 
 #include <math.h>
 #include <stdint.h>
@@ -25,52 +25,55 @@ static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
 static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
+static inline v4 smaller(v4 a, v4 b) { return (v4)_mm256_min_pd((__m256d)b, (__m256d)a); }
+static inline v4 larger(v4 a, v4 b) { return (v4)_mm256_max_pd((__m256d)b, (__m256d)a); }
 static inline v4 load_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_loadu_ps(a)); }
 static inline void store_single(float *a, v4 x) { _mm_storeu_ps(a, _mm256_cvtpd_ps((__m256d)x)); }
+static inline v4 even_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_moveldup_ps(_mm_loadu_ps(a))); }
+static inline v4 odd_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_movehdup_ps(_mm_loadu_ps(a))); }
 #else
 static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
 static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
-static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
-static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
-#endif
-#ifdef __AVX2__
-static inline v4 smaller(v4 a, v4 b) { return (v4)_mm256_min_pd((__m256d)b, (__m256d)a); }
-static inline v4 larger(v4 a, v4 b) { return (v4)_mm256_max_pd((__m256d)b, (__m256d)a); }
-#else
 static inline v4 smaller(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] < a[i] ? b[i] : a[i]; return a; }
 static inline v4 larger(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] > a[i] ? b[i] : a[i]; return a; }
+static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
+static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
+static inline v4 even_single(const float *a) { return (v4){a[0], a[0], a[2], a[2]}; }
+static inline v4 odd_single(const float *a) { return (v4){a[1], a[1], a[3], a[3]}; }
 #endif
-/* Of four coefficients, the first and the third twice; the second and the fourth. */
-#if defined SINGLE
-typedef float coefficient;
-#ifdef __AVX2__
-static inline v4 even_of(const float *a) { return (v4)_mm256_cvtps_pd(_mm_moveldup_ps(_mm_loadu_ps(a))); }
-static inline v4 odd_of(const float *a) { return (v4)_mm256_cvtps_pd(_mm_movehdup_ps(_mm_loadu_ps(a))); }
-#else
-static inline v4 even_of(const float *a) { return (v4){a[0], a[0], a[2], a[2]}; }
-static inline v4 odd_of(const float *a) { return (v4){a[1], a[1], a[3], a[3]}; }
-#endif
-#else
-typedef double coefficient;
+
 #if defined __AVX2__ && !defined __AVX512VL__
-/* From memory, each time: the compiler would keep a, and for that put sums into memory. */
-static inline v4 even_of(const double *a) {
+/* Read from memory each time: a compiler that kept a in a register would put sums into memory instead. */
+static inline v4 even_double(const double *a)
+{
     v4 x;
     __asm__("vpermilpd $0, %1, %0" : "=x"(x) : "m"(*(const v4 *)a));
     return x;
 }
-static inline v4 odd_of(const double *a) {
+/* The second and the fourth, likewise. */
+static inline v4 odd_double(const double *a)
+{
     v4 x;
     __asm__("vpermilpd $15, %1, %0" : "=x"(x) : "m"(*(const v4 *)a));
     return x;
 }
 #else
-static inline v4 even_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 0, 0, 2, 2); }
-static inline v4 odd_of(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 1, 1, 3, 3); }
-#endif
+static inline v4 even_double(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 0, 0, 2, 2); }
+static inline v4 odd_double(const double *a) { const v4 x = load(a); return SHUFFLE(x, x, 1, 1, 3, 3); }
 #endif
 
+/* Of four coefficients in single or double precision, the first and the third twice; the second and the fourth. */
+#define even_of(a) _Generic((a), const float *: even_single, const double *: even_double)(a)
+#define odd_of(a) _Generic((a), const float *: odd_single, const double *: odd_double)(a)
+
+#ifdef __AVX512VL__
+enum { MOST = 3 }; /* blocks at a time, whose sums fill the registers */
+#else
+enum { MOST = 2 };
+#endif
+
+/* Rows of a are the columns of b. */
 static inline void transpose(const v4 a[4], v4 b[4])
 {
     const v4 x = SHUFFLE(a[0], a[1], 0, 4, 2, 6), y = SHUFFLE(a[0], a[1], 1, 5, 3, 7);

@@ -1,0 +1,71 @@
+/* Pass 2 of the internal force: the divergence of the stress, and the update of the state. */
+
+/* Forces on the particles of blocks b … b + n - 1, of one stencil, rows (0 1), (2 3): Σ V P x H, the adjoint of the
+ * gradient; both stabilisations; and s->force, which is reset. */
+INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
+{
+    const Block *block = block_at(s, b);
+    v4 acc[MOST][4] = {{{0}}};
+    for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
+        const coefficient *h = s->adjoint + 8 * k;
+        __builtin_prefetch(h + AHEAD * 8);
+        size_t c[4];
+        neighbours(s->column + 4 * k, c);
+        for (int m = 0; m < n; m++) {
+            const double *Q = s->Q + 4L * block[m].shift;
+            acc[m][0] = fma4(load(Q + c[0]), even_of(h), acc[m][0]);
+            acc[m][1] = fma4(load(Q + c[1]), odd_of(h), acc[m][1]);
+            acc[m][2] = fma4(load(Q + c[2]), even_of(h + 4), acc[m][2]);
+            acc[m][3] = fma4(load(Q + c[3]), odd_of(h + 4), acc[m][3]);
+        }
+    }
+    for (int m = 0; m < n; m++) {
+        const StepMemory *memory = s->step_memory + b + m;
+        for (int i = 0; i < 2; i++) {
+            const v4 low = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 0, 1, 4, 5);
+            const v4 high = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 2, 3, 6, 7);
+            f[m][i] = (low + high) - load(memory->stabilising + 4 * i);
+            if (STIFFENED) f[m][i] -= load(memory->elastic + 4 * i);
+        }
+        if (!block[m].loaded) continue;
+        double outside[8] = {0}, *force = s->force + D * (long)block[m].row;
+        const size_t size = sizeof(double) * D * (size_t)block->lanes;
+        memcpy(outside, force, size);
+        memset(force, 0, size);
+        for (int i = 0; i < 2; i++) f[m][i] += load(outside + 4 * i);
+    }
+}
+
+/* Kick and drift of n blocks of one stencil at b. */
+INLINED void kick_and_drift_blocks(const KernelData *s, long b, const int n, double kick, double dt)
+{
+    const Block *block = block_at(s, b);
+    const v4 none = {0}, gravity = {0, 0, kick * s->acceleration[0], kick * s->acceleration[1]};
+    const double *per_mass = s->per_mass + 4L * block->stencil;
+    v4 f[MOST][2];
+    divergence(s, b, n, f);
+    for (int m = 0; m < n; m++) {
+        const v4 rows[4] = {
+            SHUFFLE(f[m][0], none, 4, 4, 0, 1), SHUFFLE(f[m][0], none, 4, 4, 2, 3),
+            SHUFFLE(f[m][1], none, 4, 4, 0, 1), SHUFFLE(f[m][1], none, 4, 4, 2, 3)};
+        for (int i = 0; i < block->lanes; i++) {
+            double *z = s->state + 2 * D * (long)(block[m].row + i);
+            v4 x = load(z) + kick * per_mass[i] * rows[i] + gravity;
+            x += dt * SHUFFLE(x, none, 2, 3, 4, 4);
+            store(z, x);
+        }
+    }
+}
+
+/* v += kick (f/m + g), then u += dt v, for the particles of some blocks. */
+static void kick_and_drift_some(const KernelData *s, long from, long end, double kick, double dt)
+{
+#define KICK(n) kick_and_drift_blocks(s, b, n, kick, dt)
+    EACH_BLOCK(from, end, KICK)
+}
+
+/* The same for all owned particles. */
+void kick_and_drift(const KernelData *s, double kick, double dt)
+{
+    kick_and_drift_some(s, 0, s->n_owned_blocks, kick, dt);
+}

@@ -1,0 +1,45 @@
+/* F_d of equation (2): push of the leading edge along +x. */
+
+/* Of each cell that protrudes, the middle of its surface along x, and how firmly its front half holds on to the
+ * substrate.  Every rank that owns a part of the cell sums over all of it, in the same order. */
+static void find_hold(const KernelData *s)
+{
+    for (long c = 0; c < s->n_movers; c++) {
+        double middle = 0, bonded = 0;
+        for (long k = s->first_mover[c]; k < s->first_mover[c + 1]; k++)
+            middle += s->mover_weight[k] * coordinate(s, s->mover[k], TANGENT);
+        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
+            const Segment e = segment_at(s, s->grip[k]);
+            const long i = e.node[0], j = e.node[1];
+            const double x = 0.5 * (coordinate(s, i, TANGENT) + s->X[D * j + TANGENT] + s->state[2 * D * j + TANGENT]);
+            bonded += protrusion_grip(s->protrusion, e.length, x - middle, e.gap[0], e.gap[1]);
+        }
+        s->middle[c] = middle;
+        s->hold[c] = protrusion_hold(s->protrusion, bonded);
+    }
+}
+
+/* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[2e],
+ * push[2e + 1] hold β α N σ/2 of the ends of segment e, `pushed` their forces at the start of the step. */
+void add_protrusion(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+{
+    find_hold(s);
+    for (long k = 0; k < s->n_near; k++) {
+        const Segment e = segment_at(s, s->near[k]);
+        const double *push = s->push + 2 * e.number;
+        double *pushed = s->pushed + 2 * e.number, f[2][D];
+        if (push[0] == 0 && push[1] == 0) continue;
+        const double middle = s->middle[s->mover_of[e.number]], hold = s->hold[s->mover_of[e.number]];
+        const double ahead1 = coordinate(s, e.node[0], TANGENT) - middle;
+        const double ahead2 = coordinate(s, e.node[1], TANGENT) - middle;
+        protrusion_force(s->protrusion, push[0], push[1], hold, e.length, ahead1, ahead2, e.gap[0], e.gap[1], f);
+        add_to_ends(force, e.node, f);
+        for (int i = 0; i < 2 && !energy; i++) {
+            const double now = f[i][TANGENT], v = velocity(s, e.node[i], TANGENT);
+            s->protrusion_impulse[e.node[i]] += dt * now;
+            *impulse_at(s, &e, i, BY_PUSH) += dt * now;
+            s->external_work[e.node[i]] += 0.5 * (accounted_dt * pushed[i] + dt * now) * v;
+            pushed[i] = now;
+        }
+    }
+}

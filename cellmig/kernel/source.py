@@ -1,0 +1,118 @@
+"""The C source of a scene: its laws and formulas, the files of c/ that it needs, and the calls between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from ..meshfree.terms import Terms
+from .codegen import Translator
+from .fields import Field, step_memory
+from .terms import FORMULAS, PARTS, STAGES, SURFACE_TERMS, sizes
+
+FOLDER = Path(__file__).parent / "c"
+# Stresses of materials, method by method: the quantities that they take, and the shape of the result.
+STRESSES = {"stress": ("F", "[D][D]"), "viscous_stress": ("F, Fdot", "[D][D]"),
+            "director_stress": ("F, gradient", "[D][D]"), "active_stress": ("F, director", "[D][D]"),
+            "director_flux": ("F, gradient", "[D]")}
+_ARGUMENTS = {"F": "const v4 F[D][D]", "Fdot": "const v4 Fdot[D][D]", "gradient": "const v4 gradient[D]",
+              "director": "const v4 director[D]"}
+
+
+@cache
+def text_of(name: str) -> str:
+    """A file of c/."""
+    return (FOLDER / name).read_text(encoding="utf-8")
+
+
+def parameters(materials: Sequence) -> list[Field]:
+    """Vectors of parameters of all laws that a scene may have."""
+    names = [*(term.name for term in SURFACE_TERMS), "load_curves", *(f"material_{i}" for i in range(len(materials)))]
+    return [Field(name, "double *", doc="parameters of its laws") for name in names]
+
+
+def c_source(materials: Sequence, terms: Terms, fields: Sequence[Field] = ()) -> tuple[str, dict[str, list[float]]]:
+    """C source of a scene, and the parameter vectors of its laws.
+
+    Raises LawError where a law has no counterpart in C.
+    """
+    vectors: dict[str, list[float]] = {}
+    constants = ", ".join(f"{name} = {int(value)}" for name, value in sizes(terms).items())
+    needed = [part for part in PARTS if part.needed(terms)]
+    source = [text_of("simd.h"), f"enum {{ {constants} }};", f"typedef {_coefficient(terms)} coefficient;",
+              _structure("StepMemory", step_memory(terms)), _kernel_data([*fields, *parameters(materials)]),
+              _materials(materials, terms, vectors), _formulas(terms, vectors),
+              _load_curves(terms.load_curves, vectors), *(text_of(part.file) for part in needed)]
+    for stage, arguments in STAGES.items():
+        kind, name = stage.split()
+        calls = [part.calls[name] for part in needed if name in part.calls] + ["return 0;"] * (kind == "int")
+        source.append("\n    ".join([f"static {kind} {name}({arguments})\n{{", *calls]) + "\n}\n")
+    return "\n".join([*source, text_of("step.c"), text_of("diagnostics.c")]), vectors
+
+
+def _coefficient(terms: Terms) -> str:
+    return "float" if terms.single else "double"
+
+
+def _structure(name: str, dtype: np.dtype) -> str:
+    """A structure of arrays with the layout of a dtype."""
+    kinds = {"f8": "double", "f4": "float"}
+    members = [f"{kinds[dtype[m].base.str[1:]]} {m}[{int(np.prod(dtype[m].shape))}];" for m in dtype.names]
+    return f"typedef struct {{ {' '.join(members)} }} {name};"
+
+
+def _kernel_data(fields: Sequence[Field]) -> str:
+    members = [f"    {f.ctype}{'' if f.ctype.endswith('*') else ' '}{f.name};" for f in fields]
+    members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
+    return "\n".join(["typedef struct {", *members, "} KernelData;\n"])
+
+
+def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
+    """Functions of the surface terms that a scene has, and of formulas without parameters."""
+    functions = [Translator(formula, number).function(method, name, results)
+                 for formula, number, method, name, results in FORMULAS]
+    for term in SURFACE_TERMS:
+        if (formula := term.formula(terms)) is not None:
+            t = Translator(formula, "double")
+            functions += [t.function(method, f"{term.name}_{method}", results)
+                          for method, results in term.methods.items()]
+            vectors[term.name] = t.vector()
+    return "\n".join(functions)
+
+
+def _load_curves(laws: Sequence | None, vectors: dict[str, list[float]]) -> str:
+    """Factors on supports, loads and plates and their rates, by the number of the time law."""
+    parts, vectors["load_curves"] = [], []
+    for method in ("value", "rate", "acceleration") if laws is not None else ():
+        choice = []
+        for i, law in enumerate(laws or ()):
+            t = Translator(law, "double")
+            parts.append(t.function(method, f"load_curve_{i}_{method}"))
+            at = len(vectors["load_curves"])
+            choice.append(f"    if (i == {i}) return load_curve_{i}_{method}(s->load_curves + {at}, t);\n")
+            vectors["load_curves"] += t.vector()
+        parts.append(f"static inline double load_curve_{method}(const KernelData *s, long i, double t)\n{{\n"
+                     f"{''.join(choice)}    return 0;\n}}\n")
+    return "\n".join(parts)
+
+
+def _materials(materials: Sequence, terms: Terms, vectors: dict[str, list[float]]) -> str:
+    """Stresses of each material, and for each method the choice among those that have it."""
+    parts, translators = [], [Translator(material, "v4") for material in materials]
+    for method, (taken, shape) in STRESSES.items():
+        absent = (method.startswith("director") and terms.director == "none") or (
+            method == "active_stress" and not terms.active)
+        having = [] if absent else [i for i, m in enumerate(materials) if hasattr(type(m), method)]
+        parts += [translators[i].function(method, f"{method}_{i}") for i in having]
+        calls = [f"    if (material == {i}) {method}_{i}(s->material_{i}, {taken}, out);" for i in having]
+        arguments = ", ".join(["const KernelData *s", "const int material",
+                               *(_ARGUMENTS[a] for a in taken.split(", ")), f"v4 out{shape}"])
+        any_of = " || ".join(f"material == {i}" for i in having) or "0"
+        parts += [f"INLINED void {method}({arguments})\n{{\n" + "\n".join(calls) + "\n}\n",
+                  f"static inline int has_{method}(const int material) {{ return {any_of}; }}\n"]
+    vectors |= {f"material_{i}": t.vector() for i, t in enumerate(translators)}
+    parts.append(f"#define EACH_MATERIAL(DO) {' '.join(f'DO({i})' for i in range(len(materials)))}")
+    return "\n".join(parts)

@@ -1,0 +1,101 @@
+"""The terms of a scene in C: which files it needs, which pointwise formulas, and when the step calls them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..meshfree.stabilisation import BulkDamping
+from ..meshfree.terms import Terms
+from ..model.adhesion import CellAdhesion, SegmentBonds, SubstrateAdhesion
+from ..model.cortex import CortexForce
+from ..model.director import Couple
+from ..model.friction import FrictionForce
+from ..model.pressure import Pressure
+from ..model.protrusion import ProtrusionForce
+
+
+@dataclass(frozen=True)
+class SurfaceTerm:
+    """Forces on surfaces: c/NAME.c has `add_NAME`, which calls its formula's methods as NAME_method.
+
+    formula : from the terms of a scene, None where it lacks this one;
+    methods : of the formula, with names of their results where these have different shapes.
+    """
+
+    name: str
+    formula: Callable[[Terms], Any]
+    methods: dict[str, tuple[str, ...]]
+
+
+def _bonds(terms: Terms) -> SegmentBonds:
+    return SegmentBonds(terms.substrate)
+
+
+# In the order in which forces are added up.
+SURFACE_TERMS = (
+    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(_bonds(t)),
+                {"segment": ("force", "energy", "impulse")}),
+    SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(SegmentBonds(t.contact)),
+                {"closest": ("share", "away", "square"), "gap": ("gap", "normal"), "segment": ("force", "energy"),
+                 "spread": ()}),
+    SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
+    SurfaceTerm("friction", lambda t: t.friction and FrictionForce(t.friction, _bonds(t)), {"force": ()}),
+    SurfaceTerm("protrusion", lambda t: t.protrusion and ProtrusionForce(t.protrusion, _bonds(t)),
+                {"grip": (), "hold": (), "force": ()}),
+    SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
+)
+# Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
+FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
+            (Couple(), "double", "force", "couple_force", ()))
+
+# What the step calls at its stages, by the arguments that are there.
+STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces": "const KernelData *s, "
+          "double accounted_dt, double dt", "int after_forces": "const KernelData *s, double dt",
+          "void before_kick": "const KernelData *s", "void after_drift": "const KernelData *s, double kick, double dt",
+          "void hold_rates": "const KernelData *s, double *out", "void account_holds": "const KernelData *s, double dt"}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file of C that some scenes need, and what the stages of a step call of it, by their names."""
+
+    file: str
+    needed: Callable[[Terms], bool]
+    calls: dict[str, str] = field(default_factory=dict)
+
+
+def _always(terms: Terms) -> bool:
+    return True
+
+
+def _of_surface(term: SurfaceTerm) -> Part:
+    call = f"add_{term.name}(s, s->force, 0, accounted_dt, dt);"
+    return Part(f"{term.name}.c", lambda t: term.formula(t) is not None, {"add_surface_forces": call})
+
+
+# In the order of the C source, the stages behind them and step.c at the end.
+PARTS = (
+    *(Part(name, _always) for name in ("layout.h", "gather.h", "exchange.h", "deformation.c", "stress.c",
+                                       "divergence.c", "surface.h")),
+    *map(_of_surface, SURFACE_TERMS),
+    Part("boundary.c", lambda t: t.load_curves is not None, {
+        "before_kick": "remember_boundary(s);",
+        "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
+        "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
+    Part("director.c", lambda t: has_director(t)),
+    Part("director_relaxes.c", lambda t: t.director == "relaxing", {
+        "before_stress": "if (director_ready(s)) return 1;", "after_forces": "if (director_step(s, dt)) return 1;"}),
+)
+
+
+def has_director(terms: Terms) -> bool:
+    """Whether the gradient of the director or its axis matters."""
+    return terms.director != "none" or terms.active
+
+
+def sizes(terms: Terms) -> dict[str, int]:
+    """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
+    return {"D": 2, "STABILISED": terms.stabilised, "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
+            "ACTIVE": terms.active, "DIRECTOR": has_director(terms), "CONSTRAINED": terms.load_curves is not None}
