@@ -22,7 +22,7 @@ _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of x, y and r = sqrt(x² + y²) [µm] from the centre of the cell, followed by the unit of its values.
+    """A formula of x, y and the distance r [µm] from the centre of the cell, followed by the unit of its values.
 
     Attributes
     ----------

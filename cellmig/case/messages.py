@@ -36,7 +36,7 @@ class CaseError(ValueError):
 
 
 def nearest(word: object, words: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The one of `words` that is most similar to `word`, ignoring case; None if its similarity is below `cutoff`."""
+    """The one of `words` that is most similar to `word`, ignoring case; None below a similarity of `cutoff` [-]."""
     if not isinstance(word, str):
         return None
     lower = {w.lower(): w for w in words}

@@ -50,10 +50,12 @@ def broadcast(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.nda
 
 
 def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
-    """The result of `make` on rank 0, on all ranks to the bit; an exception there is raised on all; collective.
+    """The result of `make` on rank 0, on all ranks to the bit; collective.
 
     Processors of different kinds differ in the last bits of sines and factorisations, so that ranks which computed the
     result themselves could take different decisions.
+
+    Raises on all ranks what `make` raises on rank 0.
     """
     if comm.size == 1:
         return make()

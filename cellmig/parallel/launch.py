@@ -30,7 +30,8 @@ SETTINGS = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
 # Variables that launchers set for a rank: processes that inherit them would take themselves for ranks, too.
 _OF_RANKS = re.compile(r"OMPI_(?!MCA_|ALLOW_)|OPAL_|PMIX_|PRTE_(?!MCA_)|ORTE_|PMI_|MPI_LOCAL|MV2_COMM"
                        r"|SLURM_(STEP|PROCID)|OMPI_MCA_(ess|orte_(?!default_hostfile)|pmix|initial_wdir"
-                       r"|mpi_oversubscribe|shmem_RUNTIME|PREFIXES|cpu_type|mca_base_component_path|num_procs)|CELLMIG_TERMINAL")
+                       r"|mpi_oversubscribe|shmem_RUNTIME|PREFIXES|cpu_type|mca_base_component_path"
+                       r"|num_procs)|CELLMIG_TERMINAL")
 _RULE = b"-" * 40  # a message of Open MPI begins and ends with it
 # In messages about the end of the program and about our signals, which the program reports itself.
 _REDUNDANT = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal")

@@ -123,7 +123,10 @@ def option_errors() -> Iterator[None]:
 
 @contextmanager
 def original_errors() -> Iterator[None]:
-    """Context in which PETSc calls our functions: their exceptions, which petsc4py 3.22 wraps, are raised unwrapped."""
+    """Context in which PETSc calls our functions.
+
+    Raises their exceptions as they are, which petsc4py 3.22 wraps in an error of PETSc's.
+    """
     try:
         yield
     except PETSc.Error as error:

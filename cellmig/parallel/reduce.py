@@ -56,7 +56,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
 
 
 def global_maximum(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
-    """Elementwise maximum of `values` (...), in any unit, over the ranks; NaN counts as infinite; collective."""
+    """Elementwise maximum of `values` (n, ...), in any unit, over the ranks; NaN counts as infinite; collective."""
     values = np.where(np.isnan(values), np.inf, values)
     comm.Allreduce(MPI.IN_PLACE, values, MPI.MAX)
     return values
