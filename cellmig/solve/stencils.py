@@ -1,4 +1,4 @@
-"""Forces on surfaces as formulas of a few particles each, as the kernel has them, and their tangents."""
+"""Tangents of surface forces, from the formulas of groups of particles that the kernel also uses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .tangent import mixed
 
 @dataclass(frozen=True)
 class Stencil:
-    """One term: many groups of k particles, and the forces of each group on its particles.
+    """A term: many groups of k particles, and the formula of the forces on the particles of a group.
 
     name : of the term;  nodes : (k, n) int -- local numbers;  force : takes positions x [µm] and velocities v [µm/µs],
     k pairs of numbers each, and returns k pairs of forces [pN/µm].
@@ -28,7 +28,7 @@ class Stencil:
     force: Callable[..., tuple]
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, columns (b,) in local numbers and blocks (b, 2, 2) [Pa] of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
+        """Local rows and columns (b,) int, and blocks (b, 2, 2) [Pa], of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
         x, v = (a.transpose(0, 2, 1) for a in (m.state.x(self.nodes), m.state.memory[self.nodes, 2:]))
         blocks = -mixed(self.force, {"x": (x, by_u), "v": (v, by_v)}).transpose(0, 2, 4, 1, 3)
         k, n = self.nodes.shape
@@ -38,7 +38,7 @@ class Stencil:
 
 
 def stencils(m: Mechanics) -> Iterator[Stencil]:
-    """The terms of a scene that act on its surfaces, for its search lists, clock and closest points as they are."""
+    """The surface terms of a scene, for its current search lists, clock and closest points."""
     k = m.kernel
     for term in SURFACE_TERMS:
         if (formula := term.formula(m.terms)) is None:
@@ -58,7 +58,7 @@ def _arguments(formula: Any) -> list[str]:
 
 
 def _of_segments(name: str, formula: Any, ends: np.ndarray, **given: np.ndarray) -> Stencil:
-    """A formula of segments, or of pairs of particles: what it takes of their motion is found by its name."""
+    """A formula of segments or pairs of particles, whose arguments are found by name."""
     arguments = _arguments(formula)
 
     def force(x: tuple, v: tuple) -> tuple:
@@ -70,14 +70,14 @@ def _of_segments(name: str, formula: Any, ends: np.ndarray, **given: np.ndarray)
 
 
 def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
-    """The segments under pressure; other loads are dead."""
+    """Segments under pressure; other loads are constant."""
     ends, pressure = m.loads.pressures()
     if len(ends):
         yield _of_segments("pressure", formula, ends.T, pressure=pressure)
 
 
 def _protrusion(m: Mechanics, formula: Any) -> Iterator[Stencil]:
-    """Each cell that protrudes: how it is pushed depends on all of its surface."""
+    """A stencil for each protruding cell, as its push depends on its whole surface."""
     k = m.kernel
     for c in range(len(k["hold"])):
         on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
@@ -90,10 +90,10 @@ def _protrusion(m: Mechanics, formula: Any) -> Iterator[Stencil]:
 
 
 def push(formula: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
-    """Forces [pN/µm] on a cell whose whole surface is at x [µm], as protrusion.c sums them up.
+    """Forces [pN/µm] on the surface particles of a cell at x [µm], k pairs of numbers, summed as in protrusion.c.
 
-    `segments` : ends, length [µm] and push [pN/µm] of those near the substrate;  `weight` : (k,) -- that of each
-    particle in the mean of the surface [-].
+    segments : ends, length [µm] and push (2,) [pN/µm] of those near the substrate;  weight : (k,) float -- of the
+    particles in the mean of the surface [-].
     """
     middle, bonded, force = sum(w * place[0] for w, place in zip(weight, x, strict=True)), 0.0, [0.0] * len(x)
     for i, j, length, _ in segments:
@@ -108,7 +108,7 @@ def push(formula: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
 
 
 def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
-    """The segments of contact whose bonds act, with the closest points that the last evaluation found."""
+    """Segments in contact whose bonds act, with the closest points of the last evaluation of forces."""
     k, closest = m.kernel, m.segments.closest_point
     segment = k["contact_segment"].reshape(-1, 2)
     gaps = closest["gap"][segment]
@@ -120,4 +120,4 @@ def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
                   lambda x, v: formula.force(length, *side, x))
 
 
-OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others are of segments
+OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others have stencils of segments

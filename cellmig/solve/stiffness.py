@@ -1,4 +1,4 @@
-"""The tangent of a scene: how the forces on its particles change with their displacements, in PETSc's blocks."""
+"""The tangent of a scene: derivatives of the forces on its particles, as a matrix of 2×2 blocks."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from .tangent import mixed
 
 
 class Stiffness:
-    """Derivatives -∂f/∂u and -∂f/∂v of the forces of a Mechanics, in blocks of two rows and columns a particle.
+    """Derivatives -∂f/∂u [Pa] and -∂f/∂v [Pa µs] of the forces of a Mechanics, a 2×2 block for each two particles.
 
-    Columns are numbered as PETSc numbers the particles of all ranks.  Terms: all stresses with their geometric part
-    (the gradient of the displacement carries both) and the numerical damping, both stabilisations, all that acts on
-    surfaces.  The director is held still.
+    Arguments by_u [-] and by_v [1/µs] are the factors of both in a sum.
+
+    Columns are in the order of PETSc's particles of all ranks.  Terms are all stresses, in first Piola-Kirchhoff form
+    with the geometric part included, bulk damping, both stabilisations, and all surface terms, at constant director.
     """
 
     def __init__(self, mechanics: Mechanics):
-        """Rows of gradients, and the stabilisation; collective in nothing."""
+        """Compute the pattern of the matrix and the stabilisation."""
         self.mechanics = m = mechanics
         base, scene, n = m.part.numbering, m.scene, m.n_owned
         self._column = m.part.in_petsc[base.ids]
@@ -56,7 +57,7 @@ class Stiffness:
         self._material = scene.material[m.part.row_ids]
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
-        """First rows of matrices with the columns of all ranks."""
+        """The first `n_rows` rows of matrices, with the columns of all ranks."""
         scene, numbering = self.mechanics.scene, self.mechanics.part.numbering
         local = csr_rows(scene, numbering, matrices, n_rows, scene.size)
         wide = sparse.csr_matrix((local.data, self._column[local.indices], local.indptr), (n_rows, scene.size))
@@ -64,7 +65,7 @@ class Stiffness:
         return wide
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
-        """V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) of the rows (2, 2, 2, 2, n_rows), for the state as it is."""
+        """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (2, 2, 2, 2, n_rows) [pN] of the rows."""
         m, terms = self.mechanics, self.mechanics.terms
         F, rate = m.state.tensors()
         given = {"F": F, "Fdot": rate, **m.director_fields()}
@@ -83,7 +84,7 @@ class Stiffness:
         return self._volume * A
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
-        """Of the stresses at the deformation gradients as they are, and of the stabilisations."""
+        """The part [Pa] of stresses and stabilisations."""
         A = np.ascontiguousarray(self.moduli(by_u, by_v).reshape(16, -1).T)
         blocks = np.zeros((self.pattern.nnz, 2, 2))
         assemble(self.mechanics.n_owned, *self._lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
@@ -95,7 +96,7 @@ class Stiffness:
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
     def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:
-        """Of all that acts on surfaces, or of some terms, with the closest points of contacts that were found last."""
+        """The part [Pa] of surface terms, or of those in `names`, with the closest points that were found last."""
         parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics)
                  if s.nodes.size and (not names or s.name in names)]
         if not parts:
@@ -105,37 +106,37 @@ class Stiffness:
         return self._of_blocks(rows[own], columns[own], blocks[own])
 
     def _of_blocks(self, rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> sparse.bsr_matrix:
-        """Matrix of blocks at local rows and columns; those at one place add up."""
+        """Matrix of blocks at local rows and columns; blocks at one place are added."""
         order = np.argsort(rows, kind="stable")
         ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.shape[0] // 2))])
-        m = self.mechanics  # contacts have copies of further particles, which come and go
+        m = self.mechanics  # contacts change the ghosts
         wide = m.part.in_petsc[m.state.numbering.ids[columns[order]]]
         out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
         out.sum_duplicates()
         return out
 
     def __call__(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
-        """All of it, -(by_u ∂f/∂u + by_v ∂f/∂v), for the state and the time as they are; F is to be current."""
+        """The tangent -(by_u ∂f/∂u + by_v ∂f/∂v) [Pa] in the current state, after F was updated."""
         return self.internal(by_u, by_v) + self.surfaces(by_u, by_v)
 
     def matrix(self) -> PETSc.Mat:
-        """A Mat with room for all entries of bodies, which are those of neighbours of neighbours; collective."""
+        """A Mat with memory for all entries of bodies, those of neighbours of neighbours; collective."""
         n = self.mechanics.n_owned
         mat = PETSc.Mat().createBAIJ(((2 * n, None), (2 * n, None)), 2, comm=self.mechanics.comm)
         self._allocate(mat, self.pattern)
         return mat
 
     def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
-        """Room in a Mat for the entries of a pattern; collective."""
+        """Allocate the entries of a pattern in a Mat; collective."""
         pattern.sort_indices()
         self._room = _places(pattern)
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, 2, 2))))
 
     def store(self, bodies: sparse.bsr_matrix, surfaces: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
-        """The sum of both into a Mat, with more room where contacts came that it has none for; collective.
+        """Set a Mat to the sum of both parts, after allocation of entries for new contacts; collective.
 
-        PETSc does not see that there is more room: `pc`, which may have factors of the Mat, is told to begin anew.
+        PETSc does not notice the allocation, so that `pc`, which may have factors of the Mat, is reset.
         """
         shape = self.mechanics.n_owned, self.mechanics.scene.size
         new = _pattern(surfaces, shape)
@@ -151,23 +152,23 @@ class Stiffness:
 
 
 def _pattern(K: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
-    """Ones where a matrix has entries, or blocks."""
+    """Pattern of a matrix: ones at its entries or blocks."""
     return sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape)
 
 
 def _places(pattern: sparse.csr_matrix) -> np.ndarray:
-    """A number for the place of each entry (nnz,)."""
+    """A number for the row and column of each entry (nnz,) int."""
     row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
     return row * pattern.shape[1] + pattern.indices
 
 
 def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float) -> np.ndarray:
-    """by_u ∂/∂F + by_v ∂/∂Ḟ of a stress (2, 2, 2, 2, n)."""
+    """Derivative by_u ∂/∂F + by_v ∂/∂Ḟ (2, 2, 2, 2, n) [Pa] of a stress."""
     return mixed(stress, {"F": (given["F"], by_u), "Fdot": (given["Fdot"], by_v)})
 
 
 def fill(mat: PETSc.Mat, *parts: sparse.bsr_matrix) -> None:
-    """Set the entries of a Mat to a sum of this rank's rows, the others to zero; collective."""
+    """Set a Mat to the sum of `parts`, which are the rows of this rank; collective."""
     mat.zeroEntries()
     for part in parts:
         mat.setValuesBlockedCSR(part.indptr.astype(PETSc.IntType), part.indices.astype(PETSc.IntType), part.data,
@@ -176,7 +177,7 @@ def fill(mat: PETSc.Mat, *parts: sparse.bsr_matrix) -> None:
 
 
 def typical(K: sparse.bsr_matrix, start: int, comm: Any) -> float:
-    """Mean of the diagonal over all ranks [Pa]; collective."""
+    """Mean of the diagonal of K over all ranks [Pa]; `start` : first column of this rank; collective."""
     rows = np.repeat(np.arange(K.shape[0] // 2), np.diff(K.indptr))
     on = K.indices == rows + start
     found = np.array([np.trace(K.data[on].sum(axis=0)) if on.any() else 0.0, K.shape[0]])

@@ -1,7 +1,9 @@
-"""Consistent tangents: the derivatives of any law, exact to rounding, from its pointwise formulas as they stand.
+"""Consistent tangents: derivatives of any law, exact to rounding, by forward differentiation of its formulas.
 
-A dual number carries a value and its slopes in some directions through a formula; the rules of calculus are those of
-the operations that formulas may have (see kernel/codegen.py), so that a law needs no word about its tangent.
+A dual number carries a value and its derivatives in some directions through a formula, with rules for all operations
+that formulas may have (see kernel/codegen.py), so that a law does not declare its tangent.
+
+Source: forward automatic differentiation, Griewank & Walther (2008).
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from ..case.pointwise import pointwise
 
 
 class Dual(np.lib.mixins.NDArrayOperatorsMixin):
-    """Numbers with slopes.
+    """Dual numbers.
 
     value : (...);  slope : (k, ...) -- its derivatives in k directions.
     """
@@ -37,7 +39,7 @@ class Dual(np.lib.mixins.NDArrayOperatorsMixin):
         return Dual(ufunc(*values), sum(terms))
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
-        """`where` chooses among values and slopes alike."""
+        """The function `where`, for values and derivatives."""
         if function is not np.where or options or len(inputs) != 3:
             return NotImplemented
         yes, a, b = inputs
@@ -46,7 +48,7 @@ class Dual(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
-RULES: dict[np.ufunc, Callable[..., tuple]] = {  # derivatives by each argument
+RULES: dict[np.ufunc, Callable[..., tuple]] = {  # partial derivatives
     np.add: lambda a, b: (1.0, 1.0),
     np.subtract: lambda a, b: (1.0, -1.0),
     np.multiply: lambda a, b: (b, a),
@@ -71,7 +73,7 @@ RULES: dict[np.ufunc, Callable[..., tuple]] = {  # derivatives by each argument
 
 
 def derivative(formula: Callable[..., Any], *arguments: Any) -> tuple[np.ndarray, np.ndarray]:
-    """A formula and its derivatives by all entries of its arguments.
+    """Values of a formula and its derivatives by all entries of its arguments, in their units.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def derivative(formula: Callable[..., Any], *arguments: Any) -> tuple[np.ndarray
 
 
 def tangent(law: Any, method: str, quantities: dict[str, np.ndarray], by: str = "F") -> np.ndarray:
-    """Derivative of a law's pointwise method, such as "stress" (2, 2, n), by a quantity that it takes, such as F.
+    """Derivative of a law's pointwise method, such as "stress" (2, 2, n), by an argument, such as F, in their units.
 
     `quantities` : by name, as `pointwise` takes them.  Returns (2, 2, 2, 2, n) for a tensor by a tensor: dP_ij/dF_kl.
     """
@@ -103,7 +105,7 @@ def tangent(law: Any, method: str, quantities: dict[str, np.ndarray], by: str = 
 
 
 def mixed(formula: Callable[..., Any], arguments: dict[str, tuple[np.ndarray, float]]) -> np.ndarray:
-    """Sum of a formula's derivatives by some arguments of one shape, each times a factor: (result, shape, n).
+    """Sum of a formula's derivatives by arguments of one shape, each times a factor: (result, shape, n), any units.
 
     `arguments` : value (shape, n) and factor by name.  It is the derivative by one change d that moves each argument
     by its factor times d.
@@ -118,7 +120,7 @@ def mixed(formula: Callable[..., Any], arguments: dict[str, tuple[np.ndarray, fl
 
 
 def _moved(value: np.ndarray, factor: float, change: Any) -> Any:
-    """Values plus a factor times nested duals, nested likewise."""
+    """Values plus a factor times nested duals, in the same nesting."""
     if isinstance(change, tuple):
         return tuple(_moved(v, factor, c) for v, c in zip(value, change, strict=True))
     return value + factor * change
@@ -133,7 +135,7 @@ def _nested(entries: list, shape: tuple) -> Any:
 
 
 def _unfolded(result: Any, directions: tuple, points: tuple) -> np.ndarray:
-    """Values, or slopes in so many directions, of nested tuples as an array."""
+    """Values, or derivatives in some directions, of nested tuples as an array."""
     if isinstance(result, tuple):
         return np.array([_unfolded(r, directions, points) for r in result])
     part = getattr(result, "slope" if directions else "value", 0.0 if directions else result)
