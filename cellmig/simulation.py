@@ -37,17 +37,17 @@ register()
 
 
 class Simulation:
-    """A case built on the ranks of a communicator, ready to run; `destroy` it when done.
+    """A case on the ranks of a communicator, ready to run; `destroy` it in the end, or use it in a `with` statement.
 
-    scene, terms, mechanics, control (None if static), integrator, sampler : its parts;  time : where it is [µs].
+    scene, terms, mechanics, control (None if static), integrator, sampler : its parts;  time : time reached [µs].
     """
 
     def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True,
                  parts: tuple[Scene, Terms] | None = None, start: dict[str, np.ndarray] | None = None):
-        """Build everything; collective.
+        """Build all parts; collective.
 
-        `parts` : scene and terms, if they are there already or not the case's;  `start` : on rank 0 arrays of a
-        checkpoint of the same particles, whose u, v and director it begins with, instead of the case's.
+        prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : on rank 0 arrays of a
+        checkpoint of the same particles, whose u, v and director are the initial ones.
         """
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
@@ -68,10 +68,10 @@ class Simulation:
         self.sample()  # the ledger counts from here
 
     def _decide(self, scene: Scene | None) -> tuple:
-        """All that depends on the last bits of a library, or of a processor; `scene` : if it is there already."""
+        """Everything that depends on the last bits of libraries and processors, for rank 0; `scene` : if it exists."""
         case = self.case
         scene = scene or discretise(case)
-        c_source(scene.materials, self.terms)  # a law that has no counterpart in C is refused before its first use
+        c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         names, law = [c.name for c in case.cells], self.terms.protrusion
@@ -81,7 +81,7 @@ class Simulation:
                 protruding)
 
     def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
-        """State of some particles as a checkpoint has it; collective."""
+        """Initial state of the particles `ids` (n,) from arrays of a checkpoint; collective.  Raises CaseError."""
         why = "a static case is solved from rest" if self.case.static else ""
         if not same_places(arrays, self.scene, self.comm):
             why = ("the run to start from has other particles: shapes, places, nuclei and [particles] have to be the "
@@ -96,14 +96,14 @@ class Simulation:
         return begun
 
     def go(self, stop: float) -> float:
-        """Go on to the time `stop` [µs]; returns the time reached (less if -ts_max_steps ended it); collective."""
+        """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""
         self.time = self.integrator.advance_to(stop)
         return self.time
 
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
-        """Rows of history.csv and the row of ledger.csv now; brings F and the swarm up to date; collective.
+        """Rows of history.csv and the row of ledger.csv now; updates F and the swarm; collective.
 
-        The steps to come are not those after a look, but the ones that there would have been without it.
+        Later steps do not depend on samples.
         """
         m = self.mechanics
         if self.integrator.leapfrog:
@@ -118,19 +118,19 @@ class Simulation:
 
     @property
     def _half_step(self) -> float:
-        """What velocities and impulses of the leapfrog lag behind positions [µs]."""
+        """Time that velocities and impulses of leapfrog are behind positions [µs]."""
         return 0.5 * self.mechanics.times.dt_prev if self.integrator.leapfrog else 0.0
 
     def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
-        """After a sample to be kept: adds means since the last one to its rows; rows of other tables; collective."""
+        """Add means since the last sample to its rows, and return the rows of other tables; collective."""
         touches = self.terms.substrate is not None or self.terms.contact is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
         return self.interval.next(self.time, rows, self._half_step, powers)
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """All that decides the next bits: numbers, and on rank 0 arrays in global order; collective.
+        """State for a checkpoint: numbers, and on rank 0 arrays in the order of ids; collective.
 
-        After a batch of steps if the integrator allows it, else after a sample.
+        It is complete after a batch of steps if the integrator allows it, else after a sample.
         """
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
@@ -139,7 +139,7 @@ class Simulation:
                 "interval": self.interval.saved()}, arrays
 
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Go on from what was saved, on any number of ranks; collective."""
+        """Set the state from the results of `saved`, on any number of ranks; collective."""
         restore(self.mechanics, about["mechanics"], arrays)
         self.integrator.restore(about["integrator"])
         self.sampler.start = about["ledger"]
@@ -147,7 +147,7 @@ class Simulation:
         self.time = self.integrator.time
 
     def state_hash(self) -> str:
-        """sha256 of X, u, v in global-id order, the same on any number of ranks; collective."""
+        """The sha256 of X, u, v in the order of ids, the same on any number of ranks; collective."""
         m = self.mechanics
         state = gathered(self.comm, m.ids, m.state.owned, self.scene.size)
         parts = () if state is None else (self.scene.X, state[:, :2], state[:, 2:])

@@ -1,4 +1,4 @@
-"""The fields of a frame and the columns of the tables, each declared once: what it is, its symbol, unit, shape."""
+"""Declarations of the fields of frames and the columns of tables: meaning, symbol, unit, shape."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 class Field:
     """A field of a frame, by particle.
 
-    symbol, unit, meaning : text;  shape : () scalar, (2,) vector in the plane, (3, 3) tensor;  term : of the scene,
-    without which it is not there, or "".
+    symbol, unit, meaning : text;  shape : () scalar, (2,) vector in the plane, (3, 3) tensor;  term : the term of the
+    scene that it needs, or "".
     """
 
     symbol: str
@@ -23,7 +23,7 @@ class Field:
 
     @property
     def stored(self) -> int:
-        """Bytes of a particle in the files, where vectors have a z that is 0."""
+        """Size of a particle in files, where vectors have three components [B]."""
         return 8 * int(np.prod([3 if n == 2 else n for n in self.shape]))
 
 

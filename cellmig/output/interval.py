@@ -1,4 +1,4 @@
-"""From one row of the tables to the next: mean velocities, and mean forces on the substrate and between cells."""
+"""Means between rows of the tables: velocities, and forces on the substrate and between cells."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Rows = list[dict[str, float]]
 
 
 class Interval:
-    """Means over the time since the last row; forces at an instant ring with every bond that snaps.
+    """Means over the time since the last row, as single forces oscillate whenever a bond closes.
 
-    time : of the last row [µs];  moved : displacements then, of all and of each cell [µm];  width : of the pieces of
-    the substrate [µm].
+    time : of the last row [µs];  moved : displacements then, of the aggregate and of each cell [µm];  width : of the
+    intervals of the substrate [µm].
     """
 
     def __init__(self, mechanics: View):
-        """Nothing is known before the first row."""
+        """Begin without a row."""
         self.mechanics = mechanics
         self.time, self.moved = -np.inf, list[tuple[float, float]]()
         self.width = max(t.spacing for t in mechanics.scene.templates)
@@ -30,14 +30,13 @@ class Interval:
     def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray]) -> dict[str, Rows]:
         """Rows of substrate.csv and neighbours.csv at a time [µs]; adds velocities to those of history; collective.
 
-        Impulses are of kicks, which end `half` a step [µs] before: the forces of now, which are among the `powers`,
-        bring them up to date.
+        Impulses of leapfrog end `half` a step [µs] before `time`; the current forces, in `powers`, complete them.
         """
         m, elapsed = self.mechanics, time - self.time
         for row, before in zip(rows, self.moved, strict=False):
             vx, vy = (row["ux_um"] - before[0]) / elapsed, (row["uy_um"] - before[1]) / elapsed
             row |= {"vx_um_per_us": vx, "vy_um_per_us": vy, "speed_um_per_us": float(np.hypot(vx, vy))}
-        # The first row has no means: what a row lacks is nan in the table.
+        # The first row has no means: its columns are nan in the table.
         self._kinds = ("", "_now") if self.moved else ("_now",)
         self.time, self.moved = time, [(row["ux_um"], row["uy_um"]) for row in rows]
         found: dict[str, Rows] = {}
@@ -55,9 +54,9 @@ class Interval:
         return found
 
     def _substrate(self, mean: np.ndarray, now: np.ndarray) -> Rows:
-        """Traction by cell and place, of forces (n, 3) [pN/µm] from the substrate on surface particles; collective.
+        """Rows of traction by cell and place, from forces (n, 3) [pN/µm] of the substrate on particles; collective.
 
-        The mean force on a particle is spread over the way that it went since the last row.
+        The mean force on a particle is distributed over its path since the last row.
         """
         m, w, counted = self.mechanics, self.width, self.mechanics.accounts.impulses
         x, cell = m.segments.own_places()[:, 0], m.surfaces.cell[counted.mine]
@@ -82,14 +81,14 @@ class Interval:
         return rows
 
     def _neighbours(self, mean: np.ndarray, now: np.ndarray, cells: Rows) -> Rows:
-        """Forces between each two cells that touch, of those (slots, 2) [pN/µm] on particles by cells; collective."""
+        """Rows of forces between pairs of cells, from forces (slots, 2) [pN/µm] on particles by cells; collective."""
         m, counted = self.mechanics, self.mechanics.accounts.impulses
         values = np.hstack([mean, now])[1:]
         on = (values != 0.0).any(axis=1)
         key = counted.key[1:][on]
         pairs = np.column_stack([m.surfaces.cell[key // counted.cells], key % counted.cells])
         keys, sums = self._sums(pairs, values[on])
-        # What a surface particle of one cell gets from the other, that gives: forces are equal and opposite.
+        # Forces of both cells of a pair on each other are opposite, and are added with signs.
         forces: dict[tuple[int, int], np.ndarray] = {}
         for (a, b), force in zip(keys.tolist(), sums, strict=True):
             pair, sign = ((a, b), 1.0) if a < b else ((b, a), -1.0)
@@ -106,7 +105,7 @@ class Interval:
         return rows
 
     def _sums(self, keys: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All pairs of whole numbers (g, 2) among keys (k, 2) of the ranks, ascending, and sums (g, c); collective."""
+        """Distinct keys (g, 2) int of all ranks, ascending, and sums (g, c) of values by keys (k, 2); collective."""
         comm = self.mechanics.comm
         every = np.unique(np.concatenate(comm.allgather(np.unique(keys, axis=0))), axis=0)
         number = {tuple(key): i for i, key in enumerate(every.tolist())}
@@ -114,18 +113,18 @@ class Interval:
         return every, exact_sum(comm, values, group, len(every))
 
     def saved(self) -> dict[str, Any]:
-        """What it knows of the last row, for a checkpoint; impulses are in the mechanics."""
+        """Time and displacements of the last row, for a checkpoint; impulses are saved with the mechanics."""
         return {"time": self.time, "moved": self.moved}
 
     def restore(self, about: dict[str, Any]) -> None:
-        """Go on from what was saved."""
-        self.time, self.moved = about["time"], about["moved"]  # -inf is what JSON of Python has, too
+        """Set the state from `about`, which `saved` returned."""
+        self.time, self.moved = about["time"], about["moved"]  # Python's JSON has -inf
 
 
 def spread(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ranges from low to high (n,) over pieces of a width, of which number k is from k to k + 1 widths.
+    """Distribute ranges from low to high (n,) [µm] over intervals of a width [µm], number k from k to k + 1 widths.
 
-    Three arrays (parts,): number of the range, of the piece, and the share of the range; these add up to 1.
+    Returns arrays (parts,): number of the range, number of the interval, share of the range [-], whose sum is 1.
     """
     first, last = (np.floor(ends / width).astype(np.int64) for ends in (low, high))
     count = last - first + 1

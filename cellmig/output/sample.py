@@ -1,4 +1,4 @@
-"""What is looked at: per cell for history.csv, in sums for ledger.csv, per particle for the frames."""
+"""Output quantities: by cell for history.csv, energies for ledger.csv, by particle for frames."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .fields import FIELDS
 from .tables import further_columns
 from .view import View
 
-STRAIN = 1e-8  # energies below that of such a compression of all cells are not asked whether they add up
-ROUNDED = 1e-6  # of the energy of motion, of which no share is asked for that is smaller
+STRAIN = 1e-8  # volumetric strain of all cells whose energy is the smallest scale of the energy error
+ROUNDED = 1e-6  # smallest scale of the energy error, over the largest energy or work
 AT_A_TIME = 1 << 16  # rows whose stress is computed at a time
 TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as in contact
 
 
 class Sampler:
-    """Looks at a Mechanics without changing it; everything is current after `mechanics.rate`.
+    """Output quantities of a Mechanics, which is not changed; they are current after `mechanics.rate`.
 
     start : entries of the first row of the ledger [pN], from which changes are counted.
     """
 
     def __init__(self, mechanics: View, probes: Probes):
-        """Remember masses, volumes and the points that are watched."""
+        """Store masses, volumes and the particles of mean stresses."""
         m, self.probes = mechanics, probes
         self.mechanics = m
         scene, ids = m.scene, m.ids
@@ -38,7 +38,7 @@ class Sampler:
         self.n_cells = len(scene.kind)
         self.cell_mass = self._sum(self.mass)
         self.cell_volume = self._sum(self.V)
-        self._watched = np.zeros(scene.size)  # weights of particles in the mean stress that is told of each cell
+        self._watched = np.zeros(scene.size)  # weights of particles in the stress at the lower centre of each cell
         for c in range(self.n_cells):
             on = _below_centre(scene, c)
             self._watched[on] = 1.0 / len(on)
@@ -93,13 +93,13 @@ class Sampler:
         return stress, J
 
     def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:
-        """Laws and rows that have them, not too many at a time, for the sake of memory."""
+        """Laws and their rows, at most AT_A_TIME at a time, to limit memory."""
         for i, law in enumerate(self.mechanics.scene.materials):
             rows = np.flatnonzero(self._rows_material == i)
             yield from ((law, rows[k : k + AT_A_TIME]) for k in range(0, len(rows), AT_A_TIME))
 
     def fields(self) -> dict[str, np.ndarray]:
-        """The fields of a frame, for the owned particles, those that the scene has."""
+        """Fields of a frame that the scene has, for the owned particles (n_owned, ...), in their units."""
         m, terms = self.mechanics, self.mechanics.terms
         out = {"id": m.ids.astype(np.int64), "cell": self.cell + 1, "material": self.material,
                "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.u.copy(),
@@ -138,11 +138,11 @@ class Sampler:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of history beside those of every scene: of probes, then of supports and plates."""
+        """Further columns of history: of probes, then of supports and plates."""
         return further_columns(self.probes.names, self.mechanics.loads.boundary.names)
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
-        """Where the probes are and how far they moved, in the rows of their cells and of the aggregate; collective."""
+        """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""
         m, p = self.mechanics, self.probes
         if not p.names:
             return
@@ -156,7 +156,7 @@ class Sampler:
                 row |= dict(zip((f"{name}_{what}_um" for what in ("x", "y", "ux", "uy")), mean, strict=True))
 
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
-        """Forces of supports and plates on each cell and on all; collective."""
+        """Add forces of supports and plates on each cell and on the aggregate; collective."""
         names = self.mechanics.loads.boundary.names
         for name, by_cell in zip(names, self.reactions() if names else (), strict=True):
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
@@ -170,7 +170,7 @@ class Sampler:
         return sums.reshape(names, cells, 2)
 
     def _outline(self) -> np.ndarray:
-        """Shares (n_owned, 4) in area [µm²], perimeter, contact with the substrate and with cells [µm] of the cells."""
+        """Contributions (n_owned, 4) to area [µm²], perimeter, contact with the substrate and with cells [µm]."""
         m = self.mechanics
         ends, x = m.segments.owned()
         length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
@@ -195,8 +195,8 @@ class Sampler:
                powers: Mapping[str, np.ndarray] | None = None) -> dict[str, float]:
         """Row of ledger.csv [pN]; collective.
 
-        `half_step` [µs] brings velocities of leapfrog, and what was counted, to the time of u, with their rates
-        `acceleration` (n_owned, 4) and `powers`, of which none are needed where it is zero.
+        Velocities of leapfrog and accounts are advanced by `half_step` [µs] to the time of u, with their rates
+        `acceleration` (n_owned, 4) [µm/µs, µm/µs²] and `powers` [pN/µs], which are not needed if it is zero.
         """
         m, terms = self.mechanics, self.mechanics.terms
         v = m.state.v + half_step * acceleration[:, 2:]
@@ -227,10 +227,10 @@ class Sampler:
         return {**{f"{name}_pn": value for name, value in entries.items()}, "energy_error": error}
 
     def _energy_error(self, entries: dict[str, float], drift: float) -> float:
-        """What does not add up, in parts of the largest energy [-]; `drift` : that of the cells' own velocities [pN].
+        """Error of the energy balance, over the largest energy [-]; `drift` : that of the cells' mean velocities [pN].
 
-        The energy of a cell that moves as a whole, and the work that went into it, depend on who watches: they are left
-        out of what is compared with.
+        The energy of a cell's mean velocity and the work for it depend on the frame of reference, and are not in the
+        scale of the error.
         """
         self.start = self.start or entries | {"drift": drift}
         change = {name: value - self.start[name] for name, value in entries.items()}
@@ -249,14 +249,14 @@ class Sampler:
 
 
 def _below_centre(scene: Scene, cell: int) -> np.ndarray:
-    """Global ids of the particles nearest to the middle of the lower half, its lower centre: one, or some as near."""
+    """Global ids of the particles nearest to the lower centre of a cell: one, or several at equal distances."""
     t = scene.templates[scene.kind[cell]]
     away = np.linalg.norm(t.X - [0.0, 0.75 * t.X[:, 1].min()], axis=1)
     return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
 
 
 def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
-    """Share of each segment whose gap, linear from g1 to g2, is below `height` [-]."""
+    """Share of each segment with a gap, linear from g1 to g2 (n,) [µm], below `height` [µm] [-]."""
     low, high = np.minimum(g1, g2), np.maximum(g1, g2)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.clip((height - low) / (high - low), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""What those who watch a run may read of its mechanics."""
+"""Protocols of what output may read of a Mechanics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StateView(Protocol):
 
 
 class PartView(Protocol):
-    """Which particles are on this rank."""
+    """Particles of this rank."""
 
     @property
     def numbering(self) -> Numbering:
@@ -68,7 +68,7 @@ class LoadsView(Protocol):
 
 
 class ImpulsesView(Protocol):
-    """Impulses of surfaces since the last row of the tables, which starts them anew."""
+    """Impulses of surfaces since the last row of the tables."""
 
     cells: int
     mine: np.ndarray
@@ -77,31 +77,31 @@ class ImpulsesView(Protocol):
 
     @property
     def bond(self) -> np.ndarray:
-        """From the substrate (n_segments, 2, 3) [pN µs/µm]."""
+        """Impulses by the substrate (n_segments, 2, 3) [pN µs/µm]."""
 
     @property
     def contact(self) -> np.ndarray:
-        """From other cells (slots, 2) [pN µs/µm]."""
+        """Impulses by other cells (slots, 2) [pN µs/µm]."""
 
     def of_surface(self, values: np.ndarray) -> np.ndarray:
         """Values of bonds (n_segments, 2, 3) by surface particle (k, 3)."""
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Count anew from these impulses on, with the surface particles at x (k,) [µm]."""
+        """Begin again with impulses bond (n_segments, 2, 3), contact (slots, 2) [pN µs/µm], at x (k,) [µm]."""
 
 
 class AccountsView(Protocol):
-    """Losses and work so far."""
+    """Dissipation and work so far."""
 
     of_particles: dict[str, np.ndarray]
 
     @property
     def impulses(self) -> ImpulsesView:
-        """Those of surfaces."""
+        """Impulses of surfaces."""
 
 
 class View(Protocol):
-    """A Mechanics as observers see it; everything is current after its `rate`."""
+    """A Mechanics for output; everything is current after its `rate`."""
 
     comm: MPI.Comm
     scene: Scene
@@ -112,26 +112,26 @@ class View(Protocol):
 
     @property
     def part(self) -> PartView:
-        """Its subdomain."""
+        """Subdomain of this rank."""
 
     @property
     def state(self) -> StateView:
-        """Its particles."""
+        """State of the particles."""
 
     @property
     def segments(self) -> SegmentsView:
-        """Its surfaces."""
+        """Surface segments."""
 
     @property
     def loads(self) -> LoadsView:
-        """What acts from outside."""
+        """Supports, loads and plates."""
 
     @property
     def accounts(self) -> AccountsView:
-        """What was counted."""
+        """Accounts of energy and impulses."""
 
     def director_fields(self) -> dict[str, np.ndarray]:
-        """Gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each, if they matter."""
+        """Gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each; empty without a director."""
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
         """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term."""

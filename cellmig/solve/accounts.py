@@ -1,4 +1,4 @@
-"""What is counted step by step: losses, work, and impulses for the mean forces of the tables."""
+"""Accounts that each step adds to: dissipation, work, and impulses for the mean forces of the tables."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusi
 
 
 class Accounts:
-    """Losses, work and impulses so far, to which each step adds.
+    """Dissipation, work and impulses so far.
 
     Attributes
     ----------
-    of_particles : dict of (n_owned,) float -- by name, to write to [pN], impulses [pN µs/µm].
+    of_particles : dict of (n_owned,) float -- writable, by name [pN], impulses [pN µs/µm].
     impulses : Impulses -- of surfaces, since the last row of the tables.
     """
 
     FIELDS = (
-        Field("viscous_loss", "double *", "(n_owned,)", "pN", "energy taken by viscosity"),
-        Field("artificial_dissipation", "double *", "(n_owned,)", "pN", "energy taken by numerical viscosities"),
-        Field("friction_loss", "double *", "(n_owned,)", "pN", "energy taken by friction on the substrate"),
+        Field("viscous_loss", "double *", "(n_owned,)", "pN", "dissipation by viscosity"),
+        Field("artificial_dissipation", "double *", "(n_owned,)", "pN", "dissipation by numerical viscosities"),
+        Field("friction_loss", "double *", "(n_owned,)", "pN", "dissipation by friction on the substrate"),
         Field("protrusion_impulse", "double *", "(n_owned,)", "pN µs/µm", "of the push along x"),
         Field("external_work", "double *", "(n_owned,)", "pN", "of push, loads, plates, supports and activity"),
         Field("bond_impulse", "double *", "(n_segments, 2, 3)", "pN µs/µm", "see `Impulses.bond`"),
         Field("contact_impulse", "double *", "(slots, 2)", "pN µs/µm", "see `Impulses.contact`"),
-        Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "where the impulse of a node is counted"),
+        Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "slot for the impulse of a node"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
-        """All zero."""
+        """Begin at zero."""
         self._comm, self._kernel = part.comm, kernel
         for name in ACCOUNTS:
             kernel[name] = np.zeros(part.capacity)
@@ -48,16 +48,16 @@ class Accounts:
 
     @property
     def everything(self) -> dict[str, np.ndarray]:
-        """Of particles (n_owned,) [pN] and of surfaces (…) [pN µs/µm], by the names of the fields, to write to."""
+        """Writable accounts of particles (n_owned,) [pN] and those of `Impulses.arrays` [pN µs/µm], by field."""
         return self.of_particles | self.impulses.arrays
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change (capacity, …), ghosts included [pN, pN µs/µm]."""
+        """Arrays that steps change: of particles (capacity,) [pN], and those of `Impulses.arrays` [pN µs/µm]."""
         return {name: self._kernel[name] for name in ACCOUNTS} | self.impulses.arrays
 
     def rates(self) -> dict[str, np.ndarray]:
-        """Rates of all for the state as it is, by name (n_owned,) and (…) [pN/µs, pN/µm]; collective."""
+        """Rates in the current state by name, shaped as (n_owned,) or `Impulses.arrays` [pN/µs, pN/µm]; collective."""
         counted = self.everything
         so_far = {name: values.copy() for name, values in counted.items()}
         for values in counted.values():
@@ -69,7 +69,7 @@ class Accounts:
         return found
 
     def add(self, dt: float) -> None:
-        """Count `dt` [µs] at the rates of the state as it is; collective."""
+        """Add the rates of the current state times `dt` [µs]; collective."""
         self._kernel("account", dt)
 
     def protrusion_impulse(self) -> float:
@@ -78,16 +78,16 @@ class Accounts:
 
 
 class Impulses:
-    """What the surfaces of a rank got since the last row of the tables.
+    """Impulses on the surfaces of a rank since the last row of the tables.
 
-    bond : (segments, 2, 3) -- from the substrate by the ends of segments: along y, drag and push along x [pN µs/µm];
-    contact : (slots, 2) -- from other cells, by particle and cell [pN µs/µm];  key : (slots,) -- surface particle times
-    the number of cells plus the other cell; slot 0 is for particles of other ranks;  mine : (n,) int -- this rank's
-    surface particles;  place : (n,) -- their x at the last row [µm].
+    bond : (segments, 2, 3) -- by the substrate on the ends of segments: along y, drag and push along x [pN µs/µm];
+    contact : (slots, 2) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- surface particle
+    times the number of cells plus the other cell; slot 0 is for particles of other ranks;  mine : (n,) int -- this
+    rank's surface particles;  place : (n,) -- their x at the last row [µm].
     """
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
-        """Nothing is counted, and there are no contacts before the first `follow`."""
+        """Begin at zero, without contacts before the first `follow`."""
         self._kernel, self._surfaces, self._is_mine = kernel, part.surfaces, part.on_surface
         self._segments = segments.number
         self.cells, self.mine = len(part.scene.kind), part.own_surface
@@ -97,31 +97,31 @@ class Impulses:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """Those of bonds and contacts, by the names of the fields [pN µs/µm]: shapes (n_segments, 2, 3), (slots, 2)."""
+        """Impulses of bonds (n_segments, 2, 3) and contacts (slots, 2) [pN µs/µm], by the names of the fields."""
         return {name: self._kernel[name] for name in ("bond_impulse", "contact_impulse")}
 
     @property
     def bond(self) -> np.ndarray:
-        """From the substrate (n_segments, 2, 3) [pN µs/µm]."""
+        """Impulses by the substrate (n_segments, 2, 3) [pN µs/µm]."""
         return self._kernel["bond_impulse"]
 
     @property
     def contact(self) -> np.ndarray:
-        """From other cells (slots, 2) [pN µs/µm]."""
+        """Impulses by other cells (slots, 2) [pN µs/µm]."""
         return self._kernel["contact_impulse"]
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Count anew, from these impulses on, with the surface particles at x (n,) [µm]."""
+        """Begin again with impulses bond (n_segments, 2, 3), contact (slots, 2) [pN µs/µm], at x (n,) [µm]."""
         self.place[:], self.bond[:], self.contact[:] = x, bond, contact
 
     def follow(self, lists: ContactLists) -> None:
-        """A slot for every particle of new search lists and the cell that it touches; what was counted stays."""
+        """Assign slots to the particles of new search lists and the cells that they touch; impulses stay."""
         other = self._surfaces.cell[lists.candidate[lists.first[:-1]]]
         self._kernel["contact_slot"] = self._slots(np.where(self._is_mine[lists.node],
                                                             lists.node * self.cells + other, -1))
 
     def _slots(self, key: np.ndarray) -> np.ndarray:
-        """Where the impulses of some keys are, made if they are new."""
+        """Slots of keys (k,), which are created if they are new."""
         if len(fresh := np.setdiff1d(key, self.key)):
             before, self.key = self.contact, np.concatenate([self.key, fresh])
             self._kernel["contact_impulse"] = np.concatenate([before, np.zeros((len(fresh), 2))])
@@ -129,18 +129,18 @@ class Impulses:
         return order[np.searchsorted(self.key, key, sorter=order)]
 
     def of_surface(self, values: np.ndarray) -> np.ndarray:
-        """Values of bonds by this rank's surface particles (n, 3): those of both their segments."""
+        """Sums (n, 3) of values (n_segments, 2, 3) of any unit over both segments of own surface particles."""
         at = [np.searchsorted(self._segments, some) for some in (self.mine, self._surfaces.before[self.mine])]
         return values[at[0], 0] + values[at[1], 1]
 
     def saved(self, comm: MPI.Comm) -> dict[str, np.ndarray | None]:
-        """Arrays for a checkpoint, in an order that no partition changes, on rank 0; collective."""
+        """Keys (k,) and impulses (k, 2) [pN µs/µm] for a checkpoint, ordered by key, on rank 0; collective."""
         key = np.sort(np.concatenate(comm.allgather(self.key[1:])))
         values = gathered(comm, np.searchsorted(key, self.key[1:]), self.contact[1:], len(key))
         return {"contact key": key if comm.rank == 0 else None, "contact impulse": values}
 
     def restore(self, key: np.ndarray, values: np.ndarray) -> None:
-        """Go on from what was saved, of which this rank takes its own."""
+        """Set this rank's impulses from `key` (k,) int and `values` (k, 2) [pN µs/µm], which `saved` returned."""
         mine = self._is_mine[key // self.cells]
         slots = self._slots(key[mine])
         self.contact[slots] = values[mine]

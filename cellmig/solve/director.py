@@ -1,4 +1,4 @@
-"""The director of a rank's particles: angles with ghosts, their gradient, and what holds them at the membrane."""
+"""The director of a rank's particles: angles with ghosts, their gradient, anchoring at the membrane."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .subdomain import Subdomain
 
 
 class Director(GhostedField):
-    """Angles θ [rad] in column 0, the torques on them [pN] in column 1; the kernel moves them, step by step.
+    """Angles θ [rad] in column 0 and torques on them [pN] in column 1, which the kernel updates in each step.
 
     Attributes
     ----------
-    memory : (capacity, 2) float -- that of the field, with room for the kernel's last block [rad, pN].
+    memory : (capacity, 2) float -- of the field, padded for the kernel's last block [rad, pN].
     """
 
     FIELDS = (
@@ -35,7 +35,7 @@ class Director(GhostedField):
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, state: State):
-        """θ = 0 everywhere; collective.  The director of a scene is uniform where it has no law."""
+        """Begin at zero angles; collective.  Without a director law the angles stay uniform."""
         self.memory = aligned_zeros((part.capacity, 2))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
         self.set_ghosts(part.in_petsc[part.numbering.ids[part.n_owned :]])
@@ -48,7 +48,7 @@ class Director(GhostedField):
         eta, zeta = (np.array([getattr(m, name, 0.0) for m in materials]) for name in ("eta", "zeta"))
         V, stiffness, of_material = part.scene.field("V")[part.ids], eta.max(), part.scene.material[part.ids]
         mobility = (law.mobility if law else 0.0) / (stiffness * V) if stiffness > 0 else np.zeros(len(V))
-        # What η |g|²/2 and ζ add to the moduli that bound the step: bounds of their second derivatives.
+        # Bounds of the second derivatives of η |g|²/2 and of ζ, which add to the moduli that limit the step.
         kernel["director_weight"] = 3.0 * eta[of_material]
         state.stiffen(np.abs(zeta)[of_material])
         held = law is not None and law.anchoring == "surface"
@@ -58,10 +58,10 @@ class Director(GhostedField):
         kernel["n_anchors_anywhere"] = part.comm.allreduce(len(self._anchors))
 
     def _anchored(self, mobility: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """Surface particles that this rank has, or neighbours of such (n_anchors,); their angle is the membrane's.
+        """Anchored surface particles of this rank and their neighbours (n_anchors,), whose angles follow the membrane.
 
-        `mobility` (n_owned,) [1/(µs pN)] becomes zero there;  `stiffness` (n_owned,) [Pa] : what a turn of the membrane
-        against the director adds to its modulus, at most.
+        `mobility` (n_owned,) [1/(µs pN)] becomes zero there;  `stiffness` (n_owned,) [Pa] : largest modulus of a
+        rotation of the membrane against the director.
         """
         s, k, own = self._part.surfaces, self._kernel, self._part.on_surface
         anchors = np.flatnonzero(own | own[s.after] | own[s.before])
@@ -74,9 +74,9 @@ class Director(GhostedField):
         return anchors
 
     def start(self, theta: np.ndarray) -> None:
-        """Go on from angles theta (n_owned,) [rad]; anchors keep that to the membrane which they have at rest.
+        """Set angles theta (n_owned,) [rad]; anchors keep their angle to the membrane in the reference configuration.
 
-        A frozen director has a constant reference gradient: it is computed here, once; collective.
+        Computes the reference gradient, which is constant for a frozen director; collective.
         """
         k, s, a = self._kernel, self._part.surfaces, self._anchors
         self.owned[:, 0] = theta
@@ -90,20 +90,20 @@ class Director(GhostedField):
 
     @property
     def by_block(self) -> dict[str, np.ndarray]:
-        """Gradient of θ [1/µm] and axis h [-], (n_blocks, 2, 4) each, by the names of the fields, to write to."""
+        """Gradient of θ [1/µm] and axis h [-], (n_blocks, 2, 4) each, writable, by the names of the fields."""
         return {name: self._kernel[name] for name in ("director_gradient", "director_axis")}
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change: angles and torques (capacity, 2) [rad, pN]."""
+        """Arrays that steps change: angles and torques (capacity, 2) [rad, pN]."""
         return {"theta": self.memory}
 
     def of_rows(self) -> dict[str, np.ndarray]:
-        """Reference gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each, by the names laws have them."""
+        """Reference gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each, by their names in laws."""
         gradient, axis = (self._state.by_row(values).T for values in self.by_block.values())
         return {"gradient": gradient, "director": axis}
 
     def anchored(self) -> tuple[np.ndarray, np.ndarray]:
-        """Anchors with the particles beside (n_anchors, 3) int, and the torques on them (n_anchors,) [pN]."""
+        """Anchors with both neighbours (n_anchors, 3) int, and their torques (n_anchors,) [pN]."""
         anchor = self._kernel["anchor"]
         return anchor, self.memory[anchor[:, 1], 1]

@@ -11,16 +11,16 @@ from .subdomain import Subdomain
 
 
 class Loads:
-    """What acts on this rank's particles from outside; all empty in a scene without supports, loads and plates.
+    """Supports, loads and plates of this rank's particles; empty in a scene without any.
 
     Attributes
     ----------
     boundary : Boundary -- of the whole scene.
     there : bool -- whether the scene has any.
     held : (k,) int, (k,) int -- owned particles and components that supports hold.
-    reaction : (k,) float -- forces of supports there, to write to [pN/µm].
+    reaction : (k,) float -- forces of supports on these, writable [pN/µm].
     platable : (p,) int -- owned surface particles, which plates may touch.
-    plate_force : (p, plates) float -- forces of plates along their normals, to write to [pN/µm].
+    plate_force : (p, plates) float -- forces of plates along their normals, writable [pN/µm].
     """
 
     FIELDS = (
@@ -53,7 +53,7 @@ class Loads:
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, boundary: Boundary):
-        """Give the kernel what acts on this rank, at the time 0."""
+        """Set the kernel's arrays, at time zero."""
         self._part, self._kernel, self.boundary = part, kernel, boundary
         self._curves, none = part.terms.load_curves or (), np.zeros(0, np.int64)
         self.held, self.reaction, self.loaded = (none, none), np.zeros(0), none
@@ -99,13 +99,13 @@ class Loads:
         self.plate_force = k["plate_force"]
 
     def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
-        """Supports, loads and plates are those at a time [µs] from now on, `steps` equal steps after an `origin`."""
+        """Set the time [µs] of supports, loads and plates, `steps` equal steps after an `origin` [µs]."""
         if self.there:
             self._kernel["clock"][:] = time, origin, steps
 
     @property
     def clock(self) -> list[float]:
-        """What `set_clock` takes: time and origin [µs], number of steps."""
+        """Arguments of `set_clock`: time and origin [µs], number of steps."""
         return self._kernel["clock"].tolist()
 
     def factors(self, curves: np.ndarray) -> np.ndarray:
@@ -146,5 +146,5 @@ class Loads:
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change: clock (3,) [µs], and loads (capacity, 2) [pN/µm] of the last kick."""
+        """Arrays that steps change: clock (3,) [µs], loads (capacity, 2) [pN/µm] of the last kick."""
         return {name: self._kernel[name] for name in ("clock", "load_before")} if self.there else {}

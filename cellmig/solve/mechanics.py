@@ -1,4 +1,4 @@
-"""Equation (2) on one rank, M u'' = F_body + F_cs + F_cc + F_d - F_int, with ghosts of what others own."""
+"""Equation (2) on one rank, M u'' = F_body + F_cs + F_cc + F_d - F_int, with ghosts of particles of other ranks."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from .undo import Times, Undo
 
 
 class Extremes(NamedTuple):
-    """What occurred in some steps, over all ranks.
+    """Extremes over some steps and all ranks.
 
-    displaced : of surface particles since the lists were made [µm];  gaps : (2,) float -- least gaps to the substrate
-    and between cells [µm];  J_min, J_max : [-].
+    displaced : largest displacement of surface particles since the lists were made [µm];  gaps : (2,) float -- smallest
+    gaps to the substrate and between cells [µm];  J_min, J_max : [-].
     """
 
     displaced: float
@@ -51,11 +51,11 @@ class Mechanics:
     state : State -- displacements and velocities.
     segments : Segments -- of surfaces, and search lists.
     loads : Loads -- supports, loads and plates.
-    director : Director -- None if neither its gradient nor its axis matters.
+    director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
-    accounts : Accounts -- losses, work, impulses.
+    accounts : Accounts -- dissipation, work, impulses.
     times : Times -- of the previous step.
-    undo : Undo -- what brings back an earlier state.
+    undo : Undo -- copy of an earlier state.
     """
 
     def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, protruding: Protruding, owner: np.ndarray,
@@ -79,7 +79,7 @@ class Mechanics:
         kernel("deformation")
 
     def _load(self, swarm: Swarm) -> None:
-        """State and accounts from the swarm, whose particles stand by id."""
+        """Copy state and accounts from the swarm, whose particles are ordered by id."""
         at = np.searchsorted(swarm["id"], self.ids)
         self.state.owned[:] = np.hstack([swarm["u"], swarm["v"]])[at]
         for i, name in enumerate(ACCOUNTS):
@@ -89,7 +89,7 @@ class Mechanics:
         self.state.exchange()
 
     def store(self, swarm: Swarm) -> None:
-        """State and accounts back to the swarm."""
+        """Copy state and accounts to the swarm."""
         inverse = np.argsort(np.searchsorted(swarm["id"], self.ids))
         swarm["u"], swarm["v"] = self.state.u[inverse], self.state.v[inverse]
         swarm["loss"] = np.column_stack(list(self.accounts.of_particles.values()))[inverse]
@@ -97,7 +97,7 @@ class Mechanics:
             swarm["theta"] = self.director.owned[inverse, 0]
 
     def renew_lists(self) -> None:
-        """Search lists, and ghosts of the cells in reach, for the positions as they are; collective."""
+        """Make search lists, and ghosts of cells within reach, for the current positions; collective."""
         self.segments.renew()
         if self.protrusion is not None:
             self.protrusion.renew()
@@ -107,14 +107,14 @@ class Mechanics:
     # ------------------------------------------------------------ the step
 
     def prescribe(self, time: float) -> None:
-        """Supports move to where they are at a time [µs], with the velocity they have there; collective."""
+        """Move supports to their positions at a time [µs], with their velocities; collective."""
         if self.loads.there:
             self.loads.set_clock(time)
             self.kernel("prescribe")
             self.state.exchange()
 
     def advance(self, n: int, dt: float) -> None:
-        """`n` steps of `dt` [µs] of leapfrog, in place; collective.
+        """Take `n` steps of `dt` [µs] of leapfrog; collective.
 
         Raises PETSc.Error where an exchange of ghosts failed.
         """
@@ -126,9 +126,9 @@ class Mechanics:
         t.F_lag = t.dt_prev = dt
 
     def rate(self) -> np.ndarray:
-        """(v, a) of the owned particles (n_owned, 4) [µm/µs, µm/µs²] for the state as it is; collective.
+        """(v, a) of the owned particles (n_owned, 4) [µm/µs, µm/µs²] in the current state; collective.
 
-        F, reactions and loads are brought up to date.  Raises PETSc.Error where an exchange of ghosts failed.
+        Updates F, reactions and loads.  Raises PETSc.Error where an exchange of ghosts failed.
         """
         out = np.zeros((self.n_owned + 4, 4))
         self.state.exchange()
@@ -138,7 +138,7 @@ class Mechanics:
         return out[: self.n_owned]
 
     def relax_director(self, dt: float) -> None:
-        """The director alone goes on by dt [µs], for integrators that hold it still within a step; collective.
+        """Relax the director by dt [µs], for integrators that keep it constant within a step; collective.
 
         Raises PETSc.Error where an exchange of ghosts failed.
         """
@@ -148,12 +148,12 @@ class Mechanics:
     # ------------------------------------------------------------ back to an earlier state
 
     def changing(self) -> dict[str, np.ndarray]:
-        """All that steps change, by name, to write to: arrays of any shape and unit."""
+        """Writable arrays that steps change, by name, of any shape and unit."""
         parts = (self.state, self.accounts, self.loads, self.protrusion, self.director)
         return {name: values for part in parts if part is not None for name, values in part.changing.items()}
 
     def save(self) -> None:
-        """Remember the state, so that `go_back` can undo the steps to come."""
+        """Copy the state, so that `go_back` can undo later steps."""
         self.undo.save(self.changing(), self.times)
 
     def go_back(self) -> None:
@@ -161,32 +161,31 @@ class Mechanics:
         self.undo.restore(self.changing(), self.times)
 
     def set_aside(self) -> None:
-        """Before a look that brings F and the accounts up to date: the next step is to go on as if nobody had looked.
-
-        At the start nothing is left half done.
+        """Copy the state before output, which updates F and accounts; `resume` restores it, so that bits do not depend
+        on outputs.  Before the first step there is nothing to restore.
         """
         if not self.undo.aside and self.times.dt_prev:
             self.save()
             self.undo.aside = True
 
     def resume(self) -> None:
-        """What was set aside is there again."""
+        """Restore the state that `set_aside` copied."""
         if self.undo.aside:
             self.undo.aside = False
             self.undo.restore(self.changing(), self.times, but=NOT_LOOKED_AT)
 
-    # ------------------------------------------------------------ what is watched
+    # ------------------------------------------------------------ step control
 
     def extremes(self) -> Extremes:
-        """What occurred since this was last asked, or the gaps were forgotten; collective."""
+        """Extremes since the last call, of gaps since they were forgotten; collective."""
         top = global_maximum(self.comm, np.array([self.segments.displaced(), *self.state.extremes()]))
         return Extremes(float(top[0]), -top[1:3], -float(top[3]), float(top[4]))
 
     def limits(self) -> dict[str, float]:
-        """What bounds the step, over all ranks; collective.
+        """Limits of the step over all ranks; collective.
 
-        By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], and how
-        far surface particles were displaced since the lists were made [µm].
+        By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], and the
+        largest displacement of surface particles since the lists were made [µm].
         """
         own = np.zeros(6)
         self.kernel("limits", own)
@@ -197,7 +196,7 @@ class Mechanics:
         return dict(zip(names, top.tolist(), strict=True))
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
-        """Global id and J [-] of the one whose J is furthest from 1, or not finite, or one known by id; collective."""
+        """Global id and J [-] of the particle with the largest |ln J|, or not finite, or of a known id; collective."""
         F = self.state.F_of_rows[: self.n_owned]
         J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
         J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
@@ -209,10 +208,10 @@ class Mechanics:
         _, particle, worst = min(self.comm.allgather(found))
         return particle, worst
 
-    # ------------------------------------------------------------ what is looked at
+    # ------------------------------------------------------------ output
 
     def powers(self) -> dict[str, np.ndarray]:
-        """Rates of the accounts, by name, for the state as it is: see `Accounts.rates`; collective."""
+        """Rates of the accounts by name in the current state: see `Accounts.rates`; collective."""
         if self.loads.there:
             self.rate()  # for the reactions
         return self.accounts.rates()
@@ -241,4 +240,4 @@ class Mechanics:
                 field.destroy()
 
 
-NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # no look changes the first, rows of tables the others
+NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # unchanged by output, but that tables restart impulses

@@ -1,4 +1,4 @@
-"""All that decides the next bits of a Mechanics, gathered for a checkpoint and given back on any number of ranks."""
+"""State of a Mechanics for a checkpoint, gathered and restored on any number of ranks with the same bits."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..meshfree.contact import Surfaces
 from ..parallel.collect import broadcast, gathered
 from .mechanics import Mechanics
 
-SAME = 1e-9  # spacings that particles may lie apart which are the same; rounding is 1e-15, the next one is at 1
+SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rounding is 1e-15
 
 
 def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Numbers, the same on all ranks, and arrays, on rank 0, of the state between two steps; collective.
+    """State between two steps: numbers, the same on all ranks, and arrays on rank 0; collective.
 
-    Arrays are by particle in the order of the global ids, or by surface particle (of its segment, the first end):
-    (size, …) and (m, …) of any unit.
+    Arrays (size, ...) are by particle, in the order of ids, or (m, ...) by surface particle, the first end of segments;
+    they have the units of the fields.
     """
     m.resume()
     about = asdict(m.times) | {"renewals": m.segments.renewals}
@@ -40,12 +40,12 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Go back to what was saved; rank 0 has the `arrays` (…) of any unit; collective."""
+    """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit on rank 0; collective."""
     m.undo.aside = False
     everything = broadcast(m.comm, arrays)
     particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
-    # Lists are made of the positions of that time; ghosts of what touches come with them.
+    # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     m.state.u[m.part.at_surface] = surface["renewed"][m.part.own_surface]
     m.state.exchange()
     m.renew_lists()
@@ -58,7 +58,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     for name, values in _of_particles(m).items():
         values[:] = particle[name][m.ids]
     block, lane = m.part.blocks.lanes_of
-    for name, blocks in _by_blocks(m).items():  # of copies too, which have the same bits
+    for name, blocks in _by_blocks(m).items():  # with the rows of ghosts, which have the same bits
         blocks[block, :, lane] = particle[name][m.part.row_ids]
     m.segments.renewals = about["renewals"]
     for name in asdict(m.times):
@@ -71,11 +71,11 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         m.director.exchange()
 
 
-_ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work")  # by blocks, which no look has settled
+_ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work")  # by blocks, until particles get them
 
 
 def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values (n_owned, k) of the owned particles, to write to."""
+    """Writable values (n_owned, k) of the owned particles."""
     found = {"state": m.state.owned, **m.accounts.of_particles}
     if m.director is not None:
         found["theta"] = m.director.owned
@@ -85,7 +85,7 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
-    """What the kernel keeps by blocks (n_blocks, k, 4), to write to: F, and forces and stresses of the last kick."""
+    """Writable arrays by blocks (n_blocks, k, 4): F, and forces and stresses of the last kick."""
     found = {"F": m.state.changing["F"], **_step_memory(m)}
     return found | m.director.by_block if m.director is not None else found
 
@@ -114,7 +114,7 @@ def _of_segments(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:
-    """Whether arrays of a checkpoint, on rank 0, are of the particles of a scene: but for rounding; collective."""
+    """Whether arrays of a checkpoint, on rank 0, belong to the particles of a scene, up to rounding; collective."""
     same = True
     if comm.rank == 0:
         X, surface, spacing = arrays["X"], arrays["surface"], min(t.spacing for t in scene.templates)

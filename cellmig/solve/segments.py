@@ -1,4 +1,4 @@
-"""The surface segments of a rank, and search lists of what may touch them."""
+"""The surface segments of a rank, and search lists for contact and adhesion."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .state import State
 from .subdomain import Subdomain
 from .surface_exchange import SurfacePlaces
 
-SKIN = 0.85  # spacings by which surfaces may approach each other before the search lists are made anew
-STRETCH = 1.2  # of a segment, at most, until then
+SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
+STRETCH = 1.2  # largest stretch of a segment until then [-]
 CLOSEST_POINT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])
 
 
@@ -27,10 +27,10 @@ class Segments:
     number : (e,) int -- the segments, by their first ends in `Surfaces`.
     acts : (e,) bool -- whether one end is this rank's.
     low : (e,) bool -- whether the substrate may act on it.
-    lists : ContactLists -- what may touch; None without contact.
+    lists : ContactLists -- particles near other cells; None without contact.
     closest_point : (nodes of `lists`,) CLOSEST_POINT -- on the other cell, as the last evaluation of forces found them.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
-    renewals : int -- how often they were.
+    renewals : int -- number of renewals.
     """
 
     FIELDS = (
@@ -52,7 +52,7 @@ class Segments:
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, state: State):
-        """Segments and laws; there are no search lists before the first `renew`."""
+        """Set segments and laws; search lists are made by the first `renew`."""
         self._part, self._kernel, self._state, s, k = part, kernel, state, part.surfaces, kernel
         there = part.on_surface | part.on_surface[s.after]
         acts = there.copy()
@@ -98,7 +98,7 @@ class Segments:
     # ------------------------------------------------------------ search lists
 
     def renew(self) -> None:
-        """Search lists, and ghosts of the cells in reach, for the positions as they are; collective."""
+        """Make search lists, and ghosts of cells within reach, for the current positions; collective."""
         part, k, t = self._part, self._kernel, self._part.terms
         self.renewals += 1
         self.renewed_at = self._state.u[part.at_surface].copy()
@@ -119,7 +119,7 @@ class Segments:
             self._set_contact(lists.needed(part.surfaces, part.on_surface))
 
     def _set_contact(self, lists: ContactLists) -> None:
-        """Give the kernel the lists that act on this rank's particles; collective."""
+        """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
         s, k, state = self._part.surfaces, self._kernel, self._state
         numbering = self._part.numbering.extended(s.ids[lists.involved(s)])
         same = np.array_equal(numbering.ids, state.numbering.ids)

@@ -1,4 +1,4 @@
-"""Displacements and velocities of a rank's particles, with ghosts, and what the kernel keeps of them row by row."""
+"""Displacements and velocities of a rank's particles with ghosts, and the kernel's arrays by row."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class State(GhostedField):
         Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
         Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
         Field("step_memory", "StepMemory *", "(n_blocks,)", "", "what the accounts of the next step need of this one"),
-        # coefficients by stencil, which blocks of like neighbours share
+        # coefficients by stencil, which blocks with identical patterns share
         Field("volume", "double *", "(stencils, 4)", "µm²", "V"),
         Field("per_mass", "double *", "(stencils, 4)", "µm/fg", "1/m"),
         Field("bulk_damping", "double *", "(stencils, 4)", "Pa µs", "bulk viscosity of the numerical damping"),
@@ -63,7 +63,7 @@ class State(GhostedField):
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel):
-        """At rest in the reference configuration; collective."""
+        """Begin at rest in the reference configuration; collective."""
         self._part, self._kernel = part, kernel
         self.memory, self.X = aligned_zeros((part.capacity, 4)), aligned_zeros((part.capacity, 2))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
@@ -76,7 +76,7 @@ class State(GhostedField):
             kernel["ghost_begin"], kernel["ghost_end"] = self.exchange_functions
 
     def renumber(self, numbering: Numbering) -> None:
-        """Have ghosts of these particles from now on; collective."""
+        """Change the ghosts; collective."""
         self.numbering = numbering
         self.X[: len(numbering.ids)] = self._part.scene.X[numbering.ids]
         self.set_ghosts(self._part.in_petsc[numbering.ids[self._part.n_owned :]])
@@ -84,7 +84,7 @@ class State(GhostedField):
         self._kernel["n_local"], self._kernel["state_vec"] = len(numbering.ids), self.handle
 
     def _set_rows(self) -> None:
-        """Coefficients of the rows, and memory for what is computed there."""
+        """Set the coefficients of the rows, and allocate the arrays of results."""
         part, k, blocks, scene = self._part, self._kernel, self._part.blocks, self._part.scene
         n_blocks = len(blocks.table)
         k["n_owned"], k["n_rows"] = part.n_owned, part.numbering.n_rows
@@ -101,7 +101,7 @@ class State(GhostedField):
         k["acceleration"] = part.terms.acceleration or (0.0, 0.0)
 
     def set_blocks(self, loaded: np.ndarray) -> None:
-        """Tell the kernel the blocks; more than stresses may act on the particles `loaded` (k,) int, local numbers."""
+        """Set the kernel's blocks; `loaded` (k,) int : local numbers of particles with forces besides stresses."""
         table, n_rows = self._part.blocks.table, self._part.numbering.n_rows
         on = np.zeros(n_rows, bool)
         on[loaded[(loaded >= 0) & (loaded < n_rows)]] = True
@@ -109,7 +109,7 @@ class State(GhostedField):
         self._kernel["block"] = np.column_stack([table, np.bincount(block, on, len(table)) > 0])
 
     def stiffen(self, modulus: np.ndarray, on: np.ndarray | slice = slice(None)) -> None:
-        """Add a `modulus` (k,) [Pa] to those that bound the step, `on` (k,) int owned particles or on all."""
+        """Add a `modulus` (k,) [Pa] to those that limit the step, `on` (k,) int owned particles or all."""
         self._kernel["elastic_weight"][on] += modulus
 
     @property
@@ -119,17 +119,17 @@ class State(GhostedField):
 
     @property
     def u(self) -> np.ndarray:
-        """Displacements of the owned particles (n_owned, 2) [µm], to write to."""
+        """Displacements of the owned particles (n_owned, 2) [µm], writable."""
         return self.owned[:, :2]
 
     @property
     def v(self) -> np.ndarray:
-        """Velocities of the owned particles (n_owned, 2) [µm/µs], to write to."""
+        """Velocities of the owned particles (n_owned, 2) [µm/µs], writable."""
         return self.owned[:, 2:]
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory (n_blocks, …)."""
+        """Arrays that steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory."""
         return {"state": self.memory, "F": self._kernel["F"], "step_memory": self._kernel["step_memory"]}
 
     @property
@@ -138,7 +138,7 @@ class State(GhostedField):
         return self.by_row(self._kernel["F"])
 
     def extremes(self) -> np.ndarray:
-        """Of this rank since this was last asked (4,): minus least gaps [µm], minus least and largest J [-]."""
+        """Extremes of this rank since the last call (4,): minus smallest gaps [µm], minus smallest J, largest J [-]."""
         gap, J = self._kernel["least_gap"], self._kernel["J_range"].reshape(2, 4)
         found = np.array([*-gap, -J[0].min(), J[1].max()])
         self.forget_gaps()
@@ -146,15 +146,15 @@ class State(GhostedField):
         return found
 
     def forget_gaps(self) -> None:
-        """Gaps that occurred so far count no more."""
+        """Begin the minimum of gaps again."""
         self._kernel["least_gap"][:] = np.inf
 
     def x(self, numbers: np.ndarray) -> np.ndarray:
-        """Current positions (…, 2) [µm] of particles with these local `numbers` (…) int."""
+        """Current positions (..., 2) [µm] of the particles with local `numbers` (...) int."""
         return self.X[numbers] + self.memory[numbers, :2]
 
     def by_row(self, blocks: np.ndarray) -> np.ndarray:
-        """Values (n_rows, k) of what the kernel has by `blocks` (n_blocks, k, 4)."""
+        """Values by row (n_rows, k) of an array by `blocks` (n_blocks, k, 4), in its unit."""
         block, lane = self._part.blocks.lanes_of
         return blocks[block, :, lane]
 
@@ -166,7 +166,7 @@ class State(GhostedField):
         return F, Fdot
 
     def destroy(self) -> None:
-        """Free what is PETSc's and MPI's; collective."""
+        """Free the objects of PETSc and MPI; collective."""
         super().destroy()
         self.solution.destroy()
 

@@ -1,4 +1,4 @@
-"""The subdomain of a rank: the particles that it owns, those that it has ghosts of, and the rows that it computes."""
+"""The subdomain of a rank: owned particles, ghosts, and the rows that it computes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..meshfree.terms import Terms
 
 @dataclass(frozen=True)
 class Subdomain:
-    """A rank's part of a scene; it does not change during a run, but for ghosts of what comes into contact.
+    """A rank's part of a scene, constant in a run but for ghosts of cells that come into contact.
 
     Attributes
     ----------
-    scene, terms, surfaces : what all ranks know.
+    scene, terms, surfaces : the same on all ranks.
     owner : (size,) int -- ranks of all particles.
     pushed : (k,) int -- all surface particles, ascending, of the protruding cells of which the rank has a part.
     numbering : Numbering -- local numbers of owned particles and ghosts, but for those of contacts.
@@ -39,7 +39,7 @@ class Subdomain:
 
     @classmethod
     def of(cls, comm: MPI.Comm, scene: Scene, terms: Terms, owner: np.ndarray, protruding: np.ndarray) -> Subdomain:
-        """That of this rank; `owner` (size,) : ranks of the particles, `protruding` (cells,) bool."""
+        """The subdomain of this rank; `owner` (size,) int : ranks of the particles, `protruding` (cells,) bool."""
         s = Surfaces.of(scene)
         mine = owner[s.ids] == comm.rank
         pushed = np.flatnonzero(protruding[s.cell] & s.outer & np.isin(s.cell, s.cell[mine]))
@@ -65,7 +65,7 @@ class Subdomain:
 
     @property
     def capacity(self) -> int:
-        """Particles that arrays by particle have room for: every surface particle may become a ghost."""
+        """Length of arrays by particle: every surface particle may become a ghost."""
         return len(self.numbering.ids) + len(self.surfaces.ids) + 8  # the kernel's last block may read past the end
 
     @cached_property
@@ -77,7 +77,7 @@ class Subdomain:
 
     @cached_property
     def on_surface(self) -> np.ndarray:
-        """Which of all surface particles are this rank's (m,) bool."""
+        """Whether surface particles belong to this rank (m,) bool."""
         return self.owner[self.surfaces.ids] == self.comm.rank
 
     @cached_property
@@ -87,7 +87,7 @@ class Subdomain:
 
     @cached_property
     def at_surface(self) -> np.ndarray:
-        """Their local numbers (k,) int."""
+        """Local numbers of this rank's surface particles (k,) int."""
         return self.numbering.local(self.surfaces.ids[self.own_surface])
 
     def owned_numbers(self, ids: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where the surfaces of other ranks are: a rank asks for those near its own, whoever has them."""
+"""Exchange of surface positions: each rank fetches those near its own surfaces from their owners."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from ..meshfree.contact import Surfaces, cells_around
 
 
 class SurfacePlaces:
-    """Positions of surface particles, of which each rank knows its own.
+    """Positions of surface particles, of which each rank has its own.
 
-    mine : (n,) int -- this rank's surface particles, ascending;  cells : cells that have some;  on : (m,) int -- all
-    surface particles of these cells.
+    mine : (n,) int -- this rank's surface particles, ascending;  cells : their cells;  on : (k,) int -- all surface
+    particles of these cells.
     """
 
     def __init__(self, comm: MPI.Comm, surfaces: Surfaces, owner: np.ndarray, mine: np.ndarray):
-        """`owner` : (m,) -- ranks of the surface particles."""
+        """`owner` : (m,) int -- ranks of all surface particles;  `mine` : (n,) int."""
         self.comm, self.mine, self._owner = comm, mine, owner
         self._first = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
         self.cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
         self.on = self.of_cells(self.cells)
-        self._x = np.empty((len(owner), 2))  # of the scene's size, but only what is near is ever touched
+        self._x = np.empty((len(owner), 2))  # pages that are never written take no memory
 
     def of_cells(self, cells: np.ndarray) -> np.ndarray:
-        """Surface particles of some cells."""
+        """Surface particles (k,) int of `cells` (c,) int."""
         return np.concatenate([np.arange(*self._first[c : c + 2]) for c in cells] or [np.zeros(0, int)])
 
     def everywhere(self, own: np.ndarray) -> np.ndarray:
-        """Positions of all (m, 2), from this rank's (n, 2) [µm]; collective."""
+        """Positions of all surface particles (m, 2) [µm], from those of this rank, `own` (n, 2) [µm]; collective."""
         counts = np.array(self.comm.allgather(len(own)))
         x, where = np.empty_like(self._x), np.empty(len(self._x), np.int64)
         self.comm.Allgatherv(self.mine, (where, counts))
@@ -39,9 +39,14 @@ class SurfacePlaces:
         return x
 
     def near(self, own: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (m, 2) [µm] of the surface particles (k,) of cells within `reach` of this rank's, and these.
+        """Positions near this rank's surface particles; collective.
 
-        This rank's are `own` (n, 2); collective.
+        own : (n, 2) float -- positions of this rank's surface particles [µm];  reach : float [µm].
+
+        Returns
+        -------
+        (m, 2) float -- positions [µm], set for the particles of the second result only.
+        (k,) int -- surface particles of all cells within reach.
         """
         box = np.full((len(self._first) - 1, 4), np.inf)
         if len(own):
@@ -54,7 +59,7 @@ class SurfacePlaces:
         return self._x, around
 
     def _fetched(self, wanted: np.ndarray) -> np.ndarray:
-        """Positions (k, 2) of other ranks' surface particles (k,); collective."""
+        """Positions (k, 2) [µm] of surface particles `wanted` (k,) of other ranks; collective."""
         order = np.argsort(self._owner[wanted], kind="stable")
         count = np.bincount(self._owner[wanted], minlength=self.comm.size).astype(np.int64)
         asked = np.empty_like(count)

@@ -1,4 +1,4 @@
-"""Copies of what steps change: to undo a batch of steps, and to go on after a look as if nobody had looked."""
+"""Copies of what steps change, to undo a batch of steps, and to continue after output with the same bits."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ Arrays = dict[str, np.ndarray]
 
 @dataclass
 class Times:
-    """What a step of leapfrog leaves to the next one.
+    """Times that a step of leapfrog needs from the previous one.
 
-    dt_prev : the previous step [µs], at whose middle the velocities are;  F_lag : time since F was updated [µs];
-    accounted_dt : time for whose work the forces at its end are still missing [µs].
+    dt_prev : the previous step [µs], in whose middle the velocities are;  F_lag : time since F was updated [µs];
+    accounted_dt : time whose work still lacks the forces at its end [µs].
     """
 
     F_lag: float = 0.0
@@ -23,19 +23,19 @@ class Times:
 
 
 class Undo:
-    """One earlier state: arrays by name, of any shape and unit, and times.
+    """A copy of an earlier state: arrays by name, of any shape and unit, and times.
 
-    aside : whether the next step is to go on from there.
+    aside : whether the next step continues from the copy.
     """
 
     def __init__(self) -> None:
-        """Copies are made when they are first needed."""
+        """Begin without copies; memory is allocated by the first `save`."""
         self.aside = False
         self._copies: Arrays = {}
         self._times = Times()
 
     def save(self, arrays: Arrays, times: Times) -> None:
-        """Remember these."""
+        """Copy arrays and times."""
         for name, values in arrays.items():
             copy = self._copies.get(name)
             if copy is None or copy.shape != values.shape:
@@ -45,7 +45,7 @@ class Undo:
         self._times = replace(times)
 
     def restore(self, arrays: Arrays, times: Times, but: tuple[str, ...] = ()) -> None:
-        """Write to these what was remembered, except to the arrays named in `but`."""
+        """Restore arrays, except those named in `but`, and times."""
         for name, values in arrays.items():
             if name not in but:
                 np.copyto(values, self._copies[name])
