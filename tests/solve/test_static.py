@@ -32,6 +32,7 @@ def displacement(sim: Simulation) -> np.ndarray:
     return everywhere(sim, sim.mechanics.state.owned[:, :2])
 
 
+@pytest.mark.serial
 def test_newton_converges_quadratically() -> None:
     with built(bent(120, samples=1)) as sim:
         solved(sim)
@@ -70,6 +71,7 @@ def test_supports_bear_what_loads_and_plates_push_with() -> None:
         assert sim.integrator.plates.gaps().min(initial=0.0) > -1e-9
 
 
+@pytest.mark.serial
 def test_leapfrog_under_slow_loads_ends_at_the_same() -> None:
     with built(bent(60, 100.0)) as sim:
         still = solved(sim)[0][0]
@@ -99,6 +101,7 @@ def test_any_number_of_ranks_finds_the_same(make) -> None:
             assert rows[0][name] == pytest.approx(value, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.serial
 def test_pressure_makes_a_disc_smaller_as_the_law_says() -> None:
     """Under a pressure p all round, σ = -p everywhere: F = λ I."""
     with built(piece(DISC, 300, 2, loads=[{"name": "p", "pressure": "100 kPa", "load_curve": RAMP}])) as sim:
@@ -133,6 +136,7 @@ def test_a_run_that_finds_no_equilibrium_ends_with_code_4(tmp_path, capsys) -> N
     assert (tmp_path / "bent" / "history.csv").read_text().count("\n") == 1 + 2 * 3
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("change", "message"), [
     ({"protrusion": {"cells": ["Bar"]}}, "it has no protrusion yet"),
     ({"adhesion": {"substrate": {"bond_density": "8000 /um^2", "well_depth": "0.03 pN um",
