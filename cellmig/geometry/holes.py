@@ -14,7 +14,7 @@ FINE = 2000  # corners of the polygon that represents a circle or an ellipse
 def loops(shape: Any) -> list[np.ndarray]:
     """Holes of a shape as clockwise polygons, (k, 2) each [µm]: the circles, then the others."""
     round_ones = [np.array([x, y]) + r * polygons.circle(FINE) for x, y, r in shape.holes]
-    others = [_corners(corners) for corners in shape.cutouts]
+    others = [_simplified(corners) for corners in shape.cutouts]
     return [p[::-1] for p in (*round_ones, *others)]
 
 
@@ -31,7 +31,7 @@ def check(shape: Any, border: np.ndarray) -> None:
             if np.hypot(x - a, y - b) <= r + s:
                 raise ValueError(f"holes: those at ({a:.4g}, {b:.4g}) um and ({x:.4g}, {y:.4g}) um overlap")
     for n, corners in enumerate(shape.cutouts):
-        p = _corners(corners)
+        p = _simplified(corners)
         at = " at ({:.4g}, {:.4g}) um".format(*corners[0]) if corners else ""
         name = f"cutouts: that of {len(corners)} corners{at}"
         if len(p) > 3 and polygons.crossing(p) is not None:
@@ -45,8 +45,6 @@ def check(shape: Any, border: np.ndarray) -> None:
             raise ValueError(f"{name} and another hole overlap")
 
 
-def _corners(corners: tuple) -> np.ndarray:
-    """Corners (k, 2) [µm] that bound the area of a hole, counterclockwise."""
-    p = np.array(corners).reshape(-1, 2)
-    p = p[polygons.distinct(p)]
-    return p[polygons.counterclockwise(p)] if len(p) else p
+def _simplified(corners: tuple) -> np.ndarray:
+    """The corners of a hole that bound its area, counterclockwise (k, 2) [µm]."""
+    return polygons.simplified(np.array(corners).reshape(-1, 2))

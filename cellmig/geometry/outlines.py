@@ -197,16 +197,12 @@ class Polygon(_Solid):
 
     def _loop(self, corners: Any) -> np.ndarray:
         """Corners that bound an area, from the cell's centre, counterclockwise (k, 2) [µm]."""
-        p = self._scaled(corners)
-        p = p[polygons.distinct(p)]
-        return p[polygons.counterclockwise(p)] - (self._origin if self.centred else 0.0)
+        return polygons.simplified(self._scaled(corners)) - (self._origin if self.centred else 0.0)
 
     @cached_property
     def _origin(self) -> np.ndarray:
         """Centre of area in the corners' own coordinates (2,) [µm]; the same bits for any first corner and sense."""
-        p = self._scaled(self.corners)
-        p = p[polygons.distinct(p)]
-        return polygons.centroid(p[polygons.counterclockwise(p)])
+        return polygons.centroid(polygons.simplified(self._scaled(self.corners)))
 
     @property
     def hint(self) -> str:

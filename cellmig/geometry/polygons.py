@@ -77,6 +77,12 @@ def distinct(polygon: np.ndarray) -> np.ndarray:
         left = left[~(same if same.any() else tip)]
 
 
+def simplified(polygon: np.ndarray) -> np.ndarray:
+    """Corners (m, 2) [µm] that bound the area of a `polygon` (k, 2) [µm] of any sense, counterclockwise."""
+    p = polygon[distinct(polygon)]
+    return p[counterclockwise(p)] if len(p) else p
+
+
 def area(outline: np.ndarray) -> float:
     """Area [µm²] of an `outline` (k, 2) or (k, 2 ends, 2), negative if it runs clockwise."""
     return 0.5 * float(cross(*edges(outline)).sum())

@@ -89,8 +89,9 @@ def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float
     Parameters
     ----------
     x : (m, 2) -- positions of the surface particles [µm].
-    reach : float -- distance up to which closest points are found [µm]; it exceeds half of the longest segment.
-    change : float [µm].
+    reach : float -- distance up to which particles are paired [µm]: that of the closest points to find, plus half of
+        the longest segment.
+    change : float -- of any distance, up to which the lists are valid [µm].
     among : (k,) int -- particles of the cells to consider, ascending.
     """
     among = among[surfaces.outer[among]]

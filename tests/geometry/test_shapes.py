@@ -385,7 +385,7 @@ def test_a_nucleus_may_lie_off_the_middle(shape: Callable) -> None:
 
 @pytest.mark.parametrize(("keys", "message"), [
     ({"nucleus_ratio": 0.5, "nucleus_offset": (3.0, 0.0)}, "nucleus_offset: the nucleus there does not lie within"),
-    ({"nucleus_offset": (3.0, 0.0)}, "nucleus_offset: is where a nucleus of the size nucleus_ratio lies"),
+    ({"nucleus_offset": (3.0, 0.0)}, "nucleus_offset: needs nucleus_ratio, the size of the nucleus"),
     ({"nucleus_corners": SMALL, "nucleus_ratio": 0.4}, "nucleus_ratio: the nucleus has corners already"),
     ({"nucleus_corners": ((4.0, 0.0), (6.0, 0.0), (5.0, 1.0))}, "nucleus_corners: the nucleus does not lie within it"),
     ({"nucleus_corners": ((9.0, 0.0), (10.0, 0.0), (9.0, 1.0))}, "nucleus_corners: the nucleus does not lie within it"),
