@@ -11,7 +11,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from .case.messages import CaseError, lenient
+from .case.messages import CaseError, replace_unprintable
 from .exits import BROKEN, DIFFERENT, DONE, ENVIRONMENT, INPUT_OUTPUT, INTERRUPTED, WRONG
 from .laws import register
 from .parallel.arguments import split_arguments, start_petsc
@@ -25,7 +25,7 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     until = _time(options.until, "--until") if options.until else None
     case = load_together(options.case, options.sets, comm)
     from .output.directory import Claim
-    from .runs.checkpointing import check_identity, is_done, look
+    from .runs.checkpointing import check_identity, is_done, read_run
     from .runs.ranks import check_ranks, size
 
     check_ranks(size(case), comm.size)
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace, comm: Any) -> int:
     end = case.time.end if until is None else until
     if options.resume:
         claim = Claim(directory, comm, make=True)
-        manifest, state = look(claim, comm, options.quiet)
+        manifest, state = read_run(claim, comm, options.quiet)
         if state:
             check_identity(state.about["run"], case, end, prune)
         elif is_done(manifest):
@@ -47,11 +47,11 @@ def resume(options: argparse.Namespace, comm: Any) -> int:
     """Resume the run in a directory on all ranks."""
     register()
     from .output.directory import Claim
-    from .runs.checkpointing import is_done, look, new_end, origin
+    from .runs.checkpointing import is_done, new_end, origin, read_run
 
     until = _time(options.until, "--until") if options.until else None
     claim = Claim(options.directory, comm)
-    manifest, state = look(claim, comm, options.quiet, done_too=until is not None)
+    manifest, state = read_run(claim, comm, options.quiet, done_too=until is not None)
     if is_done(manifest) and until in (None, manifest.get("end_us")):
         return _done_already(options.directory, options)
     case, end, prune = origin(options.directory, manifest, state)
@@ -73,9 +73,9 @@ def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end:
     wall = {name: _time(text, option) / 1e6 if text else None for name, option, text in (
         ("wall", "--checkpoint-wall", options.checkpoint_wall), ("limit", "--wall-time", options.wall_time))}
     simulated = _time(options.checkpoint_time, "--checkpoint-time") if options.checkpoint_time else None
-    with stop_requests() as asked:
+    with stop_requests() as stop_signals:
         return Run(case, directory, comm, until=end, prune=prune, quiet=options.quiet, state=state,
-                   intervals=Intervals(**wall, simulated=simulated), claim=claim, origin=origin).go(asked)
+                   intervals=Intervals(**wall, simulated=simulated), claim=claim, origin=origin).go(stop_signals)
 
 
 def validate(options: argparse.Namespace) -> int:
@@ -181,7 +181,7 @@ def bench(options: argparse.Namespace) -> int:
             raise UsageError("--modulus writes nothing and knows no --out")
         from .bench import modulus
 
-        print("\n".join(modulus.said(modulus.continuation(options.quick))))
+        print("\n".join(modulus.report(modulus.continuation(options.quick))))
         return DONE
     out = options.out or Path("output") / ("bench-quick" if options.quick else "bench")
     if options.error:
@@ -289,7 +289,7 @@ def load_together(path: Path, sets: list[str], comm: Any) -> Any:
 def main() -> None:
     """Entry point: rank 0 prints, all ranks end with one of the documented exit codes."""
     words, comm = sys.argv[1:], None
-    lenient()
+    replace_unprintable()
     try:
         ours, petsc_options = split_arguments(words)
         ours = what_first(ours)

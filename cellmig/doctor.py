@@ -33,28 +33,28 @@ PATIENCE = 60.0  # time limit of a tried program [s]
 
 
 class Finding(NamedTuple):
-    """Result of a check; `mend` : the remedy, a command or a text, empty if nothing is wrong."""
+    """Result of a check; `remedy` : the remedy, a command or a text, empty if nothing is wrong."""
 
     name: str
     found: str
-    mend: str = ""
+    remedy: str = ""
 
 
 def examine() -> tuple[bool, str]:
     """Whether nothing is missing, and the report for the user."""
     findings = list(_findings())
     width = max(len(f.name) for f in findings)
-    lines = [f"{f.name:<{width}}  {'LACKING: ' if f.mend else ''}{f.found}{_tested(f)}" for f in findings]
-    mends = dict.fromkeys(f.mend for f in findings if f.mend)
-    packages = sorted(mend.removeprefix("apt install ") for mend in mends if mend.startswith("apt install "))
-    others = [mend for mend in mends if not mend.startswith("apt install ")]
+    lines = [f"{f.name:<{width}}  {'LACKING: ' if f.remedy else ''}{f.found}{_tested_versions(f)}" for f in findings]
+    remedies = dict.fromkeys(f.remedy for f in findings if f.remedy)
+    packages = sorted(remedy.removeprefix("apt install ") for remedy in remedies if remedy.startswith("apt install "))
+    others = [remedy for remedy in remedies if not remedy.startswith("apt install ")]
     if packages:
         others.insert(0, f"apt install {' '.join(packages)}    (Debian, as root; or ./run, which sets all up)")
-    lines += ["", "to mend it:", *(f"  {mend}" for mend in others)] if mends else ["", "nothing is missing"]
-    return not mends, "\n".join(lines)
+    lines += ["", "to mend it:", *(f"  {remedy}" for remedy in others)] if remedies else ["", "nothing is missing"]
+    return not remedies, "\n".join(lines)
 
 
-def _tested(finding: Finding) -> str:
+def _tested_versions(finding: Finding) -> str:
     return f"   (tested: {TESTED[finding.name]})" if finding.name in TESTED else ""
 
 
@@ -71,25 +71,25 @@ def _findings() -> Iterator[Finding]:
     python = "" if sys.version_info >= OLDEST else f"a Python of {'.'.join(map(str, OLDEST))} or later"
     yield Finding("Python", f"{platform.python_version()} ({sys.executable})", python)
     for name in MODULES:
-        yield _tried(name, lambda name=name: _version(name), f"apt install python3-{name}")
-    yield _tried("PETSc", lambda: _output(*PYTHON, "-c", PETSC), "apt install python3-petsc4py")
+        yield _checked(name, lambda name=name: _version(name), f"apt install python3-{name}")
+    yield _checked("PETSc", lambda: _output(*PYTHON, "-c", PETSC), "apt install python3-petsc4py")
     yield from _mpi()
-    yield _tried("C compiler", _compiler, "apt install gcc libc6-dev")
-    yield _tried("kernel cache", _cache, "set CELLMIG_CACHE to a directory that can be written")
-    yield _tried("output", lambda: _writable(Path.cwd()), "start from a directory that can be written, or use --out")
+    yield _checked("C compiler", _compiler, "apt install gcc libc6-dev")
+    yield _checked("kernel cache", _cache, "set CELLMIG_CACHE to a directory that can be written")
+    yield _checked("output", lambda: _writable(Path.cwd()), "start from a directory that can be written, or use --out")
     yield Finding("cores", str(len(os.sched_getaffinity(0))))
-    yield _tried("memory", _memory, "")
+    yield _checked("memory", _memory, "")
     for name, (use, package) in OPTIONAL.items():
-        there = shutil.which(name) or importlib.util.find_spec(name)
-        yield Finding(name, "there" if there else f"not here, and not needed; for {use}: apt install {package}")
+        installed = shutil.which(name) or importlib.util.find_spec(name)
+        yield Finding(name, "there" if installed else f"not here, and not needed; for {use}: apt install {package}")
 
 
-def _tried(name: str, look: Callable[[], str], mend: str) -> Finding:
+def _checked(name: str, probe: Callable[[], str], remedy: str) -> Finding:
     try:
-        return Finding(name, look())
+        return Finding(name, probe())
     except Exception as error:  # whatever the error, it cannot be used
         reason = getattr(error, "stderr", "") or str(error) or type(error).__name__
-        return Finding(name, reason.strip().split("\n")[-1], mend)
+        return Finding(name, reason.strip().split("\n")[-1], remedy)
 
 
 def _version(name: str) -> str:
@@ -107,9 +107,9 @@ def _mpi() -> Iterator[Finding]:
     if not (launcher := mpiexec()):
         yield Finding("MPI", "no mpiexec", "apt install openmpi-bin")
         return
-    yield _tried("MPI", lambda: _output(*PYTHON, "-c", MPI), "apt install python3-mpi4py")
+    yield _checked("MPI", lambda: _output(*PYTHON, "-c", MPI), "apt install python3-mpi4py")
     command = on_ranks(2, [*PYTHON, "-c", RANKS])
-    yield _tried("mpiexec", lambda: f"{launcher} ({_output(launcher, '--version').splitlines()[0]}) starts "
+    yield _checked("mpiexec", lambda: f"{launcher} ({_output(launcher, '--version').splitlines()[0]}) starts "
                                     f"{_output(*command)} ranks", f"{launcher} -n 2 true    (tells more)")
 
 
@@ -139,7 +139,7 @@ def _writable(directory: Path) -> str:
 
 
 def _memory() -> str:
-    from cellmig.output.manifest import memory_told
+    from cellmig.output.manifest import memory_sizes
 
-    sizes = memory_told("/proc/meminfo")
+    sizes = memory_sizes("/proc/meminfo")
     return f"{1e-9 * sizes['MemAvailable']:.3g} of {1e-9 * sizes['MemTotal']:.3g} GB free"

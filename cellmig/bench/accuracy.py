@@ -20,9 +20,9 @@ from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
 from . import modulus
-from .pareto import Point, draw, gains, levelled, pareto, time_at, verdict
-from .problems import PROBLEMS, Problem, Seen, Setting, columns
-from .speed import as_json, keep
+from .pareto import Point, draw, gains, pareto, time_at, verdict, with_median_times
+from .problems import PROBLEMS, Problem, Series, Setting, columns
+from .speed import as_json, write_report
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
          "cell": (150, 331, 631, 1485, 3000)}
@@ -68,19 +68,19 @@ def _probe(sim: Simulation) -> float:
     return 1e9 * (process_time() - begin) / n / sim.scene.size
 
 
-def watch(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Point, Seen]:
+def measure_problem(problem: Problem, setting: Setting, stopwatch: Stopwatch) -> tuple[Point, Series]:
     """Run a problem with a setting; the error of the point is not yet known.  Raises NumericsError."""
     with problem.simulation(setting) as sim:
-        seen, cpu = [], 0.0
+        series, cpu = [], 0.0
         for time in problem.times:
             begin = process_time()
             sim.go(time)
             cpu += process_time() - begin
-            seen.append(problem.watch(sim))
+            series.append(problem.measure(sim))
         n, steps = sim.scene.size, sim.integrator.steps + sim.integrator.redone
         # Steps of PETSc's types have several evaluations and parts in Python: the time of the run counts.
         ns = stopwatch.calm(sim) if sim.integrator.leapfrog else 1e9 * cpu / steps / n
-        return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), columns(seen)
+        return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), columns(series)
 
 
 def plan(quick: bool) -> list[tuple[Problem, Setting]]:
@@ -104,7 +104,7 @@ def plan(quick: bool) -> list[tuple[Problem, Setting]]:
     return listed
 
 
-def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Seen], dict[str, float]]:
+def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Series], dict[str, float]]:
     """Measurements of the finest run of problems without an exact solution, and their uncertainty [-].
 
     Its stabilisation is a quarter of the default, whose error falls with the spacing; the uncertainty is the
@@ -114,8 +114,8 @@ def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Seen], dict
     finest = QUICK_FINEST if quick else FINEST
     for name, problem in PROBLEMS.items():
         if problem.own:
-            found[name] = watch(problem, Setting(finest, stabilisation=0.25), stopwatch)[1]
-            default = watch(problem, Setting(finest), stopwatch)[1]
+            found[name] = measure_problem(problem, Setting(finest, stabilisation=0.25), stopwatch)[1]
+            default = measure_problem(problem, Setting(finest), stopwatch)[1]
             uncertain[name] = problem.judge(np.array(problem.times), default, found[name])["error"]
     return found, uncertain
 
@@ -135,25 +135,25 @@ def bench_error(out: Path, quick: bool = False) -> int:
     begin, stopwatch, points, failed = perf_counter(), Stopwatch(), [], []
     listed = plan(quick)
     print(f"{len(listed)} runs one after the other, as they are timed; first the finest", flush=True)
-    with stop_requests() as asked:
+    with stop_requests() as stop_signals:
         finest, uncertain = references(quick, stopwatch)
         due = perf_counter() + 30.0
         for count, (problem, setting) in enumerate(listed):
-            if asked:
+            if stop_signals:
                 print("stopped: nothing is written")
                 return STOPPED
             try:
-                point, seen = watch(problem, setting, stopwatch)
+                point, series = measure_problem(problem, setting, stopwatch)
             except NumericsError as error:
                 failed.append({"problem": problem.name, **dataclasses.asdict(setting), "message": str(error)})
                 continue
-            parts = problem.judge(np.array(problem.times), seen, finest.get(problem.name))
+            parts = problem.judge(np.array(problem.times), series, finest.get(problem.name))
             points.append(dataclasses.replace(point, error=parts.pop("error"), parts=parts))
             if perf_counter() > due:
                 due = perf_counter() + 30.0
                 print(f"{count + 1} of {len(listed)} runs, {clock(perf_counter() - begin)}", flush=True)
     stopwatch.close()
-    points = levelled(points)
+    points = with_median_times(points)
     reduced = modulus.continuation(quick)
     write(out, points, failed, uncertain, reduced, quick)
     print(f"{clock(perf_counter() - begin)} in all")
@@ -162,7 +162,7 @@ def bench_error(out: Path, quick: bool = False) -> int:
 
 def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float],
           reduced: Sequence[modulus.Row], quick: bool) -> None:
-    """Print and write the tables, all points as JSON, the picture, and the menu of accuracies."""
+    """Print and write the tables, all points as JSON, the picture, and the accuracies that a case can ask for."""
     fronts = {name: pareto([p for p in points if p.problem == name]) for name in PROBLEMS}
     rows = [{"problem": p.problem, **dataclasses.asdict(p.setting), "steps": p.steps, "ns_per_particle_step": p.ns,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}
@@ -170,15 +170,15 @@ def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str,
     found = {"reference_known_to": uncertain, "failed": failed,
              "reduced_modulus": [dataclasses.asdict(row) for row in reduced], "points": rows}
     command = f"cellmig bench --error{' --quick' * quick}"
-    origin = keep(out / "error", "Run time against error: every Pareto set", command, found, [
-        *said(points, failed, uncertain), "", *modulus.said(reduced)])
-    replace(out / "accuracy.json", as_json({"origin": origin, "points": menu(points, uncertain)}))
+    origin = write_report(out / "error", "Run time against error: every Pareto set", command, found, [
+        *report(points, failed, uncertain), "", *modulus.report(reduced)])
+    replace(out / "accuracy.json", as_json({"origin": origin, "points": accuracy_table(points, uncertain)}))
     draw(points, out / "error.png", uncertain)
     print(out / "error.png", out / "accuracy.json", sep="\n")
 
 
-def menu(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str, Any]]:
-    """The menu of accuracies: by kind of problem, the Pareto set of the points that change permitted choices only.
+def accuracy_table(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str, Any]]:
+    """Accuracies that a case can ask for: by kind of problem, the Pareto set of the points with permitted changes only.
 
     Errors are at least the uncertainty of the reference.  Cells keep the default dilation, as protruding ones fail with
     a smaller one, which this problem does not show.
@@ -195,7 +195,7 @@ def menu(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str,
     return rows
 
 
-def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> list[str]:
+def report(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> list[str]:
     """The tables in Markdown, and the verdict on the defaults."""
     lines = []
     for name, problem in PROBLEMS.items():
@@ -209,7 +209,7 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
     best = gains(points)
     lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains "
               "nothing", "",
-              *table(["change", *PROBLEMS], [[Setting(**change).said, *(f"{row[name]:.2f}" for name in PROBLEMS)]
+              *table(["change", *PROBLEMS], [[Setting(**change).description, *(f"{row[name]:.2f}" for name in PROBLEMS)]
                                               for change, row in best]), ""]
     broken = "; ".join(f"{f['problem']} {f['message'][:60]}" for f in failed)
     lines += [f"{len(failed)} runs broke: {broken}", ""] * bool(failed)
@@ -218,5 +218,6 @@ def said(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> 
 
 def _line(p: Point, default: Sequence[Point]) -> list[str]:
     parts = [f"{value:.2g}" for value in p.parts.values()]
-    return [str(p.particles), p.setting.said, str(p.steps), f"{p.ns:.0f}", f"{p.cost:.3g}", f"{100 * p.error:.2f}",
+    return [str(p.particles), p.setting.description, str(p.steps), f"{p.ns:.0f}", f"{p.cost:.3g}",
+            f"{100 * p.error:.2f}",
             *parts, f"{time_at(default, p.error):.3g}"]

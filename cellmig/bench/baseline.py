@@ -21,7 +21,7 @@ from cellmig.kernel.toolchain import loaded
 from cellmig.meshfree.body import Scene
 from cellmig.meshfree.rkpm import components
 
-from .timing import STILL, Watch
+from .timing import STILL, Timer
 
 _LOOP = """
 /* F += dt Ḟ, Q = V P(F, Ḟ), f = -S v. */
@@ -160,16 +160,16 @@ class Baseline:
 
     def nanoseconds(self, step: Callable[[float], None], repeats: int) -> list[float]:
         """Wall time of a particle-step [ns], by measurement, in steps too short to change the state."""
-        return Watch(MPI.COMM_SELF, self.size, repeats)(lambda n: [step(STILL) for _ in range(n)])["wall"]
+        return Timer(MPI.COMM_SELF, self.size, repeats)(lambda n: [step(STILL) for _ in range(n)])["wall"]
 
     def limits(self, repeats: int) -> dict[str, list[float]]:
         """Memory bandwidth [GB/s] and floating-point rate [GFlop/s] of one core, by measurement."""
-        size, length, watch = 8_000_000, 1_000_000, Watch(MPI.COMM_SELF, 1, repeats)
+        size, length, timer = 8_000_000, 1_000_000, Timer(MPI.COMM_SELF, 1, repeats)
         arrays = [np.ones(size) for _ in range(3)]
         self.library.multiply_add.restype = ctypes.c_double
-        triad, _ = watch.seconds(lambda n: [self.library.triad(ctypes.c_long(size), *map(_address, arrays))
+        triad, _ = timer.seconds(lambda n: [self.library.triad(ctypes.c_long(size), *map(_address, arrays))
                                             for _ in range(n)])
-        chains, _ = watch.seconds(lambda n: [self.library.multiply_add(ctypes.c_long(length), ctypes.c_double(0.5))
+        chains, _ = timer.seconds(lambda n: [self.library.multiply_add(ctypes.c_long(length), ctypes.c_double(0.5))
                                              for _ in range(n)])
         return {"bandwidth": [32e-9 * size / t for t in triad], "arithmetic": [96e-9 * length / t for t in chains]}
 

@@ -15,7 +15,7 @@ import numpy as np
 from cellmig.output.log import table
 from cellmig.simulation import Simulation
 
-from .problems import PROBLEMS, Problem, Seen, Setting, columns, rms
+from .problems import PROBLEMS, Problem, Series, Setting, columns, rms
 
 MODULI, CHECK = (2.5, 5.0, 10.0, 20.0), 80.0  # [MPa]: each twice the one before; that of the check
 ORDER = 1.0  # expected, in 1/k
@@ -47,25 +47,25 @@ def continuation(quick: bool = False) -> list[Row]:
     """Run the problems with all moduli; a row for each quantity.  Raises NumericsError."""
     size = QUICK_SIZE if quick else SIZE
     return [row for name in NAMES
-            for row in judge(PROBLEMS[name], size, {k: watch(PROBLEMS[name], Setting(size, modulus=k))
+            for row in judge(PROBLEMS[name], size, {k: measure_problem(PROBLEMS[name], Setting(size, modulus=k))
                                                     for k in (*MODULI, CHECK)})]
 
 
-def watch(problem: Problem, setting: Setting) -> Seen:
+def measure_problem(problem: Problem, setting: Setting) -> Series:
     """Measurements of a problem at the start and at all its times, with effective stress and pressure [Pa]."""
     with problem.simulation(setting) as sim:
-        rows = [_look(problem, sim)]
+        rows = [_quantities(problem, sim)]
         for time in problem.times:
             sim.go(time)
-            rows.append(_look(problem, sim))
+            rows.append(_quantities(problem, sim))
         return columns(rows)
 
 
-def _look(problem: Problem, sim: Simulation) -> dict[str, float]:
+def _quantities(problem: Problem, sim: Simulation) -> dict[str, float]:
     """Measurements now; the pressure is a root mean square, as its mean depends on surface forces alone."""
     stress = sim.sample()[0][1]["effective_stress_pa"]
     pressure = np.average(sim.sampler.stresses()["pressure"] ** 2, weights=sim.sampler.V)
-    return problem.watch(sim) | {"stress": stress, "pressure": float(np.sqrt(pressure))}
+    return problem.measure(sim) | {"stress": stress, "pressure": float(np.sqrt(pressure))}
 
 
 def extrapolated(at: Mapping[float, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -82,15 +82,15 @@ def orders(at: Mapping[float, np.ndarray], size: Callable[[np.ndarray], float]) 
     return tuple(float(np.log2(a / b)) if a * b else float("nan") for a, b in pairwise(steps))
 
 
-def judge(problem: Problem, particles: int, seen: Mapping[float, Seen]) -> list[Row]:
-    """A row for each quantity, from measurements `seen` with each modulus."""
+def judge(problem: Problem, particles: int, series: Mapping[float, Series]) -> list[Row]:
+    """A row for each quantity, from measurements `series` with each modulus."""
     default, rows = Setting().modulus, []
-    for quantity in seen[default]:
+    for quantity in series[default]:
         size = _median if quantity in PEAKS else rms
-        at = {k: seen[k][quantity] for k in MODULI}
+        at = {k: series[k][quantity] for k in MODULI}
         limit, slope = extrapolated(at)
         change = size(limit - limit[0])
-        error, known = size(at[default] - limit), size(seen[CHECK][quantity] - limit - slope / CHECK)
+        error, known = size(at[default] - limit), size(series[CHECK][quantity] - limit - slope / CHECK)
         rows.append(Row(problem.name, quantity, particles, float(at[default][-1]), float(limit[-1]), orders(at, size),
                         error / change, known / change))
     return rows
@@ -100,7 +100,7 @@ def _median(x: np.ndarray) -> float:
     return float(np.median(np.abs(x)))
 
 
-def said(rows: Sequence[Row]) -> list[str]:
+def report(rows: Sequence[Row]) -> list[str]:
     """The table in Markdown, and its largest error."""
     lines = [[row.problem, row.quantity, f"{row.end:.6g} {'Pa' if row.quantity in PEAKS else 'µm'}",
               f"{row.limit:.6g}", ", ".join(f"{p:.2f}" for p in row.orders), f"{100 * row.error:.2g}",

@@ -97,7 +97,7 @@ def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float
     return sorted(rows, key=lambda pair: -min(pair[1].values()))
 
 
-def levelled(points: Sequence[Point]) -> list[Point]:
+def with_median_times(points: Sequence[Point]) -> list[Point]:
     """The points, with the median time per particle-step of all points whose steps do the same work, as times scatter.
 
     Problem, size, dilation and integrator determine the work, and terms that are absent because their factor is zero.
@@ -117,20 +117,20 @@ def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
     """Sentences that name the best setting by these numbers, and the one which should be the default."""
     paying = [row for row in rows if min(row[1].values()) >= PAYS]
     fit = [row for row in paying if not set(row[0]) & set(UNFIT)]
-    told = "The defaults should stay: no change of them that was measured gains time on every problem."
+    text = "The defaults should stay: no change of them that was measured gains time on every problem."
     if fit:
-        told = f"The defaults should be: {_gained(fit[0])}."
+        text = f"The defaults should be: {_gain_text(fit[0])}."
     elif paying:
         used = [key for key in UNFIT if any(key in change for change, _ in paying)]
         why = "; ".join(f"{key.replace('_', ' ')}: {UNFIT[key]}" for key in used)
-        told = f"All the same the defaults should stay, as what gains is unfit ({why})."
-    best = f"By these numbers alone the best is {_gained(paying[0])}.  " if paying and paying[:1] != fit[:1] else ""
-    return best + told
+        text = f"All the same the defaults should stay, as what gains is unfit ({why})."
+    best = f"By these numbers alone the best is {_gain_text(paying[0])}.  " if paying and paying[:1] != fit[:1] else ""
+    return best + text
 
 
-def _gained(row: tuple[dict[str, Any], dict[str, float]]) -> str:
-    told = ", ".join(f"{value:.2g} times as fast on the {name}" for name, value in row[1].items())
-    return f"{Setting(**row[0]).said} ({told}, to the same error)"
+def _gain_text(row: tuple[dict[str, Any], dict[str, float]]) -> str:
+    text = ", ".join(f"{value:.2g} times as fast on the {name}" for name, value in row[1].items())
+    return f"{Setting(**row[0]).description} ({text}, to the same error)"
 
 
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:

@@ -20,7 +20,7 @@ from cellmig.runs.cases import FOLDER, fluid_drop
 from cellmig.simulation import Simulation
 
 CELL = 5.0  # radius [µm]
-Seen = dict[str, np.ndarray]
+Series = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Setting:
         return {f.name: getattr(self, f.name) for f in fields(self)[1:] if getattr(self, f.name) != f.default}
 
     @property
-    def said(self) -> str:
+    def description(self) -> str:
         """The same in words."""
         return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.changes.items()) or "defaults"
 
@@ -56,7 +56,7 @@ class Setting:
 class Problem:
     """A problem.
 
-    tree : returns the tables of its case;  times : of measurements [µs];  watch : measures quantities of a simulation,
+    tree : returns the tables of its case;  times : of measurements [µs];  measure : returns quantities of a simulation,
     by name;  judge : error [-] and its parts, from the times, the measurements and those of the finest run, which are
     the reference where `own`;  start : initial displacement gradient;  without : choices that do not apply.
     """
@@ -66,8 +66,8 @@ class Problem:
     title: str
     tree: Callable[[], dict]
     times: tuple[float, ...]
-    watch: Callable[[Simulation], dict[str, float]]
-    judge: Callable[[np.ndarray, Seen, Seen | None], dict[str, float]]
+    measure: Callable[[Simulation], dict[str, float]]
+    judge: Callable[[np.ndarray, Series, Series | None], dict[str, float]]
     start: tuple | None = None
     without: tuple[str, ...] = ()
     own: bool = False
@@ -154,12 +154,12 @@ def ringing(t: np.ndarray) -> np.ndarray:
     return 3.8e-5 + 0.06368 * np.cos(3.5659 * t) + 0.00637 * np.cos(7.2372 * t) + 3.4e-4 * np.cos(12.32 * t)
 
 
-def judge_disc(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
+def judge_disc(t: np.ndarray, series: Series, _: Any) -> dict[str, float]:
     """Root mean square error over time of half of a - b, over that of the exact solution.
 
     Parts are the relative errors of amplitude and frequency of the fitted first mode, and its decay [1/µs].
     """
-    a2, exact = 0.5 * (seen["a"] - seen["b"]), ringing(t)
+    a2, exact = 0.5 * (series["a"] - series["b"]), ringing(t)
 
     def missed(p: np.ndarray) -> np.ndarray:
         return np.exp(-p[2] * t) * (p[0] * np.cos(p[1] * t) + 0.00637 * np.cos(2.0296 * p[1] * t)) - a2
@@ -169,23 +169,23 @@ def judge_disc(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
             "frequency": float(frequency / 3.5659 - 1.0), "decay": float(decay)}
 
 
-def judge_drop(t: np.ndarray, seen: Seen, _: Any) -> dict[str, float]:
+def judge_drop(t: np.ndarray, series: Series, _: Any) -> dict[str, float]:
     """Largest error of both semi-axes at 1, 2 and 5 µs, over the displacement at the end."""
     exact = {"a": (5.08760, 5.15571, 5.28614), "b": (4.91357, 4.84742, 4.72173)}  # finite elements, to 1e-5
-    parts = {name: float(np.abs(seen[name] - exact[name]).max()) / 0.28614 for name in exact}
+    parts = {name: float(np.abs(series[name] - exact[name]).max()) / 0.28614 for name in exact}
     return {"error": max(parts.values()), **parts}
 
 
-def judge_cell(t: np.ndarray, seen: Seen, finest: Seen | None) -> dict[str, float]:
+def judge_cell(t: np.ndarray, series: Series, finest: Series | None) -> dict[str, float]:
     """Mean of the relative errors of all quantities: root mean squares over time, over those of their change."""
     if finest is None:
         return {"error": float("nan")}
     first = {"contact": 0.0, "height": 2.0 * CELL, "centre": CELL + 0.01}
-    parts = {name: rms(seen[name] - finest[name]) / rms(finest[name] - first[name]) for name in first}
+    parts = {name: rms(series[name] - finest[name]) / rms(finest[name] - first[name]) for name in first}
     return {"error": float(np.mean(list(parts.values()))), **parts}
 
 
-def columns(rows: Sequence[dict[str, float]]) -> Seen:
+def columns(rows: Sequence[dict[str, float]]) -> Series:
     """Measurements at several times, as an array for each quantity."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
 

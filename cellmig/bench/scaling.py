@@ -4,7 +4,7 @@ The time of a step of a rank with m of N particles is, in nanoseconds,
 
     row(m) (m + extra) + surface(m)                     compute: own rows, and rows computed on two ranks
     + latency + byte x 32 copies                        exchange of ghosts, once a step
-    + [look m + hop log2 P] / LOOK                      step control: reductions of F and gaps
+    + [control m + hop log2 P] / CONTROL                step control: reductions of F and gaps
     + [near S_own + far S] / RENEW                      search lists: own and all surface particles
 
 Cells stay whole while a rank has one or more; smaller parts have common rows and ghosts along their cuts.  The model
@@ -27,14 +27,14 @@ from cellmig.exits import DONE
 from cellmig.output.log import table
 from cellmig.output.manifest import processor
 
-from .speed import keep, measured
+from .speed import measured, write_report
 from .timing import SURFACE, Scene
 
 PER_CELL = 1500
 ROWS = tuple(Scene(cells, PER_CELL) for cells in (1, 3, 12, 67))  # whole cells, each also on 2 and 4 ranks
 CUT = (Scene(1, 6000), Scene(1, 24_000))
 LARGE = Scene(335, PER_CELL)  # larger than all caches
-LOOK, RENEW = 200, 555  # steps per step control and per renewal of search lists, in the paper's main scene
+CONTROL, RENEW = 200, 555  # steps per step control and per renewal of search lists, in the paper's main scene
 BYTES = 32  # of a ghost
 NETWORK = (2.0e3, 1.0)  # assumed between nodes: latency [ns], and [ns per byte] of a rank while all ranks send
 RANKS = (1, 16, 64, 256, 1024, 10_000)  # of predictions
@@ -47,9 +47,10 @@ SIDE = 25.0  # ghosts where two cells of 1,500 particles touch, measured for cel
 class Constants:
     """Measured constants: `row` [ns] by `size` [particles of a rank]; `extra`, `copies` per particle along a cut.
 
-    surface [ns per own surface particle];  latency [ns], byte [ns per byte] of messages on this machine;  look [ns per
-    own particle], hop [ns per doubling of ranks];  near, far [ns per own surface particle, per surface particle of the
-    scene];  own_bytes, all_bytes, base_bytes : memory of a rank per own particle, per particle of the scene, and fixed.
+    surface [ns per own surface particle];  latency [ns], byte [ns per byte] of messages on this machine;  control [ns
+    per own particle], hop [ns per doubling of ranks];  near, far [ns per own surface particle, per surface particle of
+    the scene];  own_bytes, all_bytes, base_bytes : memory of a rank per own particle, per particle of the scene, and
+    fixed.
     """
 
     size: tuple[float, ...]
@@ -59,7 +60,7 @@ class Constants:
     copies: float
     latency: float
     byte: float
-    look: float
+    control: float
     hop: float
     near: float
     far: float
@@ -84,15 +85,15 @@ def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
     sent = [p for p in at_once if p["ranks"] > 1]
     latency, byte = _least_squares([[1.0, BYTES * max(p["ghosts"])] for p in sent],
                                    [1e3 * median(p["us"]["messages"]) for p in sent])
-    look, hop = _least_squares([[max(p["owned"]), math.log2(p["ranks"])] for p in at_once],
-                               [1e3 * median(p["us"]["look"]) for p in at_once])
+    control, hop = _least_squares([[max(p["owned"]), math.log2(p["ranks"])] for p in at_once],
+                               [1e3 * median(p["us"]["control"]) for p in at_once])
     _, near, far = _least_squares([[1.0, p["surface"] / p["ranks"], p["surface"]] for p in at_once],
                                   [1e3 * median(p["us"]["lists"]) for p in at_once])
     memory = _least_squares([[p["particles"] / p["ranks"], p["particles"], 1.0] for p in probes],
                             [p["peak_bytes"] * p["particles"] / p["ranks"] for p in probes])
     return Constants(tuple(float(p["particles"]) for p in alone), tuple(row), median(on_surface),
                      sum(sum(p["rows"]) - p["particles"] for p in cut) / sum(chord),
-                     sum(sum(p["ghosts"]) for p in cut) / sum(chord), latency, byte, look, hop, near, far, *memory)
+                     sum(sum(p["ghosts"]) for p in cut) / sum(chord), latency, byte, control, hop, near, far, *memory)
 
 
 def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
@@ -124,7 +125,7 @@ def predicted(c: Constants, particles: float, ranks: float, per_cell: float = PE
     latency, byte = network or ((c.latency, c.byte) if ranks <= NODE else NETWORK)
     parts = {"compute": row * (own + c.extra * cut) + c.surface * surface_own,
              "exchange": (latency + byte * BYTES * copies) if ranks > 1 else 0.0,
-             "control": (c.look * own + max(c.hop, latency) * math.log2(ranks)) / LOOK,
+             "control": (c.control * own + max(c.hop, latency) * math.log2(ranks)) / CONTROL,
              "lists": (c.near * surface_own + c.far * surface) / RENEW}
     return {**parts, "step": sum(parts.values()),
             "bytes": c.own_bytes * own + c.all_bytes * particles + c.base_bytes}
@@ -147,20 +148,20 @@ def bench_scaling(out: Path) -> int:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks))
     c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1])
-    keep(out / "scaling", "What steps cost on many ranks, by a model", "cellmig bench --scaling",
-         {"constants": dataclasses.asdict(c), "probes": probes}, said(c, probes))
+    write_report(out / "scaling", "What steps cost on many ranks, by a model", "cellmig bench --scaling",
+         {"constants": dataclasses.asdict(c), "probes": probes}, report(c, probes))
     return DONE
 
 
-def said(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
+def report(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
     """Constants, measured against fitted steps, and predictions, in Markdown."""
     rows = ", ".join(f"{ns:.1f} with {size:.0f}" for size, ns in zip(c.size, c.row, strict=True))
     lines = [f"{processor()}", "", f"- a row: {rows} particles on a rank [ns]; a surface particle {c.surface:.2g} ns",
              f"- along a cut: {c.extra:.2g} rows computed twice and {c.copies:.2g} copies for each particle of it",
              f"- messages here: {1e-3 * c.latency:.2g} µs and {c.byte:.2g} ns a byte; assumed between nodes: "
              f"{1e-3 * NETWORK[0]:.2g} µs and {NETWORK[1]:.2g} ns a byte and rank, {NODE} ranks a node",
-             f"- a look at the step: {c.look:.2g} ns a particle and {1e-3 * c.hop:.2g} µs a doubling of ranks, every "
-             f"{LOOK} steps",
+             f"- step control: {c.control:.2g} ns a particle and {1e-3 * c.hop:.2g} µs a doubling of ranks, every "
+             f"{CONTROL} steps",
              f"- search lists: {c.near:.0f} ns an own surface particle and {c.far:.2g} ns one of the scene, every "
              f"{RENEW} steps",
              f"- memory of a rank: {c.own_bytes:.0f} B a particle of its own, {c.all_bytes:.0f} B one of the scene, "

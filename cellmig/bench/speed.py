@@ -55,11 +55,11 @@ def bench_speed(out: Path, quick: bool = False) -> int:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks, output=scene == PAPER))
     found = {"limits": limits, "baseline_ns": plain, "start_s": starts(), "probes": probes}
-    keep(out / "speed", "What a step costs", f"cellmig bench{' --quick' * quick}", found, said(found))
+    write_report(out / "speed", "What a step costs", f"cellmig bench{' --quick' * quick}", found, report(found))
     return DONE
 
 
-def keep(place: Path, title: str, command: str, found: dict[str, Any], lines: Sequence[str]) -> dict[str, Any]:
+def write_report(place: Path, title: str, command: str, found: dict[str, Any], lines: Sequence[str]) -> dict[str, Any]:
     """Print the lines of tables; write them to `place`.md and all numbers to `place`.json; returns their origin."""
     origin = {"command": command, "date": date.today().isoformat(), **environment(MPI.COMM_SELF)}
     data, text = place.with_suffix(".json"), place.with_suffix(".md")
@@ -78,8 +78,8 @@ def as_json(tree: Any) -> str:
 
 def measured(scene: Scene, ranks: int, repeats: int = REPEATS, output: bool = False) -> dict[str, Any]:
     """Result of `probe` for a scene, in processes of its own."""
-    asked = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
-    command = [*PYTHON, "-m", "cellmig.bench.timing", asked]
+    options = json.dumps({**dataclasses.asdict(scene), "repeats": repeats, "output": output})
+    command = [*PYTHON, "-m", "cellmig.bench.timing", options]
     if ranks > 1:
         command = on_ranks(ranks, command)
     return json.loads(_done(command))
@@ -106,7 +106,7 @@ def _done(command: Sequence[str], more: dict[str, str] | None = None) -> str:
     return done.stdout
 
 
-def said(found: dict[str, Any]) -> list[str]:
+def report(found: dict[str, Any]) -> list[str]:
     """The tables in Markdown: medians and interquartile ranges."""
     probes, first = found["probes"], found["probes"][0]
     lines = [f"{processor()}; medians of {REPEATS}; ns per particle-step of wall time unless said", "",

@@ -23,7 +23,7 @@ from cellmig.case.schema import Case
 from cellmig.laws import register
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
-from cellmig.output.manifest import memory_told
+from cellmig.output.manifest import memory_sizes
 from cellmig.output.xdmf import Frames
 from cellmig.runs.cases import FOLDER
 from cellmig.simulation import Simulation
@@ -61,7 +61,7 @@ class Scene:
         return from_dict(tree, "bench")
 
 
-class Watch:
+class Timer:
     """Measures wall time of the slowest rank and CPU time of all ranks, of work that is repeated."""
 
     def __init__(self, comm: MPI.Comm, particles: int, repeats: int):
@@ -103,7 +103,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     -------
     dict -- `ns` : wall and CPU times per particle and step [ns] of "step", of the internal force in "stress" and
     "divergence", and of surface terms; `us` : times [µs] of "exchange" of ghosts as in steps, by "messages", of step
-    control ("look"), "lists", "sample", "frame"; sizes and memory.
+    control ("control"), "lists", "sample", "frame"; sizes and memory.
     """
     case, begin = scene.case(), perf_counter()
     built, terms = discretise(case), find_terms(case)
@@ -113,21 +113,21 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     setup = comm.allreduce(perf_counter() - begin, MPI.MAX)
     m, k = sim.mechanics, sim.mechanics.kernel
     m.advance(3, STILL)
-    watch = Watch(comm, sim.scene.size, repeats)
+    timer = Timer(comm, sim.scene.size, repeats)
     force, energy = np.zeros((m.part.capacity, 2)), np.zeros(m.part.capacity)
-    ns = {"step": watch(lambda n: m.advance(n, STILL)),
-          "stress": watch(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
-          "divergence": watch(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
+    ns = {"step": timer(lambda n: m.advance(n, STILL)),
+          "stress": timer(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
+          "divergence": timer(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
     for term in SURFACE:
         if getattr(terms, term) is not None:
-            ns[term] = watch(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
-    us = {"look": watch.seconds(lambda n: [m.limits() for _ in range(n)])[0],
-          "lists": watch.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
+            ns[term] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
+    us = {"control": timer.seconds(lambda n: [m.limits() for _ in range(n)])[0],
+          "lists": timer.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
     if comm.size > 1:
-        us["messages"] = watch.seconds(lambda n: [m.state.exchange() for _ in range(n)])[0]
-        us["exchange"] = watch.seconds(lambda n: k.repeated(n, "exchange_state"))[0]
+        us["messages"] = timer.seconds(lambda n: [m.state.exchange() for _ in range(n)])[0]
+        us["exchange"] = timer.seconds(lambda n: k.repeated(n, "exchange_state"))[0]
     if output:
-        us |= _output(sim, watch)
+        us |= _output(sim, timer)
     found = {
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
         "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
@@ -141,12 +141,12 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     return found
 
 
-def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
+def _output(sim: Simulation, timer: Timer) -> dict[str, list[float]]:
     """Wall time [s] of a sample, and of a frame that all ranks write."""
-    sample = watch.seconds(lambda n: [sim.sample() for _ in range(n)])[0]
-    folder = watch.comm.bcast(tempfile.mkdtemp() if watch.comm.rank == 0 else None)
+    sample = timer.seconds(lambda n: [sim.sample() for _ in range(n)])[0]
+    folder = timer.comm.bcast(tempfile.mkdtemp() if timer.comm.rank == 0 else None)
     fields = sim.sampler.fields()
-    frames = Frames(Path(folder), watch.comm, {name: FIELDS[name].unit for name in fields})
+    frames = Frames(Path(folder), timer.comm, {name: FIELDS[name].unit for name in fields})
     count = iter(range(1, 1 << 30))
 
     def write(n: int) -> None:
@@ -154,7 +154,7 @@ def _output(sim: Simulation, watch: Watch) -> dict[str, list[float]]:
             at = next(count)
             frames.write(float(at), at, sim.sampler.fields())
 
-    return {"sample": sample, "frame": watch.seconds(write)[0]}
+    return {"sample": sample, "frame": timer.seconds(write)[0]}
 
 
 def traffic(kernel: Any) -> float:
@@ -168,14 +168,14 @@ def traffic(kernel: Any) -> float:
 
 def peak_memory() -> float:
     """Peak memory of this process [B]; that of getrusage includes the parent process."""
-    return memory_told("/proc/self/status")["VmHWM"]
+    return memory_sizes("/proc/self/status")["VmHWM"]
 
 
 def main() -> None:
     """Probe the scene of the first argument; rank 0 prints the result."""
-    comm, asked = MPI.COMM_WORLD, json.loads(sys.argv[1])
-    repeats, output = asked.pop("repeats", 7), asked.pop("output", False)
-    found = probe(Scene(**asked), comm, repeats, output)
+    comm, options = MPI.COMM_WORLD, json.loads(sys.argv[1])
+    repeats, output = options.pop("repeats", 7), options.pop("output", False)
+    found = probe(Scene(**options), comm, repeats, output)
     if comm.rank == 0:
         print(json.dumps(found))
 

@@ -179,10 +179,10 @@ def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     centres = np.array([cell.centre for cell, _ in cells])
     reported = set()
     for i, j in near(outlines, centres):
-        (a, here), (b, there) = cells[i], cells[j]
-        pair = here, there
+        (a, path_a), (b, path_b) = cells[i], cells[j]
+        pair = path_a, path_b
         if pair not in reported and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
             reported.add(pair)
-            source.wrong((*there, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
+            source.wrong((*path_b, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
             if len(reported) == MOST_OVERLAPS:
                 return

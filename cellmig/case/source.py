@@ -66,15 +66,15 @@ class Source:
 
 def read(path: str | os.PathLike, sets: Sequence[str] = ()) -> Source:
     """Source of the case in a file, with all files that it extends and the changes `sets` ("a.b=value")."""
-    source, chain, seen = Source(), [], set()
+    source, chain, visited = Source(), [], set()
     file: str | None = os.fspath(path)
     extended_at: tuple = (file, None)
     while file is not None:
-        if os.path.realpath(file) in seen:
+        if os.path.realpath(file) in visited:
             source.mistakes.append(Mistake(*extended_at, "extends", f"'{file}' extends this file: they go in a circle"))
             break
         source.files.append(file)
-        seen.add(os.path.realpath(file))
+        visited.add(os.path.realpath(file))
         try:
             data, lines = _read_file(file)
         except _Unreadable as error:

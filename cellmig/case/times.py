@@ -17,7 +17,7 @@ def until(case: Case, end: float | None) -> Case:
     return dataclasses.replace(case, time=dataclasses.replace(case.time, end=end, **counts))
 
 
-def stops(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:
+def output_times(case: Case, end: float, step: float | None = None) -> list[tuple[float, bool, bool]]:
     """Output times [µs] up to `end` [µs], and whether each is for a sample and for a frame.
 
     With a fixed `step` [µs] they are rounded to multiples of it.  They are exact fractions of the case's end, rounded

@@ -21,7 +21,7 @@ import numpy as np
 
 from .directory import OutputError, replace, together
 
-FOLDER, KEPT = "checkpoint", 2
+FOLDER, KEEP = "checkpoint", 2
 _ABOUT = "about"
 _NAME = re.compile(r"c(\d{8})\.h5")
 _SEAL = b"\nsha256 "  # before the 64 digits of the checksum
@@ -40,15 +40,15 @@ class Checkpoint:
     arrays: dict[str, np.ndarray]
 
 
-def write(directory: Path, comm: Any, checkpoint: Checkpoint, kept: int = KEPT) -> Path:
-    """Write a checkpoint of a run to the disk and delete all but the last `kept`; collective, rank 0 writes.
+def write(directory: Path, comm: Any, checkpoint: Checkpoint, keep: int = KEEP) -> Path:
+    """Write a checkpoint of a run to the disk and delete all but the last `keep`; collective, rank 0 writes.
 
     Returns its path.  Raises OutputError where it cannot be written.
     """
-    return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint, kept), root_only=True)[0]
+    return together(comm, lambda: _write(Path(directory) / FOLDER, checkpoint, keep), root_only=True)[0]
 
 
-def _write(folder: Path, checkpoint: Checkpoint, kept: int) -> Path:
+def _write(folder: Path, checkpoint: Checkpoint, keep: int) -> Path:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
@@ -57,7 +57,7 @@ def _write(folder: Path, checkpoint: Checkpoint, kept: int) -> Path:
     path = folder / f"c{max(numbers, default=0) + 1:08d}.h5"
     image = _image(checkpoint)
     replace(path, image + _SEAL + hashlib.sha256(image).hexdigest().encode(), lasting=True)
-    for old in [old for _, old in listed(folder)[:-kept]] + (list(folder.glob("*.damaged")) if kept == 1 else []):
+    for old in [old for _, old in listed(folder)[:-keep]] + (list(folder.glob("*.damaged")) if keep == 1 else []):
         old.unlink(missing_ok=True)
     return path
 
@@ -78,10 +78,10 @@ def listed(folder: Path) -> list[tuple[int, Path]]:
     return sorted(found)
 
 
-def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint | None:
+def newest(directory: Path, comm: Any, report: Callable[[str], None]) -> Checkpoint | None:
     """The newest intact checkpoint of a run, None if it has no checkpoints; collective.
 
-    Damaged ones are renamed and reported to `say`.  Raises OutputError if all are damaged.
+    Damaged ones are renamed and told to `report`.  Raises OutputError if all are damaged.
     """
     found, remarks = None, []
 
@@ -101,7 +101,7 @@ def newest(directory: Path, comm: Any, say: Callable[[str], None]) -> Checkpoint
 
     together(comm, search, root_only=True)
     for remark in comm.bcast(remarks):
-        say(remark)
+        report(remark)
     about = comm.bcast(found.about if found else None)
     return None if about is None else Checkpoint(about, found.arrays if found else {})
 

@@ -23,7 +23,7 @@ class OutputError(OSError):
     """A run cannot be written or read; the message is for the user and the same on all ranks."""
 
 
-def the_run(directory: Path) -> Path:
+def existing_run(directory: Path) -> Path:
     """The directory of an existing run.  Raises OutputError if it is none."""
     directory = Path(directory)
     if any((directory / name).exists() for name in (MANIFEST, INDEX)):

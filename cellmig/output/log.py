@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ..case.messages import lenient
+from ..case.messages import replace_unprintable
 from .directory import together
 
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall time [s]
@@ -32,7 +32,7 @@ class Log:
     """
 
     def __init__(self, comm: Any, directory: Path | None = None, quiet: bool = False) -> None:
-        lenient()
+        replace_unprintable()
         self.quiet, self.root = quiet, comm.rank == 0
         self._writers: list[Callable[[str], None]] = [_to_screen] if self.root and not quiet else []
         if directory is not None:
@@ -103,8 +103,8 @@ def duration(seconds: float, digits: int = 2) -> str:
 
 def _on_terminal() -> bool:
     """Whether output goes to a terminal; ranks of Open MPI always see one, so that `./run` sets CELLMIG_TERMINAL."""
-    told = "CELLMIG_TERMINAL" in os.environ or "ipykernel" in sys.modules  # a notebook shows bars, too
-    return told or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
+    interactive = "CELLMIG_TERMINAL" in os.environ or "ipykernel" in sys.modules  # a notebook shows bars, too
+    return interactive or ("OMPI_COMM_WORLD_SIZE" not in os.environ and sys.stdout.isatty())
 
 
 class Progress:

@@ -95,7 +95,7 @@ def processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def memory_told(path: str = "/proc/meminfo") -> dict[str, float]:
+def memory_sizes(path: str = "/proc/meminfo") -> dict[str, float]:
     """Sizes of memory by name [B], from the system, or from "/proc/self/status" for this process."""
-    told = dict(line.split(":", 1) for line in Path(path).read_text(encoding="utf-8").splitlines())
-    return {name: 1024.0 * float(size.split()[0]) for name, size in told.items() if size.endswith(" kB")}
+    sizes = dict(line.split(":", 1) for line in Path(path).read_text(encoding="utf-8").splitlines())
+    return {name: 1024.0 * float(size.split()[0]) for name, size in sizes.items() if size.endswith(" kB")}

@@ -40,7 +40,7 @@ def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str,
             *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
 
 
-def up_to(path: Path, end: Mapping[str, Any]) -> Any:
+def digest_up_to(path: Path, end: Mapping[str, Any]) -> Any:
     """The sha256 of a table up to a former `end`.  Raises OutputError if the table was changed."""
     content = path.read_bytes() if path.exists() else b""
     if len(content) < end["bytes"]:
@@ -74,7 +74,7 @@ class _Table:
             self._append(",".join(self.columns) + "\n")
 
     def _cut(self, end: Mapping[str, Any]) -> None:
-        self._digest = up_to(self._path, end)
+        self._digest = digest_up_to(self._path, end)
         os.truncate(self._path, end["bytes"])
 
     def end(self) -> dict[str, Any]:
@@ -171,22 +171,22 @@ class Tables:
     comm : mpi4py communicator.
     names : list of str -- of the cells.
     more : list of str -- columns of history besides HISTORY.
-    there : dict -- whether the scene has "substrate" and "neighbours".
+    present : dict -- whether the scene has "substrate" and "neighbours".
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     """
 
     def __init__(self, directory: Path, comm: Any, names: Sequence[str], more: tuple[str, ...],
-                 there: Mapping[str, bool], ends: Mapping[str, Any]) -> None:
+                 present: Mapping[str, bool], ends: Mapping[str, Any]) -> None:
         self._comm = comm
 
-        def begun(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
+        def opened(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
             table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")))
             table.names = (ALL, *names)
             return table
 
-        self.history, self.ledger = begun(History, more), begun(Ledger)
-        self._surroundings = {name: begun(kind) for name, kind in (("substrate", Substrate), ("neighbours", Neighbours))
-                              if there[name]}
+        self.history, self.ledger = opened(History, more), opened(Ledger)
+        kinds = {"substrate": Substrate, "neighbours": Neighbours}
+        self._surroundings = {name: opened(kind) for name, kind in kinds.items() if present[name]}
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]], entries: Mapping[str, float],
               surroundings: Mapping[str, Sequence[Mapping[str, float]]]) -> None:

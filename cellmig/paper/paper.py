@@ -10,7 +10,7 @@ from typing import Any
 
 from cellmig.case.schema import Case
 from cellmig.exits import DONE, STOPPED
-from cellmig.runs.batch import Ended, Job, counting, run_missing, write_rows
+from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect, source
 from cellmig.runs.outcome import CELLS, Outcome
@@ -80,7 +80,7 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED
-    sound, bad = counting(jobs)
+    sound, bad = sound_and_unsound(jobs)
     results = collect(sound)
     judged = judge(results)
     print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
@@ -129,13 +129,14 @@ def _line(claim: str, measured: str, seeds: str, verdict: str) -> str:
 
 def _scatter(claim: Claim) -> list[str]:
     """For each part that does not hold in all seeds: its mean, distance to the bound in standard errors, values."""
-    said = []
+    remarks = []
     for part in claim.parts:
         if part.values and part.verdict != HOLDS:
             errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 and part.errors < 100 else ""
-            said.append(f"{part.what}: mean {part.mean:.3g} {'misses' if part.verdict == FAILS else 'keeps'} its bound"
-                        f"{errors}; by seed {', '.join(f'{v:.3g}' for v in part.values.values())}")
-    return said
+            how = "misses" if part.verdict == FAILS else "keeps"
+            remarks.append(f"{part.what}: mean {part.mean:.3g} {how} its bound{errors}; by seed "
+                           f"{', '.join(f'{v:.3g}' for v in part.values.values())}")
+    return remarks
 
 
 def _write_claims(path: Path, claims: list[Claim]) -> None:
@@ -151,7 +152,8 @@ def _entries(part: Part) -> dict[str, Any]:
             "verdict": part.verdict}
 
 
-def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results, failed: Mapping[Job, Ended]) -> None:
+def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results,
+                failed: Mapping[Job, JobResult]) -> None:
     """Write a row for each run that exists or failed."""
     rows = []
     for (name, seed), job in jobs.items():

@@ -10,11 +10,11 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellmig.output.directory import OutputError, the_run
+from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import Frame, frames
 
-from .snapshots import chosen, film, not_reached, shapes
+from .snapshots import film, missing_times, nearest_frames, shapes
 from .style import COLOURS, STYLE, save
 from .traction import between, traction
 
@@ -38,13 +38,13 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     -------
     list of Path -- the pictures whose data exist: shapes, displacement, ledger, traction, between (neighbours), film.
     """
-    directory = the_run(directory)
+    directory = existing_run(directory)
     out = Path(out or directory)
     out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         found = frames(directory)
-        some = [frame.time for frame in chosen(found, times)] if found else []
-        for remark in filter(None, [not_reached(found, times), _no_tables(directory, found)] if found else []):
+        some = [frame.time for frame in nearest_frames(found, times)] if found else []
+        for remark in filter(None, [missing_times(found, times), _no_tables(directory, found)] if found else []):
             print(f"cellmig: {remark}", file=sys.stderr)
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))

@@ -32,14 +32,14 @@ _SECONDS, _MOST_PER_SECOND, _DPI = 10.0, 25.0, 140  # film: length [s], largest 
 _MAP = "viridis"
 
 
-def chosen(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
+def nearest_frames(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
     """The frames nearest to `times` [us], each once, in order; by default at 5 and 50 % of the end, and the last."""
-    there = np.array([frame.time for frame in found])
-    wanted = np.multiply(_SNAPSHOTS, there[-1]) if times is None else np.asarray(times)
-    return [found[k] for k in sorted({int(np.argmin(np.abs(there - time))) for time in wanted})]
+    available = np.array([frame.time for frame in found])
+    wanted = np.multiply(_SNAPSHOTS, available[-1]) if times is None else np.asarray(times)
+    return [found[k] for k in sorted({int(np.argmin(np.abs(available - time))) for time in wanted})]
 
 
-def not_reached(found: Sequence[Frame], times: Sequence[float] | None) -> str:
+def missing_times(found: Sequence[Frame], times: Sequence[float] | None) -> str:
     """Remark about `times` [us] before the first or after the last frame, else empty."""
     first, last = found[0].time, found[-1].time
     if beyond := [f"{time:g}" for time in times or () if not first - 1e-9 <= time <= last * (1 + 1e-9)]:
@@ -130,7 +130,7 @@ def shapes(directory: Path, times: Sequence[float] | None, field: str = "effecti
     found = frames(directory)
     if not found:
         return None
-    some = chosen(found, times)
+    some = nearest_frames(found, times)
     view = View.of(directory, some, field)
     figure, axes = view.panels(len(some))
     for ax, frame in zip(axes, some, strict=True):

@@ -37,8 +37,8 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
         upper.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
         upper.set_ylabel(f"{kind} traction [Pa]")
         upper.legend()
-        top = usual(map_)
-        within(upper, top, "Pa")
+        top = usual_peak(map_)
+        limit_axis(upper, top, "Pa")
         image = lower.pcolormesh(edges, samples, map_, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)
         lower.set(xlabel="x [µm]", ylabel="time [µs]")
         beyond = f"\ncolours end at {top:.3g} Pa, the largest is {np.abs(map_).max():.3g} Pa"
@@ -76,7 +76,7 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
                   ls=("-", "--", ":")[number // len(COLOURS) % 3], label=" and ".join(names))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
     ax.set(xlabel="time [µs]", ylabel="pull between neighbours [pN/µm]")
-    within(ax, usual(np.array(list(lines.values()))), "pN/µm")
+    limit_axis(ax, usual_peak(np.array(list(lines.values()))), "pN/µm")
     if len(lines) <= 2 * len(COLOURS):
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
@@ -94,13 +94,13 @@ def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray
     return found
 
 
-def usual(values: np.ndarray) -> float:
+def usual_peak(values: np.ndarray) -> float:
     """The 95th percentile of the magnitudes of nonzero values, 1 without any."""
     size = np.abs(values[np.isfinite(values) & (values != 0.0)])
     return float(np.percentile(size, _SHARE)) if len(size) else 1.0
 
 
-def within(ax: Axes, top: float, unit: str) -> None:
+def limit_axis(ax: Axes, top: float, unit: str) -> None:
     """Limit the axis to three times `top` either way, with a note if values are beyond."""
     least, most, limit = ax.dataLim.y0, ax.dataLim.y1, _BEYOND * top
     beyond = [f"down to {least:.4g}"] * int(least < -limit) + [f"up to {most:.4g}"] * int(most > limit)

@@ -26,9 +26,9 @@ def run_here(case: Case, directory: Path, until: float | None, quiet: bool, star
     """
     # Python allows signal handlers in the main thread only.
     watched = threading.current_thread() is threading.main_thread()
-    with stop_requests() if watched else nullcontext([]) as asked:
+    with stop_requests() if watched else nullcontext([]) as stop_signals:
         run = Run(case, directory, MPI.COMM_WORLD, until=until, quiet=quiet, origin=start)
-        status = run.go(asked)
+        status = run.go(stop_signals)
         run.simulation.destroy()
     if status not in (DONE, STOPPED):
         raise (NumericsError if status == BROKEN else OutputError)(run.manifest["cause"])

@@ -42,7 +42,7 @@ from .preflight import cost
 from .run import stop_requests
 
 _SETUP = 3.0  # wall time of a run before its first step and after its last (measured) [s]
-CLOSES = 0.01  # largest energy error of a run that counts [-]
+LARGEST_ENERGY_ERROR = 0.01  # largest energy error of a run that counts [-]
 _PAUSE, _NEXT_LINE, _GRACE = 0.05, 30.0, 20.0  # wall time [s]
 
 
@@ -69,20 +69,20 @@ class Job:
     def is_done(self) -> bool:
         """Whether its directory holds this run, complete: the same case in every value, to its end."""
         manifest = read_manifest(self.directory)
-        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self.is_of(manifest)
+        return manifest.get("exit_status") == 0 and manifest["ranks"] == self.ranks and self.matches(manifest)
 
     def is_outdated(self) -> bool:
         """Whether its directory holds a complete run of another version of cellmig."""
         manifest = read_manifest(self.directory)
         return manifest.get("exit_status") == 0 and manifest.get("version") != __version__
 
-    def goes_on(self) -> bool:
+    def is_resumable(self) -> bool:
         """Whether its directory holds this run with a checkpoint, stopped or killed before its end."""
         manifest = read_manifest(self.directory)
         return (any(self.directory.glob("checkpoint/c*.h5")) and manifest.get("exit_status") != 0
-                and self.is_of(manifest))
+                and self.matches(manifest))
 
-    def is_of(self, manifest: Mapping[str, Any]) -> bool:
+    def matches(self, manifest: Mapping[str, Any]) -> bool:
         """Whether a manifest belongs to this case and to this version of cellmig, as others may have other results."""
         if manifest.get("version") != __version__:
             return False
@@ -106,8 +106,8 @@ class Job:
 
     def start(self, errors: IO[str]) -> subprocess.Popen:
         """Start or resume it; its messages go to `errors`."""
-        going_on = ("--resume", "auto") if self.goes_on() else ()
-        command = [*PYTHON, "-m", "cellmig", *self.arguments(), *going_on]
+        resume = ("--resume", "auto") if self.is_resumable() else ()
+        command = [*PYTHON, "-m", "cellmig", *self.arguments(), *resume]
         if self.ranks > 1:
             command = on_ranks(self.ranks, command)
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
@@ -115,7 +115,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Ended:
+class JobResult:
     """The end of a run: its exit code, and a message if that is not 0."""
 
     job: Job
@@ -123,11 +123,12 @@ class Ended:
     message: str = ""
 
 
-def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit: float = math.inf) -> Iterator[Ended]:
+def run_all(jobs: Sequence[Job], at_once: int, stop_signals: Sequence[int] = (), limit: float = math.inf
+            ) -> Iterator[JobResult]:
     """Run jobs in order, on `at_once` ranks at a time, or more if one job needs them; yields each that ended.
 
-    A failure does not stop others.  A run that takes longer than `limit` [s] is killed.  After a signal in `asked` no
-    further run starts, and those at work receive SIGTERM.
+    A failure does not stop others.  A run that takes longer than `limit` [s] is killed.  After a signal in
+    `stop_signals` no further run starts, and those at work receive SIGTERM.
     """
     waiting, active = list(jobs)[::-1], {}
 
@@ -136,7 +137,7 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
 
     with ExitStack() as files:
         try:
-            while (waiting or active) and not asked:
+            while (waiting or active) and not stop_signals:
                 while waiting and room():
                     job = waiting.pop()
                     errors = files.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace"))
@@ -145,9 +146,9 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
                 late = [p for p, (*_, begin) in active.items() if perf_counter() > begin + limit and p.poll() is None]
                 for process in late:
                     _kill(process)
-                    yield Ended(active.pop(process)[0], process.returncode, f"no end within {limit:g} s")
+                    yield JobResult(active.pop(process)[0], process.returncode, f"no end within {limit:g} s")
                 for process in [p for p in active if p.poll() is not None]:
-                    yield _ended(process.returncode, *active.pop(process)[:2])
+                    yield _result(process.returncode, *active.pop(process)[:2])
         finally:
             for process in active:
                 process.terminate()
@@ -156,7 +157,7 @@ def run_all(jobs: Sequence[Job], at_once: int, asked: Sequence[int] = (), limit:
 
 
 def run_missing(out: Path, jobs: Iterable[Job], at_once: int | None = None, longest_first: bool = False
-                ) -> tuple[dict[Job, Ended], bool]:
+                ) -> tuple[dict[Job, JobResult], bool]:
     """Run the jobs that are not complete, with progress; returns those that failed, and whether a signal stopped all.
 
     out : their directory, which other commands must not use;  at_once : runs at a time, by default one for each core.
@@ -167,7 +168,8 @@ def run_missing(out: Path, jobs: Iterable[Job], at_once: int | None = None, long
         return failed, bool(signals)
 
 
-def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longest_first: bool) -> dict[Job, Ended]:
+def _run_missing(jobs: Sequence[Job], at_once: int, stop_signals: Sequence[int], longest_first: bool
+                 ) -> dict[Job, JobResult]:
     load = os.getloadavg()[0]
     missing = [job for job in jobs if not job.is_done()]
     outdated = sum(job.is_outdated() for job in missing)
@@ -182,8 +184,8 @@ def _run_missing(jobs: Sequence[Job], at_once: int, asked: Sequence[int], longes
           f"{load:.1f})", flush=True)
     if longest_first:
         missing.sort(key=lambda job: (job.ranks, -seconds[job]))
-    count, failed = Count(len(missing)), {}
-    for ended in run_all(missing, at_once, asked):
+    count, failed = ProgressCounter(len(missing)), {}
+    for ended in run_all(missing, at_once, stop_signals):
         count(ended)
         if ended.code:
             failed[ended.job] = ended
@@ -209,20 +211,20 @@ def expected(seconds: Mapping[Job, float], at_once: int, load: float, cores: int
     return max(sum(seconds.values()) / at_once, longest) * max(1.0, (at_once + load) / cores)
 
 
-def unsound(jobs: Iterable[Job]) -> dict[Job, Ended]:
+def unsound(jobs: Iterable[Job]) -> dict[Job, JobResult]:
     """Complete runs with an energy error above CLOSES, whose results do not count."""
     found = {}
     for job in jobs:
         error = read_manifest(job.directory)["worst_energy_error"]
-        if error is None or error > CLOSES:
+        if error is None or error > LARGEST_ENERGY_ERROR:
             error = float("nan") if error is None else error
-            message = f"the energy ledger misses {100 * error:.3g} %, of {100 * CLOSES:g} % allowed"
-            found[job] = Ended(job, BROKEN, message)
+            message = f"the energy ledger misses {100 * error:.3g} %, of {100 * LARGEST_ENERGY_ERROR:g} % allowed"
+            found[job] = JobResult(job, BROKEN, message)
             print(f"{job.name} does not count: {message}")
     return found
 
 
-def counting(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, Ended]]:
+def sound_and_unsound(jobs: Mapping[Any, Job]) -> tuple[dict[Any, Job], dict[Job, JobResult]]:
     """Complete jobs that count, by key, and complete jobs that do not."""
     done = {key: job for key, job in jobs.items() if job.is_done()}
     bad = unsound(done.values())
@@ -250,16 +252,16 @@ def _kill(process: subprocess.Popen) -> None:
     process.wait()
 
 
-def _ended(code: int, job: Job, errors: IO[str]) -> Ended:
+def _result(code: int, job: Job, errors: IO[str]) -> JobResult:
     if code == 0:
-        return Ended(job, code)
+        return JobResult(job, code)
     errors.seek(0)
-    said = errors.read().strip().split("\n")[-1].removeprefix("cellmig: ")
+    message = errors.read().strip().split("\n")[-1].removeprefix("cellmig: ")
     cause = read_manifest(job.directory).get("cause")
-    return Ended(job, code, cause or said or f"killed by signal {-code}")
+    return JobResult(job, code, cause or message or f"killed by signal {-code}")
 
 
-class Count:
+class ProgressCounter:
     """Shows how many runs have ended: a bar on a terminal, else lines at intervals."""
 
     def __init__(self, total: int, unit: str = "run") -> None:
@@ -268,7 +270,7 @@ class Count:
         self._total, self._done, self._begin, self._unit = total, 0, perf_counter(), unit
         self._due = float("inf") if watched else self._begin + _NEXT_LINE
 
-    def __call__(self, ended: Ended) -> None:
+    def __call__(self, ended: JobResult) -> None:
         """Count a run that ended."""
         self._done += 1
         self._bar.update()

@@ -22,7 +22,7 @@ from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log
 from cellmig.output.manifest import processor, read_manifest
-from cellmig.output.tables import up_to
+from cellmig.output.tables import digest_up_to
 from cellmig.output.xdmf import check_frames
 from cellmig.parallel.options import affecting_results
 from cellmig.simulation import Simulation
@@ -31,7 +31,7 @@ from cellmig.version import __version__
 
 FORMAT = 3  # version of names and contents of checkpoints
 GO_ON, SAVE, STOP = 0, 1, 2
-USUAL = 300.0  # default interval of checkpoints in wall time [s]
+INTERVAL = 300.0  # default interval of checkpoints in wall time [s]
 SHARE = 0.02  # largest share of the wall time for checkpoints at the default interval
 SPARE = 3.0  # reserve of wall time for the end, besides the slowest batch of steps [s]
 
@@ -45,42 +45,42 @@ class Intervals:
     limit: float | None = None
 
 
-USUALLY = Intervals()
+DEFAULT_INTERVALS = Intervals()
 
 
-class Keeper:
+class CheckpointSchedule:
     """Writer of the checkpoints of a run; every method is collective.
 
-    count, seconds : number of checkpoints, and their wall time;  held : the last state that can be resumed, where the
-    current one cannot.
+    count, seconds : number of checkpoints, and their wall time;  resumable : the last state that can be resumed, where
+    the current one cannot.
     """
 
     def __init__(self, directory: Path, comm: MPI.Comm, intervals: Intervals, begin: float, start: float):
         """`begin` : of the run, by perf_counter [s];  `start` : simulated time at which it begins or resumes [µs]."""
         self.directory, self.comm, self.intervals = directory, comm, intervals
         self.count, self.seconds = 0, 0.0
-        self.held: Checkpoint | None = None
-        self._begin, self._seen = begin, perf_counter()
-        self._written = self._seen
+        self.resumable: Checkpoint | None = None
+        self._begin, self._checked = begin, perf_counter()
+        self._written = self._checked
         self._saved_until, self._slowest, self._last = start, 0.0, 0.0
 
-    def wish(self, time: float, asked: Sequence[int]) -> int:
-        """GO_ON, SAVE or STOP at a time [µs]; `asked` : signals that this rank received; collective."""
+    def action(self, time: float, stop_signals: Sequence[int]) -> int:
+        """GO_ON, SAVE or STOP at a time [µs]; `stop_signals` : signals that this rank received; collective."""
         now, i = perf_counter(), self.intervals
-        self._slowest, self._seen = max(self._slowest, now - self._seen), now
-        own = STOP if asked else GO_ON
+        self._slowest, self._checked = max(self._slowest, now - self._checked), now
+        own = STOP if stop_signals else GO_ON
         if self.comm.rank == 0 and not own:
             if i.limit and now - self._begin + 2.0 * self._slowest + SPARE > i.limit:
                 own = STOP
-            elif now - self._written > (i.wall or max(USUAL, self._last / SHARE)) or (
+            elif now - self._written > (i.wall or max(INTERVAL, self._last / SHARE)) or (
                     i.simulated and time // i.simulated > self._saved_until // i.simulated):
                 own = SAVE
         return self.comm.allreduce(own, MPI.MAX)
 
     def save(self, state: Callable[[], Checkpoint]) -> None:
-        """Write the checkpoint `held`, else that of `state()`; collective."""
+        """Write the checkpoint `resumable`, else that of `state()`; collective."""
         begin = perf_counter()
-        made = self.held or state()
+        made = self.resumable or state()
         checkpoint.write(self.directory, self.comm, made)
         self._written = perf_counter()
         self._last, self._saved_until = self._written - begin, made.about["time_us"]
@@ -112,7 +112,7 @@ def check_files(state: Checkpoint, directory: Path, comm: MPI.Comm) -> None:
         tables = dict(state.about["files"])
         check_frames(directory, tables.pop("frames"), state.about["id"])
         for name, end in tables.items():
-            up_to(directory / f"{name}.csv", end)
+            digest_up_to(directory / f"{name}.csv", end)
 
     together(comm, act, root_only=True)
 
@@ -167,7 +167,7 @@ def _differences(a: Any, b: Any, path: str = "") -> Any:
         yield path
 
 
-def look(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = False
+def read_run(claim: Claim, comm: MPI.Comm, quiet: bool = False, done_too: bool = False
          ) -> tuple[dict[str, Any], Checkpoint | None]:
     """Manifest and newest intact checkpoint of the run in a claimed directory, if it has them; collective.
 
@@ -193,10 +193,10 @@ def is_done(manifest: dict[str, Any]) -> bool:
     return manifest.get("exit_status") == 0 and not manifest.get("cause")
 
 
-def state_of(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint:
+def last_state(directory: Path, comm: MPI.Comm, quiet: bool = False) -> Checkpoint:
     """Last state of a run, as initial state of another; collective.  Raises OutputError where there is none."""
     with Claim(directory, comm) as claim:
-        _, state = look(claim, comm, quiet, done_too=True)
+        _, state = read_run(claim, comm, quiet, done_too=True)
     if state is None:
         raise OutputError(f"'{directory}' has no checkpoint to start from")
     return state

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.output.directory import the_run
+from cellmig.output.directory import existing_run
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
 
@@ -29,7 +29,7 @@ def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:
     bool -- whether they are equal.
     list of str -- lines for the user: what was compared, and the first difference of each part.
     """
-    a, b = the_run(a), the_run(b)
+    a, b = existing_run(a), existing_run(b)
     same, lines = True, []
     for name in [name for name in _TABLES if (a / name).exists() or (b / name).exists()]:
         equal, text = _diff_tables(a / name, b / name, tolerance)

@@ -8,26 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.output.directory import the_run
+from cellmig.output.directory import existing_run
 from cellmig.output.log import clock, duration, two_columns
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import frames
 
-from .summary import lost_said
+from .summary import describe_dissipation
 
 Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the simulation failed", 5: "input or output failed", 75: "stopped on request"}
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
 # Keys that other rows already show, or that are for programs.
-_SAID = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_energy_error", "hosts", "list_renewals",
-         "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
+_NOT_LISTED = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_energy_error", "hosts",
+               "list_renewals", "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
 _ROUNDING = 1e-9  # smaller lengths [µm] and momenta [pN µs/µm] count as zero
 
 
 def info(directory: Path) -> str:
     """Text of the summary."""
-    directory = the_run(directory)
+    directory = existing_run(directory)
     manifest = read_manifest(directory)
     rows: list[tuple[str, Any]] = [("directory", directory)]
     if manifest:
@@ -99,7 +99,7 @@ def _ledger_rows(path: Path) -> Rows:
     if not table or not np.isfinite(table["energy_error"]).any():
         return
     worst = np.nanargmax(np.abs(table["energy_error"]))
-    if lost := lost_said({name: float(column[-1]) for name, column in table.items()}):
+    if lost := describe_dissipation({name: float(column[-1]) for name, column in table.items()}):
         yield "losses", lost
     yield "energy error", (f"at most {100 * abs(table['energy_error'][worst]):.2g} %, at "
                            f"{table['time_us'][worst]:g} µs")
@@ -119,7 +119,7 @@ def _made_with(m: dict[str, Any]) -> Rows:
 def _rest(m: dict[str, Any]) -> Rows:
     """The remaining keys."""
     for key, value in m.items():
-        if key not in _SAID and value not in (None, "", [], {}):
+        if key not in _NOT_LISTED and value not in (None, "", [], {}):
             yield key.replace("_", " "), _plain(value)
 
 

@@ -19,7 +19,7 @@ from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
 
-from .summary import load_said, scene_said, skipped_said, step_said
+from .summary import describe_load_steps, describe_scene, describe_skipped, describe_step
 from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # largest number of particles of a timed scene
@@ -113,16 +113,16 @@ def report(case: Case) -> str:
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
+        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
-        ("time step", step_said(c.stable, case.time.step_factor, fixed)),
+        ("time step", describe_step(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
         *_faster(case, c),
         ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
-        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
+        *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
 
 
@@ -131,13 +131,13 @@ def _static_report(case: Case) -> str:
     part, ratio = _part(case, PROBE)
     size, spacing = _size(case), ratio * max(t.spacing for t in discretise(part).templates)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, size, spacing), *scene_said(case, case.time.end),
-        ("load steps", load_said(case)),
+        _particles(case, size, spacing), *describe_scene(case, case.time.end),
+        ("load steps", describe_load_steps(case)),
         ("time", f"about {duration(NEWTON * size)} for each step of Newton on one core, 4 to 8 to a load step, "
                  "as measured elsewhere with a direct solver"),
         ("memory", f"about {said_bytes(STATIC_BYTES * size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, size),
-        *skipped_said(find_terms(case).skipped),
+        *describe_skipped(find_terms(case).skipped),
     ])
 
 
@@ -152,14 +152,14 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     if not fixed:
         count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_as_tried(trial)}"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing), *scene_said(case, case.time.end), *chosen,
+        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
         ("time step", solver),
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
         ("steps", count), ("time", f"{duration(steps * one)} on one core"),
         ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
         ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
-        *_modulus(case), *_resolved(case, c), *skipped_said(c.skipped),
+        *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
 
 
@@ -181,10 +181,10 @@ def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     except NumericsError as error:
         return [("", f'time.integrator = "bdf", implicit steps, finds no way on from the start: {error}')]
     seconds = times * case.time.end / trial.speed
-    said = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_as_tried(trial)}'
+    text = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_as_tried(trial)}'
     if seconds < min(c.seconds / 2, LONG):
-        return [("better", said)]
-    return [("", f"{said}: at that pace no integrator here ends within a day; fewer particles or a shorter time.end "
+        return [("better", text)]
+    return [("", f"{text}: at that pace no integrator here ends within a day; fewer particles or a shorter time.end "
                  "do")]
 
 
@@ -260,11 +260,11 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
 
 def _frame_bytes(case: Case) -> int:
     """Size of a particle in a frame [B]."""
-    there = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
+    present = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
              "friction": case.friction is not None and case.substrate is not None,
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
-    return 28 + sum(field.stored for field in FIELDS.values() if there[field.term])
+    return 28 + sum(field.stored for field in FIELDS.values() if present[field.term])
 
 
 def said_bytes(n: float) -> str:

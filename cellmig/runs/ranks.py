@@ -12,21 +12,22 @@ from cellmig.case.schema import Case, particle_count
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.launch import on_ranks
 
-ASKED = "CELLMIG_RANKS"  # set by `./run`: "auto", or a number to be checked
+REQUESTED = "CELLMIG_RANKS"  # set by `./run`: "auto", or a number to be checked
 ENOUGH = 2500  # particles from which two ranks are faster than one
 LEAST = 4  # smallest number of particles of a rank
 
 
 def start_again(options: argparse.Namespace, words: Sequence[str], load: Callable[[], Case]) -> None:
     """Replace this process by the launcher of several ranks, if they are wanted and the run is large; else return."""
-    asked = os.environ.pop(ASKED, "")
-    if not asked:
+    requested = os.environ.pop(REQUESTED, "")
+    if not requested:
         return
     if options.command == "run":
         particles = size(load())
     else:
         particles = read_manifest(options.directory).get("particles") or ENOUGH
-    ranks = int(asked) if asked.isdecimal() else 2 if particles >= ENOUGH and len(os.sched_getaffinity(0)) > 1 else 1
+    two = particles >= ENOUGH and len(os.sched_getaffinity(0)) > 1
+    ranks = int(requested) if requested.isdecimal() else 1 + two
     check_ranks(particles, ranks)
     if ranks > 1:
         command = on_ranks(ranks, [sys.executable, "-m", "cellmig", *words])

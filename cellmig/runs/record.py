@@ -12,7 +12,7 @@ from cellmig.case.load import from_dict
 from cellmig.case.own_laws import include_all
 from cellmig.case.schema import Case
 from cellmig.laws import register
-from cellmig.output.directory import OutputError, the_run
+from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
@@ -27,7 +27,7 @@ class Record:
 
     def __init__(self, directory: Path):
         """Raises OutputError where the directory is not that of a run."""
-        self.directory = the_run(directory)
+        self.directory = existing_run(directory)
 
     @property
     def manifest(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from cellmig.case.schema import Case, particle_count
 from cellmig.output.directory import together
-from cellmig.output.manifest import memory_told
+from cellmig.output.manifest import memory_sizes
 
 from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, disk_bytes, said_bytes
 
@@ -43,9 +43,9 @@ def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
     needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
     if needed > (free := free_memory()):
         yield f"it takes {said_bytes(needed)} of memory at least, of which {said_bytes(free)} are free"
-    there = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)
+    existing = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)
     with suppress(OSError):
-        if there and (needed := disk_bytes(case, sum(counts))) > (free := shutil.disk_usage(there).free):
+        if existing and (needed := disk_bytes(case, sum(counts))) > (free := shutil.disk_usage(existing).free):
             yield f"it leaves {said_bytes(needed)} in '{directory}', of which {said_bytes(free)} are free"
 
 
@@ -53,7 +53,7 @@ def free_memory() -> float:
     """Free memory of this machine or its container [B]; infinite where the system does not report it."""
     free = float("inf")
     with suppress(OSError, KeyError):
-        free = memory_told()["MemAvailable"]
+        free = memory_sizes()["MemAvailable"]
     for limit in _LIMITS:
         with suppress(OSError, ValueError):
             free = min(free, float(Path(limit).read_text(encoding="utf-8")))

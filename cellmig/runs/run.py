@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
-from cellmig.case.times import stops
+from cellmig.case.times import output_times
 from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
 from cellmig.meshfree.overlap import escaped, overlap
 from cellmig.output import checkpoint
@@ -34,10 +34,9 @@ from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 from cellmig.version import __version__
 
-from . import checkpointing
-from .checkpointing import STOP, USUALLY, Intervals, Keeper
+from . import checkpointing, summary
+from .checkpointing import DEFAULT_INTERVALS, STOP, CheckpointSchedule, Intervals
 from .resources import require_room
-from .summary import laws_said, load_said, lost_said, scene_said, skipped_said, span, step_said
 from .trial import choose
 
 ENERGY_ERROR = 0.05  # a larger energy error ends a run: the step was unstable [-]
@@ -47,7 +46,7 @@ class Run:
     """A simulation with its directory: log, samples, frames, checkpoints, and a manifest before and after."""
 
     def __init__(self, case: Case, directory: Path, comm: MPI.Comm, *, until: float | None = None, prune: bool = True,
-                 quiet: bool = False, intervals: Intervals = USUALLY, state: Checkpoint | None = None,
+                 quiet: bool = False, intervals: Intervals = DEFAULT_INTERVALS, state: Checkpoint | None = None,
                  claim: Claim | None = None, origin: Path | None = None):
         """Make the directory and build the simulation, resumed from `state` if given; collective.
 
@@ -58,8 +57,8 @@ class Run:
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         if not state:
             require_room(case, directory, comm)
-        begun = checkpointing.state_of(origin, comm, quiet) if origin and not state else None
-        parent = checkpointing.parent(origin, begun) if begun else state and state.about["from"]
+        origin_state = checkpointing.last_state(origin, comm, quiet) if origin and not state else None
+        parent = checkpointing.parent(origin, origin_state) if origin_state else state and state.about["from"]
         self.case, self.comm, self.timers = case, comm, Timers()
         self.directory = Path(directory)
         self.claim = claim or Claim(self.directory, comm, make=True)
@@ -77,29 +76,29 @@ class Run:
                          **({"accuracy": case.chosen} if case.chosen else {})}
         if not state:
             self._save_manifest()
-        self._say_header()
+        self._log_header()
         with self.timers("build"), option_errors():
-            self.simulation = self._built(prune, begun)
+            self.simulation = self._build(prune, origin_state)
         if state:
             checkpointing.check_method(state, self.simulation, options)
-        self._say_scene()
+        self._log_scene()
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_energy_error = self.step_seconds = self.wall_before = 0.0
-        self.looked, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
+        self.output_time, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
         self._open(state.about["files"] if state else {"frames": 0})
         if state:
             self._restore(state)
         self._save_manifest()
-        self.keeper = Keeper(self.directory, comm, intervals, self.begin, self.simulation.time)
+        self.schedule = CheckpointSchedule(self.directory, comm, intervals, self.begin, self.simulation.time)
         if not self._integrator.between_samples:
-            self.keeper.held = self._state()
+            self.schedule.resumable = self._state()
 
-    def _built(self, prune: bool, begun: Checkpoint | None) -> Simulation:
+    def _build(self, prune: bool, origin_state: Checkpoint | None) -> Simulation:
         try:
             case, self.reason = choose(self.case, self.comm)
-            return Simulation(case, self.comm, prune, start=begun.arrays if begun else None)
+            return Simulation(case, self.comm, prune, start=origin_state.arrays if origin_state else None)
         except CaseError as error:  # found only once there are particles
             self.manifest |= {"exit_status": WRONG, "cause": str(error)}
             self._save_manifest()
@@ -108,32 +107,32 @@ class Run:
     def _open(self, ends: dict[str, Any]) -> None:
         """Open tables and frames; those of a resumed run are cut to the lengths `ends`."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
-        there = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
-        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, there, ends)
+        present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
+        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends)
         self.frames_before = ends["frames"]
         if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)
 
-    def go(self, asked: Sequence[int] = ()) -> int:
-        """Run to the end, or until a signal is in `asked`; returns the exit code; collective."""
+    def go(self, stop_signals: Sequence[int] = ()) -> int:
+        """Run to the end, or until a signal is in `stop_signals`; returns the exit code; collective."""
         progress = Progress(self.log, self.end, self.simulation.time)
         self._integrator.report = self.log
-        self._integrator.after_batch = lambda time: self._after_batch(time, progress, asked)
+        self._integrator.after_batch = lambda time: self._after_batch(time, progress, stop_signals)
         status, cause = DONE, ""
         try:
-            for stop, sample, frame in stops(self.case, self.end, self._integrator.whole_step):
-                if stop <= self.looked:
+            for stop, sample, frame in output_times(self.case, self.end, self._integrator.whole_step):
+                if stop <= self.output_time:
                     continue
                 if stop > 0.0:
                     self._advance(stop)
-                status, cause = self._ended_early(stop, asked)
+                status, cause = self._ended_early(stop, stop_signals)
                 with self.timers("output"):
-                    self._look(sample or bool(cause), frame or bool(cause))
+                    self._write_outputs(sample or bool(cause), frame or bool(cause))
                 if cause:
                     break
-                self.looked = stop
+                self.output_time = stop
                 if not self._integrator.between_samples:
-                    self.keeper.held = self._state()
+                    self.schedule.resumable = self._state()
         except NumericsError as error:
             status, cause = BROKEN, str(error)
             self._try_last_frame()
@@ -142,7 +141,7 @@ class Run:
         finally:
             progress.close()
         if status == DONE:
-            self._keep_the_last()
+            self._write_final_checkpoint()
         self._finish(status, cause)
         self.claim.release()
         return status
@@ -151,25 +150,25 @@ class Run:
     def _integrator(self):
         return self.simulation.integrator
 
-    def _after_batch(self, time: float, progress: Progress, asked: Sequence[int]) -> None:
+    def _after_batch(self, time: float, progress: Progress, stop_signals: Sequence[int]) -> None:
         """Show progress, write a checkpoint if it is due, stop if a signal or the limit of wall time asks for it."""
         progress(time, self._integrator.steps, self._integrator.dt)
-        wish = self.keeper.wish(time, asked)
-        if wish:
+        action = self.schedule.action(time, stop_signals)
+        if action:
             self._save()
-        if wish == STOP:
-            self._stop(asked)
+        if action == STOP:
+            self._stop(stop_signals)
             self._integrator.halt()
 
-    def _stop(self, asked: Sequence[int]) -> None:
-        asked = self.comm.allreduce(len(asked))
-        self.stopping = "asked to stop" if asked else "the wall time is used up"
+    def _stop(self, stop_signals: Sequence[int]) -> None:
+        stop_signals = self.comm.allreduce(len(stop_signals))
+        self.stopping = "asked to stop" if stop_signals else "the wall time is used up"
 
-    def _ended_early(self, stop: float, asked: Sequence[int]) -> tuple[int, str]:
+    def _ended_early(self, stop: float, stop_signals: Sequence[int]) -> tuple[int, str]:
         """Exit code and cause if the run ends at the output time `stop` [µs] before its end; an empty cause if not."""
-        if not self.stopping and self.comm.allreduce(len(asked)):
+        if not self.stopping and self.comm.allreduce(len(stop_signals)):
             self._save()
-            self._stop(asked)
+            self._stop(stop_signals)
         if self.stopping:
             return STOPPED, self.stopping
         if self._integrator.finished and self.simulation.time < stop:
@@ -182,14 +181,14 @@ class Run:
         """Write a checkpoint of now, or of the last sample where the current state cannot be resumed."""
         with self.timers("checkpoints"):
             self.tables.settle()
-            self.keeper.save(self._state)
+            self.schedule.save(self._state)
 
-    def _keep_the_last(self) -> None:
+    def _write_final_checkpoint(self) -> None:
         """Write a checkpoint of the end and delete the others, so that another run can continue from it."""
         with self.timers("checkpoints"):
-            last = self.keeper.held or self._state()
+            last = self.schedule.resumable or self._state()
             try:
-                checkpoint.write(self.directory, self.comm, last, kept=1)
+                checkpoint.write(self.directory, self.comm, last, keep=1)
             except OutputError as error:  # the run is complete all the same
                 self.log(f"its last state is not kept: {error}")
 
@@ -197,7 +196,7 @@ class Run:
         """The current state as a checkpoint; collective."""
         about, arrays = self.simulation.saved()
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
-        run = {"looked": self.looked, "worst_energy_error": self.worst_energy_error, "resumed": self.resumed,
+        run = {"output_time": self.output_time, "worst_energy_error": self.worst_energy_error, "resumed": self.resumed,
                "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
         now = checkpointing.method(self.simulation, self.manifest["petsc_options"])
         return Checkpoint({"format": checkpointing.FORMAT, "id": self.manifest["run_id"],
@@ -209,10 +208,10 @@ class Run:
     def _restore(self, state: Checkpoint) -> None:
         self.simulation.restore(state.about["state"], state.arrays)
         run = state.about["past"]
-        self.looked, self.worst_energy_error, self.resumed = run["looked"], run["worst_energy_error"], run["resumed"]
+        self.output_time, self.worst_energy_error = run["output_time"], run["worst_energy_error"]
         self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]
         self.strain.restore(run["strain"])
-        self.resumed = [*self.resumed, {"time_us": state.about["time_us"], "ranks": self.comm.size}]
+        self.resumed = [*run["resumed"], {"time_us": state.about["time_us"], "ranks": self.comm.size}]
         self.manifest["resumed"] = self.resumed
         self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
         if (end := state.about["run"]["end_us"]) != self.end:
@@ -235,7 +234,7 @@ class Run:
             self.simulation.go(stop)
             self.step_seconds += perf_counter() - start
 
-    def _look(self, sample: bool, frame: bool) -> None:
+    def _write_outputs(self, sample: bool, frame: bool) -> None:
         s = self.simulation
         with np.errstate(all="ignore"):  # values that are not finite are reported below
             rows, entries = s.sample()
@@ -276,7 +275,7 @@ class Run:
 
     # ------------------------------------------------------------ log and manifest
 
-    def _say_header(self) -> None:
+    def _log_header(self) -> None:
         m = self.manifest
         commit = f" ({m['commit']}, {m['tree']})" if "commit" in m else ""
         self.log(f"cellmig {__version__}{commit}  {self.comm.size} rank{'s' * (self.comm.size > 1)}  "
@@ -284,23 +283,25 @@ class Run:
         if self.case.title:
             self.log(self.case.title)
 
-    def _say_scene(self) -> None:
+    def _log_scene(self) -> None:
         s, m, run = self.simulation, self.simulation.mechanics, self._integrator
         owned = self.comm.allgather(m.n_owned)
         copies = self.comm.allgather(len(m.state.numbering.ids) - m.n_owned)
-        shared = f"; on each rank {span(owned)} and copies of {span(copies)} others" if self.comm.size > 1 else ""
+        shared = f"; on each rank {summary.span(owned)} and copies of {summary.span(copies)} others"
         cells = len(s.scene.kind)
         self.log.table([
             ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
-                          f"{span([t.spacing for t in s.scene.templates])} µm{shared}"),
+                          f"{summary.span([t.spacing for t in s.scene.templates])} µm"
+                          f"{shared * (self.comm.size > 1)}"),
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
-            *(scene_said(self.case, self.end) if self.log.root else []),
-            *laws_said(self.case, s),
-            *skipped_said(s.terms.skipped),
+            *(summary.describe_scene(self.case, self.end) if self.log.root else []),
+            *summary.describe_laws(self.case, s),
+            *summary.describe_skipped(s.terms.skipped),
             ("integrator", run.description),
             *([("chosen", self.reason)] if self.reason else []),
-            ("load steps" if self.case.static else "time step", load_said(self.case) if self.case.static else
-             run.step_description or step_said(s.control.stable(), self.case.time.step_factor, run.fixed_step)),
+            ("load steps", summary.describe_load_steps(self.case)) if self.case.static else
+            ("time step", run.step_description or summary.describe_step(
+                s.control.stable(), self.case.time.step_factor, run.fixed_step)),
             *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
               if "from" in self.manifest else []),
             ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),
@@ -325,7 +326,7 @@ class Run:
             **run.record(), **({"chosen": self.reason} if self.reason else {}),
             "list_renewals": s.mechanics.segments.renewals,
             "frames": self.frames.count if self.frames else self.frames_before,
-            "checkpoints": {"written": self.keeper.count, "seconds": self.keeper.seconds},
+            "checkpoints": {"written": self.schedule.count, "seconds": self.schedule.seconds},
             "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
         self._save_manifest()
@@ -337,7 +338,7 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
                      f"energy error at most {100 * self.worst_energy_error:.2g} %")
-        if lost := lost_said(self.entries):
+        if lost := summary.describe_dissipation(self.entries):
             self.log(f"lost {lost}")
         if warning := self.strain.summary():
             self.log(warning)
@@ -353,16 +354,16 @@ class Run:
 @contextmanager
 def stop_requests() -> Iterator[list[int]]:
     """List that receives SIGTERM, SIGUSR1 and SIGINT, which ask for a clean end; a second SIGINT ends the program."""
-    asked: list[int] = []
+    stop_signals: list[int] = []
 
     def note(number: int, _: object) -> None:
-        if number == signal.SIGINT and signal.SIGINT in asked:
+        if number == signal.SIGINT and signal.SIGINT in stop_signals:
             raise KeyboardInterrupt
-        asked.append(number)
+        stop_signals.append(number)
 
     old = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
     try:
-        yield asked
+        yield stop_signals
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)

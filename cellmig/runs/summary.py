@@ -14,29 +14,29 @@ CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
 
-def step_said(stable: dict[str, float], factor: float, fixed: float | None) -> str:
+def describe_step(stable: dict[str, float], factor: float, fixed: float | None) -> str:
     """The time step and its reason; `stable` : steps by mechanism [µs];  `fixed` : the user's step [µs] or None."""
     mechanism, limit = binding(stable)
     if not fixed:
         return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
                 "the deformation")
-    said = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
-    return said if fixed <= limit else f"{said}: TOO LARGE"
+    text = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
+    return text if fixed <= limit else f"{text}: TOO LARGE"
 
 
-def load_said(case: Case) -> str:
+def describe_load_steps(case: Case) -> str:
     """The load steps of a static case."""
     return (f"{case.time.samples}, one for each sample; one that finds no equilibrium is cut; time is what loads "
             "depend on, nothing moves")
 
 
-def skipped_said(skipped: dict[str, str]) -> list[tuple[str, str]]:
+def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
     """Rows of absent terms and the reasons."""
     rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
-def scene_said(case: Case, end: float) -> list[tuple[str, str]]:
+def describe_scene(case: Case, end: float) -> list[tuple[str, str]]:
     """Rows about initial positions and gaps, floating cells, and the motion to expect up to `end` [µs]."""
     found = arrangement(case)
     (left, bottom), (right, top) = found.box
@@ -110,18 +110,18 @@ def length(value: float) -> str:
     return f"{1e3 * value:.3g} nm" if abs(value) < 0.1 else f"{value:.4g} µm"
 
 
-def laws_said(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
+def describe_laws(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     """Rows of the laws of a scene with their numerical parameters."""
     rows = []
     for name, law in case.materials.items():
         if law not in simulation.scene.materials:
             continue
         viscosity = law.numerical_viscosity(max(t.spacing for t in simulation.scene.templates)) / 1e3
-        said = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
-        said += f" and {law.numerical_modulus / 1e3:.3g} kPa" if law.numerical_modulus else ""
+        text = f"{law.law}, stabilised with {viscosity:.3g} mPa s"
+        text += f" and {law.numerical_modulus / 1e3:.3g} kPa" if law.numerical_modulus else ""
         if hasattr(law, "reduced_bulk_modulus"):
-            said += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
-        rows.append((name, said))
+            text += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
+        rows.append((name, text))
     t = simulation.terms
     for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
         if law is not None and law.work:
@@ -143,7 +143,7 @@ def span(values: list) -> str:
     return text.format(low) if low == high else f"{text.format(low)}-{text.format(high)}"
 
 
-def lost_said(entries: dict[str, float]) -> str:
+def describe_dissipation(entries: dict[str, float]) -> str:
     """Dissipation by viscosity, friction and the method, from a row of the ledger; empty without any."""
     parts = [(name, entries.get(column, 0.0)) for name, column in (
         ("viscosity", "viscous_loss_pn"), ("friction", "friction_loss_pn"),
@@ -151,5 +151,5 @@ def lost_said(entries: dict[str, float]) -> str:
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:
         return ""
-    said = ", ".join(f"{value:.3g} pN by {name}" for name, value in parts if value)
-    return f"{said}: {100 * abs(parts[-1][1]) / total:.2g} % are the method's (docs/numerics.md)"
+    text = ", ".join(f"{value:.3g} pN by {name}" for name, value in parts if value)
+    return f"{text}: {100 * abs(parts[-1][1]) / total:.2g} % are the method's (docs/numerics.md)"

@@ -30,7 +30,7 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, further_columns, read_table
 from cellmig.plot.style import COLOURS, STYLE, save
 
-from .batch import Ended, Job, run_missing, unsound, write_rows
+from .batch import Job, JobResult, run_missing, unsound, write_rows
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
 _LONGEST = 120  # largest number of letters in the name of a directory
@@ -105,7 +105,7 @@ class Sweep:
         _check(jobs.values(), varied)
         return jobs
 
-    def rows(self, jobs: Mapping[tuple[str, ...], Job], failed: Mapping[Job, Ended] = MappingProxyType({})
+    def rows(self, jobs: Mapping[tuple[str, ...], Job], failed: Mapping[Job, JobResult] = MappingProxyType({})
              ) -> Iterator[dict[str, Any]]:
         """Rows of each complete run: varied values, the last row of history of each cell, exit status.
 
@@ -116,7 +116,7 @@ class Sweep:
         for texts, job in jobs.items():
             varied = {name: values[text] for (name, values), text in zip(columns, texts, strict=True)}
             manifest, done = read_manifest(job.directory), job.is_done()
-            if not done and not (manifest.get("exit_status") and job.is_of(manifest)):
+            if not done and not (manifest.get("exit_status") and job.matches(manifest)):
                 manifest = {}  # it belongs to another run
             ended = {key: manifest.get(key) for key in _MANIFEST} | {"directory": str(job.directory)}
             if job in failed:
@@ -131,23 +131,23 @@ class Sweep:
 
 def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
     """Raise CaseError with the mistakes of all cases, each once; those of varied values name the option --vary."""
-    said = {f"--set {text}": f"--vary {text}" for text in varied}
+    options = {f"--set {text}": f"--vary {text}" for text in varied}
     mistakes = []
     for job in jobs:
         try:
             job.load()
         except CaseError as error:
-            mistakes += [dataclasses.replace(one, file=said.get(one.file, one.file)) for one in error.mistakes]
+            mistakes += [dataclasses.replace(one, file=options.get(one.file, one.file)) for one in error.mistakes]
     if mistakes:
         raise CaseError(dict.fromkeys(mistakes))
 
 
 def _check_columns(case: Case, shown: Iterable[str]) -> None:
     """Raise CaseError for columns that history.csv will not have."""
-    there = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
+    columns = (*HISTORY[2:], *further_columns((probe.name for probe in case.probes),
                                             (one.name for one in (*case.supports, *case.plates)))[:-1])  # but names
-    if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, there)}")
-                    for name in shown if name not in there]:
+    if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, columns)}")
+                    for name in shown if name not in columns]:
         raise CaseError(mistakes)
 
 
@@ -236,7 +236,7 @@ def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> 
     lines: dict[tuple, dict] = {}
     for row in rows:
         lines.setdefault(tuple(row.get(key) for key in others), {}).setdefault(row.get(across), []).append(row)
-    labels = [", ".join(f"{_said(key)} {_value_said(value)}" for key, value in zip(others, choice, strict=True))
+    labels = [", ".join(f"{_label(key)} {_value_label(value)}" for key, value in zip(others, choice, strict=True))
               for choice in lines]
     with matplotlib.rc_context(STYLE):
         columns, tall = min(2, len(shown)), (len(shown) + 1) // 2
@@ -247,7 +247,7 @@ def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> 
                 _line(ax, {at: [row[name] for row in group] for at, group in line.items()}, number, label)
             ax.set_ylabel(axis_of(name))
         for ax in axes[max(0, len(shown) - columns):len(shown)]:
-            ax.set_xlabel(_said(across))
+            ax.set_xlabel(_label(across))
             ax.tick_params(labelbottom=True)
         for ax in axes[len(shown):]:
             ax.set_axis_off()
@@ -275,11 +275,11 @@ def axis_of(column: str) -> str:
     return _AXES.get(column, column)
 
 
-def _value_said(value: Any) -> str:
+def _value_label(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _said(key: str) -> str:
+def _label(key: str) -> str:
     """Name of a varied column, with typographic units."""
     name, bracket, unit = key.partition(" [")
     return name.replace("_", " ") + bracket + unit.replace("um", "µm").replace("^2", "²").replace("^3", "³")

@@ -22,7 +22,7 @@ from cellmig.output.directory import Claim, replace
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
-from cellmig.runs.batch import Count, Ended, Job, run_all
+from cellmig.runs.batch import Job, JobResult, ProgressCounter, run_all
 from cellmig.runs.outcome import outline
 from cellmig.runs.run import ENERGY_ERROR, stop_requests
 from cellmig.solve.start import discretise
@@ -59,17 +59,17 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
     """
     register()
     jobs = [prepare(out, seed, number, tuple(sets)) for number in range(count)]
-    verdicts, progress = [], Count(count)
-    with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as asked:
-        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), asked, LIMIT):
+    verdicts, progress = [], ProgressCounter(count)
+    with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as stop_signals:
+        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), stop_signals, LIMIT):
             verdicts.append(judge(ended, *measure(ended)))
-            progress(Ended(ended.job, 0))
+            progress(JobResult(ended.job, 0))
     progress.close()
-    if asked:
+    if stop_signals:
         return STOPPED
     verdicts.sort(key=lambda v: v.name)
-    said = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
-    replace(out / "stress.json", json.dumps(said, indent=1, ensure_ascii=False))
+    results = {"seed": seed, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
+    replace(out / "stress.json", json.dumps(results, indent=1, ensure_ascii=False))
     print("\n".join([*table(verdicts), str(out / "stress.json")]))
     return DIFFERENT if any(v.ended == "bad" for v in verdicts) else DONE
 
@@ -86,7 +86,7 @@ def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = ()) -> Jo
 # -------------------------------------------------------------------------------------------------------- judgement
 
 
-def measure(ended: Ended) -> tuple[dict[str, float], list[np.ndarray]]:
+def measure(ended: JobResult) -> tuple[dict[str, float], list[np.ndarray]]:
     """Numbers of a complete run, and the outlines of its cells (n, 2) [um] in the last frame; else nothing."""
     if ended.code:
         return {}, []
@@ -129,7 +129,7 @@ def softness(case: Case) -> float:
     return max([*loads, 0.0]) / min(law.density * law.sound_speed**2 for law in used)
 
 
-def judge(ended: Ended, numbers: dict[str, Any], outlines: Sequence[np.ndarray]) -> Verdict:
+def judge(ended: JobResult, numbers: dict[str, Any], outlines: Sequence[np.ndarray]) -> Verdict:
     """The verdict on a run by its exit code, its message, and for a complete run `measure`."""
     def say(how: str, why: str) -> Verdict:
         return Verdict(ended.job.name, how, ended.code, why, ended.job.command(), numbers)

@@ -17,7 +17,7 @@ from cellmig.output.directory import replace
 from cellmig.output.log import table
 from cellmig.output.manifest import environment, page
 from cellmig.output.sample import TOUCHING
-from cellmig.runs.batch import Job, counting, run_missing, write_rows
+from cellmig.runs.batch import Job, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect
 from cellmig.runs.outcome import Outcome
@@ -66,7 +66,7 @@ def choices(quick: bool, seed: int) -> list[Choice]:
         Choice("step_factor", "time step over the stable one", (0.4, 0.8),
                lambda case: case.time.step_factor, key("time.step_factor={:g}")),
         Choice("equilibrium_distance", "equilibrium distance of both adhesions [nm]", (10, 20),
-               lambda case: 1e3 * case.substrate.equilibrium_distance, _ranged),
+               lambda case: 1e3 * case.substrate.equilibrium_distance, _equilibrium_distances),
         Choice("stabilisation", "stabilisation of the cytoplasm", (2, 4),
                lambda case: case.materials["cytoplasm"].stabilisation, key("materials.cytoplasm.stabilisation={:g}")),
         Choice("hourglass_modulus", "hourglass modulus of the nucleus", (0.2, 0.5),
@@ -81,7 +81,7 @@ def choices(quick: bool, seed: int) -> list[Choice]:
     ]
 
 
-def _ranged(case: Case, nanometres: float) -> tuple[str, ...]:
+def _equilibrium_distances(case: Case, nanometres: float) -> tuple[str, ...]:
     """Changes of the equilibrium distance of both adhesions, at the same work; cells start in equilibrium."""
     wider = 1e-3 * nanometres - np.array([case.contact.equilibrium_distance, case.substrate.equilibrium_distance])
     (x, y), pitch = case.cells[0].centre + wider, case.cells[1].centre[0] - case.cells[0].centre[0] - wider[0]
@@ -108,11 +108,11 @@ def sensitivity(out: Path, at_once: int | None = None, quick: bool = False) -> i
     if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED
-    sound, bad = counting(jobs)
+    sound, bad = sound_and_unsound(jobs)
     results = collect(sound)
     case = jobs["default", ""].load()
     rows, curves = compare(results, choices(quick, case.seed), case), spreading(results)
-    text = "\n".join(_said(rows, curves, case))
+    text = "\n".join(_report(rows, curves, case))
     print(f"\n{text}\n", flush=True)
     write_rows(out / "sensitivity.csv", [*rows, *curves])
     replace(out / "sensitivity.md", page("How the main scene depends on each choice", "cellmig verify --sensitivity"
@@ -135,9 +135,9 @@ def plan(out: Path, quick: bool) -> dict[tuple[str, str], Job]:
             jobs[choice.name, f"{value:g}"] = Job(name, main, (*sets, *choice.sets(case, value)), runs / name,
                                                   ranks=int(value) if choice.name == "ranks" else 1)
     for n in spacings:
-        for said, refinement in (("", ()), (" dense", ("particles.surface_refinement=2",))):
-            name = f"spreading={n}{said.replace(' ', '-')}"
-            jobs["spreading", f"{n}{said}"] = Job(name, alone, (*sets, f"particles.per_cell={n}", *refinement),
+        for label, refinement in (("", ()), (" dense", ("particles.surface_refinement=2",))):
+            name = f"spreading={n}{label.replace(' ', '-')}"
+            jobs["spreading", f"{n}{label}"] = Job(name, alone, (*sets, f"particles.per_cell={n}", *refinement),
                                                   runs / name)
     return jobs
 
@@ -223,7 +223,7 @@ def spreading(results: Mapping[str, Mapping[str, Outcome]]) -> list[dict[str, An
 # -------------------------------------------------------------------------------------------------------------- tables
 
 
-def _said(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) -> list[str]:
+def _report(rows: list[dict[str, Any]], curves: list[dict[str, Any]], case: Case) -> list[str]:
     """Both tables in aligned Markdown."""
     what = {choice.name: choice.what for choice in choices(False, case.seed)}
     lines = [[f"{what[row['varied']]} ({row['default']:g})" if row["default"] != "" else "default",

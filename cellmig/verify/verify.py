@@ -37,7 +37,7 @@ from cellmig.output.directory import replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import environment, page
 from cellmig.parallel.launch import PYTHON, outside_mpi
-from cellmig.runs.batch import Count, Ended, write_rows
+from cellmig.runs.batch import JobResult, ProgressCounter, write_rows
 from cellmig.runs.run import stop_requests
 
 from . import references
@@ -81,13 +81,13 @@ def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: in
     wall = max(sum(p.seconds for p in points) / at_once, *(p.seconds for p in points))
     print(f"{len(chosen)} references at {len(points)} points, {at_once} at a time: about {clock(wall)}", flush=True)
     found: dict[Point, Measured | str] = {}
-    progress = Count(len(points), "point")
-    with stop_requests() as asked:
-        for point, answer in measure_all(points, at_once, asked):
+    progress = ProgressCounter(len(points), "point")
+    with stop_requests() as stop_signals:
+        for point, answer in measure_all(points, at_once, stop_signals):
             found[point] = answer
-            progress(Ended(point, int(isinstance(answer, str)), answer if isinstance(answer, str) else ""))
+            progress(JobResult(point, int(isinstance(answer, str)), answer if isinstance(answer, str) else ""))
     progress.close()
-    if asked:
+    if stop_signals:
         return STOPPED
     verdicts = [v for r in chosen
                 for v in judged(r, {p.resolution: a for p, a in found.items() if p.reference is r}, quick)]
@@ -148,15 +148,15 @@ class Worker:
             self._process.stdout.close()
 
 
-def measure_all(points: Sequence[Point], at_once: int, asked: Sequence[int] = ()
+def measure_all(points: Sequence[Point], at_once: int, stop_signals: Sequence[int] = ()
                 ) -> Iterator[tuple[Point, Measured | str]]:
-    """Measure points in processes, the longest first; yield each with its answer, until `asked` holds a signal."""
+    """Measure points in processes, the longest first; yield each with its answer, until there are `stop_signals`."""
     waiting = deque(sorted(points, key=lambda point: -point.seconds))
     answers: queue.Queue[tuple[Point, Measured | str]] = queue.Queue()
     workers = [Worker() for _ in range(min(at_once, len(points)))]
 
     def work(worker: Worker) -> None:
-        while waiting and not asked:
+        while waiting and not stop_signals:
             try:
                 point = waiting.popleft()
             except IndexError:  # another one took the last
@@ -168,7 +168,7 @@ def measure_all(points: Sequence[Point], at_once: int, asked: Sequence[int] = ()
         thread.start()
     left = len(points)
     try:
-        while left and not asked:
+        while left and not stop_signals:
             try:
                 yield answers.get(timeout=0.1)
                 left -= 1

@@ -8,7 +8,7 @@ from scenes import CASES
 
 from cellmig import usage
 from cellmig.bench import modulus
-from cellmig.bench.pareto import Point, gain, gains, levelled, pareto, time_at, verdict
+from cellmig.bench.pareto import Point, gain, gains, pareto, time_at, verdict, with_median_times
 from cellmig.bench.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
 from cellmig.case import accuracy
 from cellmig.case.load import load
@@ -60,7 +60,8 @@ def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
 def test_runs_whose_steps_do_the_same_work_get_the_same_time():
     times = [(3.0, {}), (5.0, {"modulus": 20.0}), (4.0, {"step_factor": 0.4}), (9.0, {"dilation": 3.0}),
              (2.0, {"bulk_viscosity": 0.0})]
-    assert [p.ns for p in levelled([point(t, 0.1, **change) for t, change in times])] == [4e9, 4e9, 4e9, 9e9, 2e9]
+    found = with_median_times([point(t, 0.1, **change) for t, change in times])
+    assert [p.ns for p in found] == [4e9, 4e9, 4e9, 9e9, 2e9]
 
 
 def test_exact_answers_have_no_error_and_wrong_ones_theirs():
@@ -80,11 +81,12 @@ def test_what_goes_with_one_over_the_modulus_is_extrapolated_and_what_does_not_i
     assert a.orders == pytest.approx((1.0, 1.0)) and a.limit == pytest.approx(1.0)
     assert a.error == pytest.approx(0.1) and a.known < 1e-12
     assert stress.orders == pytest.approx((2.0, 2.0)) and stress.known == pytest.approx(0.001645, rel=1e-3)
-    assert "cost the drop's a most: 10 %" in modulus.said([a, stress])[-1]
+    assert "cost the drop's a most: 10 %" in modulus.report([a, stress])[-1]
 
 
 def test_the_reduced_modulus_costs_a_drop_less_than_its_spacing_does():
-    seen = {k: modulus.watch(PROBLEMS["drop"], Setting(91, modulus=k)) for k in (*modulus.MODULI, modulus.CHECK)}
+    seen = {k: modulus.measure_problem(PROBLEMS["drop"], Setting(91, modulus=k))
+            for k in (*modulus.MODULI, modulus.CHECK)}
     rows = {row.quantity: row for row in modulus.judge(PROBLEMS["drop"], 91, seen)}
     assert list(rows) == ["a", "b", "stress", "pressure"]
     assert 1e-5 < max(rows["a"].error, rows["b"].error) < 0.01  # measured 0.0073; of the spacing 0.042

@@ -21,7 +21,7 @@ def probe(bodies: int, per_body: int, ranks: int) -> dict:
     chord = min(2.0 * (ranks - 1) / ranks * 2.0 * math.sqrt(n / math.pi), 4.0 * math.sqrt(own)) if cut else 0.0
     row = 20.0 + 10.0 * (math.log(n) - math.log(1500)) / (math.log(1.005e5) - math.log(1500))
     ghosts = TRUE.copies * chord + 25.0 * (ranks > 1)
-    us = {"look": [1e-3 * (TRUE.look * own + TRUE.hop * math.log2(ranks))],
+    us = {"control": [1e-3 * (TRUE.control * own + TRUE.hop * math.log2(ranks))],
           "lists": [1e-3 * (5e5 + TRUE.near * surface / ranks + TRUE.far * surface)]}
     if ranks > 1:
         us["messages"] = us["exchange"] = [1e-3 * (TRUE.latency + TRUE.byte * BYTES * ghosts)]

@@ -33,5 +33,5 @@ def test_a_probe_times_every_term_and_moves_nothing() -> None:
     found = probe(SCENE, MPI.COMM_SELF, repeats=2, output=True)
     assert {"step", "stress", "divergence", "substrate", "contact", "protrusion"} <= set(found["ns"])
     assert all(t > 0.0 for times in found["ns"].values() for t in times["wall"])
-    assert {"look", "lists", "sample", "frame"} <= set(found["us"])
+    assert {"control", "lists", "sample", "frame"} <= set(found["us"])
     assert found["traffic_bytes"] > 0.0

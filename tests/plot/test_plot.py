@@ -18,8 +18,8 @@ from cellmig.output.manifest import write_manifest
 from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.plot.plot import _displacement, plot
-from cellmig.plot.snapshots import chosen, drawing
-from cellmig.plot.traction import by_place, pulls, usual, within
+from cellmig.plot.snapshots import drawing, nearest_frames
+from cellmig.plot.traction import by_place, limit_axis, pulls, usual_peak
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
 
@@ -150,12 +150,12 @@ def test_one_peak_does_not_flatten_the_rest_and_is_told():
     line = np.sin(np.arange(400.0))
     line[0] = 7600.0
     ax.plot(line)
-    within(ax, usual(line), "Pa")
+    limit_axis(ax, usual_peak(line), "Pa")
     assert ax.get_ylim()[1] == pytest.approx(3.0, rel=0.01)
     assert "up to 7600 Pa" in ax.get_title(loc="right")
     calm = Figure().subplots()
     calm.plot(line[1:])
-    within(calm, usual(line[1:]), "Pa")
+    limit_axis(calm, usual_peak(line[1:]), "Pa")
     assert not calm.get_title(loc="right")
 
 
@@ -172,7 +172,7 @@ def test_times_beyond_the_frames_are_told_and_drawn_as_the_nearest(run, shared_t
     (None, [20.0, 200.0, 400.0]), ([90.0, 95.0, 1e9], [80.0, 100.0, 400.0]), ([1.0, 2.0], [0.0])])
 def test_the_snapshots_are_the_frames_nearest_to_the_times_each_once(times, expected):
     found = [Frame(20.0 * step, ()) for step in range(21)]
-    assert [frame.time for frame in chosen(found, times)] == expected
+    assert [frame.time for frame in nearest_frames(found, times)] == expected
 
 
 @pytest.mark.serial

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import CASES
 
-from cellmig.case.times import stops
+from cellmig.case.times import output_times
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
@@ -31,7 +31,7 @@ TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv")
 @pytest.mark.parametrize("more", [1.0, 0.37, 2.0, 10 / 3])
 def test_every_sample_and_the_end_come_once_whatever_digits_they_have(end, more):
     case = SimpleNamespace(time=SimpleNamespace(end=end, samples=12, frames=8))
-    found = stops(case, more * end)
+    found = output_times(case, more * end)
     times = np.array([time for time, _, _ in found])
     assert times[0] == 0.0 and times[-1] == more * end and np.diff(times).min() > 1e-3 * end
     for kind, count in ((1, 12), (2, 8)):
@@ -42,7 +42,7 @@ def test_every_sample_and_the_end_come_once_whatever_digits_they_have(end, more)
 
 def test_what_falls_together_is_one_time_with_any_number_of_samples():
     cases = (SimpleNamespace(time=SimpleNamespace(end=1 / 3, samples=n, frames=1)) for n in (6, 6000))
-    few, many = ({stop[0] for stop in stops(case, 1 / 3)} for case in cases)
+    few, many = ({stop[0] for stop in output_times(case, 1 / 3)} for case in cases)
     assert few < many
 
 

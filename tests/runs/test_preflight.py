@@ -16,7 +16,7 @@ from cellmig.meshfree.terms import find_terms
 from cellmig.runs import preflight
 from cellmig.runs.estimates import expected
 from cellmig.runs.preflight import cost, report
-from cellmig.runs.summary import scene_said
+from cellmig.runs.summary import describe_scene
 from cellmig.runs.trial import try_implicit
 from cellmig.solve.start import discretise
 from cellmig.solve.step import StepControl
@@ -44,7 +44,7 @@ def scene(*cells: dict, **sections: object) -> Case:
 def told(found: Case) -> dict[str, str]:
     """What the log says of a scene; rows without a name go on with the one before."""
     rows: dict[str, str] = {}
-    for name, text in scene_said(found, found.time.end):
+    for name, text in describe_scene(found, found.time.end):
         key = name or list(rows)[-1]
         rows[key] = f"{rows[key]}\n{text}" if not name else text
     return rows

@@ -169,7 +169,7 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(cellmig, whole, co
 
 def test_a_checkpoint_of_another_version_is_refused(cellmig, copy, tmp_path):
     other = tmp_path / "sitecustomize.py"
-    other.write_text("import cellmig\ncellmig.__version__ = '99.0'\n")
+    other.write_text("import cellmig.version\ncellmig.version.__version__ = '99.0'\n")
     paths = f"{tmp_path}:{ROOT}"
     done = cellmig(1, "resume", copy, "--quiet", env={"PYTHONPATH": paths})
     ended(done, 5, "the run that is there is of cellmig 0.", "this is 99.0")

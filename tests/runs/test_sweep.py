@@ -117,10 +117,10 @@ def test_a_run_that_was_stopped_goes_on_in_its_middle_if_it_is_of_the_same_case(
     job, = plan.jobs().values()
     words = [sys.executable, "-m", "cellmig", *job.arguments(), "--wall-time", "1 s"]
     assert subprocess.run(words, env=outside_mpi).returncode == 75
-    assert job.goes_on() and not dataclasses.replace(job, sets=(*job.sets, "seed=2")).goes_on()
+    assert job.is_resumable() and not dataclasses.replace(job, sets=(*job.sets, "seed=2")).is_resumable()
     assert sweep(plan) == 0
     manifest = read_manifest(job.directory)
-    assert manifest["exit_status"] == 0 and len(manifest["resumed"]) == 1 and not job.goes_on()
+    assert manifest["exit_status"] == 0 and len(manifest["resumed"]) == 1 and not job.is_resumable()
 
 
 def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
@@ -209,9 +209,9 @@ def test_runs_under_other_options_of_petsc_do_not_count_as_done(tmp_path):
     manifest = {"version": __version__, "end_us": case.time.end, "petsc_options": options_given(),
                 "case": json.loads(json.dumps(case.resolved()))}
     fixed = {**manifest, "petsc_options": options_given() | {"ts_dt": "1e-4", "log_view": ""}}
-    assert job.is_of(manifest) and not job.is_of(fixed)
+    assert job.matches(manifest) and not job.matches(fixed)
     with_step = dataclasses.replace(job, options=("-ts_dt", "1e-4", "-ts_monitor"))
-    assert with_step.is_of(fixed) and not with_step.is_of(manifest)
+    assert with_step.matches(fixed) and not with_step.matches(manifest)
 
 
 @pytest.mark.parametrize(("folder", "case"), [("a place", "one cell"), ("100 % \"new\" #1", "it's")])

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
-from cellmig.case.times import stops
+from cellmig.case.times import output_times
 from cellmig.output.manifest import read_manifest
 from cellmig.runs.run import BROKEN, Run
 from cellmig.simulation import Simulation
@@ -21,7 +21,7 @@ from cellmig.verify.specimens import RAMP, piece
 
 def solved(sim: Simulation) -> tuple[list[dict], dict]:
     """The rows of history and the ledger at the end of all load steps."""
-    for stop, _, _ in stops(sim.case, sim.case.time.end):
+    for stop, _, _ in output_times(sim.case, sim.case.time.end):
         sim.go(stop)
         rows, entries = sim.sample()
     return rows, entries

@@ -19,7 +19,7 @@ from cellmig.case.messages import CaseError
 from cellmig.geometry.polygons import crossing
 from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.overlap import overlap
-from cellmig.runs.batch import Ended, Job, run_all
+from cellmig.runs.batch import Job, JobResult, run_all
 from cellmig.runs.run import Run
 from cellmig.verify import random_scenes as stress
 from cellmig.verify.random_cases import launch, scene, toml
@@ -90,7 +90,7 @@ def test_a_change_is_made_to_every_scene(tmp_path: Path) -> None:
     (1, "Traceback", "bad"), (-11, "killed by signal 11", "bad"), (-9, "no end within 240 s", "bad"), (75, "", "bad"),
 ])
 def test_how_a_run_ends_is_judged(code: int, message: str, ended: str) -> None:
-    verdict = stress.judge(Ended(JOB, code, message), FINE if code == 0 else {}, [SQUARE] if code == 0 else [])
+    verdict = stress.judge(JobResult(JOB, code, message), FINE if code == 0 else {}, [SQUARE] if code == 0 else [])
     assert verdict.ended == ended
     assert verdict.command == "cellmig run case.toml --out run --quiet"
 
@@ -113,12 +113,12 @@ def test_how_soft_a_case_is_follows_from_its_loads(sets: tuple, load: float) -> 
     ({}, [SQUARE, SQUARE + np.array([3.0, 0.5])], "cell 1 is 0.5 um within cell 2"),
 ])
 def test_a_run_to_its_end_is_not_trusted(numbers: dict, outlines: list, why: str) -> None:
-    verdict = stress.judge(Ended(JOB, 0), FINE | numbers, outlines)
+    verdict = stress.judge(JobResult(JOB, 0), FINE | numbers, outlines)
     assert verdict.ended == "bad" and why in verdict.why
 
 
 def test_the_table_tells_what_to_run_again() -> None:
-    verdicts = [stress.judge(Ended(JOB, 0), FINE, [SQUARE]), stress.judge(Ended(JOB, 1, "Traceback"), {}, [])]
+    verdicts = [stress.judge(JobResult(JOB, 0), FINE, [SQUARE]), stress.judge(JobResult(JOB, 1, "Traceback"), {}, [])]
     lines = stress.table(verdicts)
     assert lines[0].split() == ["stable", "1"] and lines[3].split() == ["bad", "1"]
     assert lines[-2:] == ["scene: exit code 1, Traceback", "    cellmig run case.toml --out run --quiet"]

@@ -103,7 +103,7 @@ def test_the_table_holds_every_change_relative_to_the_default_and_tells_whether_
     assert [row["same_bits"] for row in rows] == ["", "", "no"]
     curves = spreading(results)
     assert curves[0]["step_um"] == pytest.approx(5.0 * (np.sqrt(21) - np.sqrt(20)) / 20)
-    text = "\n".join(study._said(rows, curves, CASE))
+    text = "\n".join(study._report(rows, curves, CASE))
     assert "| particles per cell (1485) | 331" in text and "12 (+20.0 %)" in text and "2, OTHER BITS" in text
     assert len({len(line) for line in text.splitlines()[:5]}) == 1  # aligned
     assert compare({"per_cell": results["per_cell"]}, choices(False, 2019), CASE)[0]["same_bits"] == ""
