@@ -243,7 +243,7 @@ class Translator:
         return f"splat({value})" if self.number == "v4" and isinstance(value, _One) else value
 
     def vector(self) -> list[float]:
-        """Values of `parameters` for this law."""
+        """Values of `parameters` of this law, in their units."""
         return [float(attrgetter(name)(self.law)) for name in self.parameters]
 
 

@@ -19,7 +19,7 @@ LINE = 64  # bytes of a cache line
 
 
 def aligned_zeros(shape: Any, dtype: Any = float) -> np.ndarray:
-    """Zeros that begin with a cache line, so that no vector of the kernel straddles two."""
+    """Zeros of a shape, such as (n, 2), and any unit, aligned to cache lines as the kernel's vectors need them."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.zeros(size + LINE, np.uint8)
     start = -memory.ctypes.data % LINE

@@ -1,4 +1,4 @@
-"""Rows of one rank: its particles and their neighbours, in the blocks of four that the kernel reads."""
+"""Layout of a rank's particles and their neighbours in blocks of four, as the kernel reads them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..meshfree.terms import Terms
 class Numbering:
     """Local numbers of a rank: owned particles by id, then ghosts of layer 1, then all further ghosts.
 
-    ids : (n_local,) global ids;  n_owned, n_rows : owned, and owned with layer 1, for which stresses are computed;
-    shared : (n_owned,) bool -- whether others may have copies.
+    ids : (n_local,) int -- global ids;  n_owned, n_rows : number of owned particles, and with those of layer 1, whose
+    stresses are computed;  shared : (n_owned,) bool -- whether other ranks may have ghosts of them.
     """
 
     ids: np.ndarray
@@ -27,7 +27,7 @@ class Numbering:
     shared: np.ndarray
 
     def local(self, ids: np.ndarray) -> np.ndarray:
-        """Local numbers of global ids; -1 where this rank does not hold them."""
+        """Local numbers (k, ...) int of global ids (k, ...) int; -1 where this rank does not have the particle."""
         order = self._order
         at = np.minimum(np.searchsorted(self.ids, ids, sorter=order), len(order) - 1)
         found = order[at] if len(order) else np.zeros_like(ids)
@@ -38,18 +38,18 @@ class Numbering:
         return np.argsort(self.ids, kind="stable")
 
     def places(self, size: int) -> np.ndarray:
-        """Local numbers of all `size` particles of the scene (size,); -1 where this rank does not hold them."""
+        """Local numbers of all particles of the scene (size,) int; -1 where this rank does not have the particle."""
         out = np.full(size, -1)
         out[self.ids] = np.arange(len(self.ids))
         return out
 
     def extended(self, ids: np.ndarray) -> Numbering:
-        """The same with further ghosts at the end."""
+        """A copy with the particles `ids` (k,) int as further ghosts at the end."""
         return replace(self, ids=np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]))
 
 
 def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
-    """Numbering for the owned ids and what their internal forces need: two layers of neighbours, and `needed` ids."""
+    """Numbering of `owned` (n,) int, two layers of neighbours for their internal forces, and `needed` (k,) int ids."""
     own = np.zeros(scene.size, bool)
     own[owned] = True
     first, second, shared = own.copy(), own.copy(), np.zeros(scene.size, bool)
@@ -64,23 +64,23 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
         shared[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
     second[needed] = True
     if len(owned) < scene.size:
-        shared[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # others may come to touch it
+        shared[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # or come into contact
     layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
     return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), shared[layers[0]])
 
 
 def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
-    """Ones where a CSR matrix has entries: some may be zero, and are read all the same."""
+    """Pattern of a CSR matrix, with ones also at entries that are zero."""
     return sparse.csr_matrix((np.ones(len(m.indices)), m.indices, m.indptr), m.shape)
 
 
 def _near_and_far(t: Any) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Patterns of the gradients, which forces reach through twice, and of the stabilisations, once."""
+    """Patterns of the gradients, which forces apply twice, and of the stabilisations, which they apply once."""
     return pattern(t.G), pattern(t.S) + pattern(t.E)
 
 
 def reach(ones: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
-    """Particles that are in `mask` or have a neighbour there (n,) bool; the pattern is symmetric."""
+    """Particles in `mask` (n,) bool or with a neighbour in it (n,) bool, for a symmetric pattern."""
     return mask | (ones @ mask.astype(float) > 0)
 
 
@@ -89,8 +89,8 @@ class Blocks:
     """Rows in blocks of up to four particles of one cell and one material, those of owned particles first.
 
     table : (b, 5) int -- first row, number of rows, stencil, shift, material: blocks of one stencil have the local
-    numbers of its lead's neighbours plus the shift;  n_shared, n_owned : number of blocks that others may have
-    copies of, which are first, and of all blocks of owned particles;  lead : (h,) -- the first block of each stencil.
+    numbers of its lead's neighbours plus the shift;  n_shared, n_owned : number of blocks with shared particles, which
+    are first, and of all blocks of owned particles;  lead : (h,) int -- the first block of each stencil.
     """
 
     table: np.ndarray
@@ -100,7 +100,7 @@ class Blocks:
 
     @cached_property
     def lanes_of(self) -> tuple[np.ndarray, np.ndarray]:
-        """Block and lane of every row (n_rows,)."""
+        """Block and lane of every row, (n_rows,) int each."""
         block = np.repeat(np.arange(len(self.table)), self.table[:, 1])
         lane = np.arange(len(block)) - np.repeat(np.cumsum(self.table[:, 1]) - self.table[:, 1], self.table[:, 1])
         order = np.argsort(self.table[block, 0] + lane)
@@ -174,10 +174,10 @@ def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
 
 
 def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
-    """Coefficients of the kernel by stencil, by their names there.
+    """Coefficients by stencil, (stencils, 4) and (groups, k), with the kernel's names and units.
 
-    `first, column, gradient, adjoint` hold G and H = -Gᵀ: the force on J is the sum over I of V P of I times H_JI.  S
-    is in `gradient` where its pattern is that of G, else in `…outer`; the elastic stabilisation is in `…stiff`.
+    `first, column, gradient, adjoint` contain G and H, which is -Gᵀ: the force on J is the sum over I of V P of I times
+    H_JI.  S is in `gradient` where its pattern is that of G, else in `outer`; the elastic stabilisation is in `stiff`.
     """
     stencils, stabilised = Stencils(scene, numbering, blocks), terms.stabilised
     G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
@@ -195,7 +195,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
     g = _values(G, kind, at)
     gradient[group, pair], gradient[group, pair + 2] = g.real, g.imag
-    h = np.where(owned, _values(H, kind, at), 0)  # the others serve for their stress only
+    h = np.where(owned, _values(H, kind, at), 0)  # rows of ghosts are needed for their stress only
     adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
     if stabilised:
         gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, _values(inside, kind, at), 0)
@@ -206,10 +206,10 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
 
 
 class Stencils:
-    """The particles that stand for the lanes of the stencils, and the entries of their rows."""
+    """Representative particles of the lanes of stencils, and the entries of their rows."""
 
     def __init__(self, scene: Scene, numbering: Numbering, blocks: Blocks):
-        """A particle for each lane that is there."""
+        """Choose a particle for each lane of each stencil."""
         row, lanes = blocks.table[blocks.lead, :2].T
         self._stencil, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
         self._lane -= (np.cumsum(lanes) - lanes)[self._stencil]
@@ -222,7 +222,7 @@ class Stencils:
         self._itself = self._place[self._ids[self._lead]]
 
     def by_lane(self, values: np.ndarray) -> np.ndarray:
-        """Values of the particles (size,) as (stencils, 4), with zeros where there is no lane."""
+        """Values by lane (stencils, 4) of `values` of all particles (size,) in any unit; zero in empty lanes."""
         out = np.zeros((self._count, 4))
         out[self._stencil, self._lane] = values[self._ids]
         return out
@@ -230,8 +230,8 @@ class Stencils:
     def entries(self, matrices: list, owned: bool = False) -> tuple[np.ndarray, ...]:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
-        Returns the first group of each stencil; group, lane, whether owned, template and place in its CSR of each
-        entry; four times the neighbours (groups, 4).  Entries of a lane ascend by the global id of their column.
+        Returns the first group of each stencil (stencils + 1,) int; group, lane, whether owned, template and place in
+        its CSR of each entry, (k,) int; four times the neighbours (groups, 4) int.  Entries of a lane ascend by id.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset, self._owned | (not owned))
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
@@ -247,7 +247,7 @@ class Stencils:
         return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
 
     def scalars(self, name: str, matrices: list) -> dict[str, np.ndarray]:
-        """Groups of scalar matrices, for owned particles alone."""
+        """Groups (groups, 4) of scalar matrices in their unit, for owned particles only."""
         first, group, lane, _, kind, at, column = self.entries(matrices, owned=True)
         values = np.zeros((first[-1], 4))
         values[group, _STAB_LANE[lane]] = _values(matrices, kind, at)

@@ -44,7 +44,7 @@ def _architecture(zig: bool) -> list[str]:
 
 
 def compiler() -> list[str]:
-    """Command of the C compiler: $CC, else the system's, else that of the Python package ziglang, which is Clang."""
+    """Command of the C compiler: $CC, the system's, or Clang of the package ziglang.  Raises CompilerError if none."""
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
     if found := next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None):
@@ -55,13 +55,13 @@ def compiler() -> list[str]:
 
 
 def loaded(source: str) -> ctypes.CDLL:
-    """Functions of `source`.  Raises CompilerError if they cannot be had."""
+    """Compile and load `source`.  Raises CompilerError if that fails."""
     path = compiled(source)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
         reason = error
-    try:  # of a disk that is mounted noexec, memory has a copy
+    try:  # from memory, if the disk is mounted noexec
         with open(os.memfd_create("kernel"), "wb") as memory:
             memory.write(path.read_bytes())
             memory.flush()
@@ -72,7 +72,7 @@ def loaded(source: str) -> ctypes.CDLL:
 
 
 def compiled(source: str) -> Path:
-    """Shared library of `source`, from the cache or compiled now; safe when many processes ask at once."""
+    """Shared library of `source`, cached or compiled; safe with many processes.  Raises CompilerError if that fails."""
     command = compiler()
     command += [*FLAGS, *_architecture("ziglang" in command)]
     key = hashlib.sha256("\0".join([source, *command]).encode()).hexdigest()[:24]
@@ -94,7 +94,7 @@ def compiled(source: str) -> Path:
 
 @cache
 def library(source: Path) -> ctypes.CDLL:
-    """A file of C, compiled and loaded once a process."""
+    """A file of C, compiled and loaded once in a process."""
     return loaded(source.read_text(encoding="utf-8"))
 
 
