@@ -1,4 +1,4 @@
-"""Compiles C with what there is, and keeps the libraries in a cache."""
+"""Compilation of C with the available compiler, and a cache of libraries."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ MENDS = "apt install gcc libc6-dev, or without root: pip install ziglang"
 
 
 class CompilerError(RuntimeError):
-    """There is no working C compiler; the message says what would mend it."""
+    """No C compiler works; the message has a remedy."""
 
 
 def cache_directory() -> Path:
-    """Where compiled kernels are kept: $CELLMIG_CACHE, else the user's cache directory."""
+    """Directory of compiled kernels: $CELLMIG_CACHE, else the user's cache directory."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(os.environ.get("CELLMIG_CACHE") or Path(base) / "cellmig")
 
@@ -108,7 +108,7 @@ def _is_whole(library: Path) -> bool:
 
 
 def _kept(made: Path, library: Path) -> Path:
-    """The library in the cache, there whole or not at all; where there is no room for it, in a file of this process."""
+    """Path of the library, moved to the cache as a whole, or in a file of this process if the cache is not writable."""
     content = made.read_bytes()
     try:
         library.parent.mkdir(parents=True, exist_ok=True)

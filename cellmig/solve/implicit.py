@@ -26,9 +26,9 @@ FINE, MOST_PARTS = 0.04, 20  # work of a step: length of pieces, if no bonds set
 BALANCE = 1e-8  # root mean square residual of a particle, over largest modulus × spacing [-]
 LOOSE = 1e-6  # the same if PETSc chooses the steps, whose error is far larger
 FORCING = "1e-2"  # relative tolerance of Krylov methods in a Newton step
-# Where two segments are equally near to a particle in contact, forces jump and a solution may not exist.  A
-# solve then ends where the residual no longer falls, if the last Newton step is below SETTLED in the mean [spacings,
-# spacings/µs] and the residual below ROUGH in the measure of BALANCE.
+# Where two segments are equally near to a particle in contact, forces jump and a solution may not exist.  A solve then
+# ends where the residual no longer falls, if the last Newton step is below SETTLED in the mean [spacings, spacings/µs]
+# and the residual below ROUGH in the measure of BALANCE.
 SETTLED, ROUGH = 4e-5, 1e-4
 CUTS = 20  # number of times that a step may be cut
 START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]

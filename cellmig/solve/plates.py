@@ -11,7 +11,7 @@ class PlateContact:
     """Contact of surface particles with the plate nearest to each: gap ≥ 0, pressure ≥ 0, gap × pressure = 0.
 
     They are written as one equation, min(pressure, stiffness × gap) = 0, which replaces the balance of forces along the
-    normal; Newton's method is then an active-set method.  The balance along the plate stays as it is.  Particles whose
+    normal; Newton's method is then an active-set method.  The balance along the plate is unchanged.  Particles whose
     two components a support holds have no contact.
 
     Source: the min function in semismooth Newton methods, Hintermüller, Ito & Kunisch (2002).

@@ -1,4 +1,4 @@
-"""Cells that protrude, on one rank: the push of a cell depends on all of its surface, wherever the rank has a part."""
+"""Protrusion on one rank: the push of a cell depends on its whole surface, also on parts of other ranks."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ class Protrusion:
         self._on = protruding.cells[s.cell[segments.number]] & s.outer[segments.number]
 
     def renew(self) -> None:
-        """The segments that may hold or push, by the search lists as they are."""
+        """Select the segments near the substrate, from the current search lists."""
         k = self._kernel
         k["grip"] = np.flatnonzero(self._segments.low & self._on)
         k["first_grip"] = np.searchsorted(k["mover_of"][k["grip"]], np.arange(len(k["hold"]) + 1))
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """What steps change: the push of the last kick (n_segments, 2) [pN/µm]."""
+        """Arrays that steps change: the push of the last kick (n_segments, 2) [pN/µm]."""
         return {"pushed": self._kernel["pushed"]}
