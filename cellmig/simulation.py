@@ -42,7 +42,7 @@ class Simulation:
     scene, terms, mechanics, control (None if static), integrator, sampler : its parts;  time : time reached [µs].
     """
 
-    def __init__(self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True,
+    def __init__(self, case: Case, comm: MPI.Intracomm = MPI.COMM_WORLD, prune: bool = True,
                  parts: tuple[Scene, Terms] | None = None, start: dict[str, np.ndarray] | None = None):
         """Build all parts; collective.
 
@@ -58,9 +58,9 @@ class Simulation:
         self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()} | begun)
         self.swarm.migrate(owner[comm.rank :: comm.size])
         self.mechanics = Mechanics(self.scene, self.terms, boundary, protruding, owner, self.swarm)
-        fixed = None if case.time.step == "auto" else case.time.step
+        fixed = None if isinstance(case.time.step, str) else case.time.step
         kind = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
-        self.integrator = Static(self.mechanics) if case.static else kind(
+        self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)

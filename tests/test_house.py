@@ -10,7 +10,9 @@ import dataclasses
 import functools
 import io
 import re
+import shutil
 import subprocess
+import sys
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
@@ -149,6 +151,13 @@ def test_the_number_of_dimensions_is_in_no_more_places(what: str) -> None:
     rooms = {name: text for name, text in package().items() if not name.startswith(FLAT)}
     found = matches(pattern, rooms)
     assert len(found) <= most, f"{len(found)} {what}, of {most}:" + report(found)
+
+
+@pytest.mark.skipif(not shutil.which("mypy"), reason="no mypy here: apt install mypy")
+def test_the_types_of_the_core_are_sound() -> None:
+    """Those of the rooms that pyproject.toml lists."""
+    found = subprocess.run(["mypy", "--python-executable", sys.executable], cwd=ROOT, capture_output=True, text=True)
+    assert found.returncode == 0, found.stdout + found.stderr
 
 
 def test_no_text_cites_a_page_that_is_not_in_the_project() -> None:

@@ -50,7 +50,9 @@ def rings(mesh: Any, path: str) -> tuple[list[tuple], list[tuple]]:
 
     Raises ValueError where node numbers are not valid; the message is for the user.
     """
-    areas, lines, first = [], [], 0
+    areas: list[tuple] = []
+    lines: list[tuple] = []
+    first = 0
     for block in mesh.cells:
         data, number = _whole(block.data, len(mesh.points), path), first + np.arange(len(block.data))
         first += len(block.data)
@@ -151,9 +153,9 @@ def _divided(sides: list[tuple], points: np.ndarray) -> tuple[np.ndarray, np.nda
     A curved side is divided into PIECES edges, by the same points wherever it occurs, in either direction.
     """
     edges, of = ([part[k] for part in sides if part[0] == 1] for k in (2, 1))
-    number, side = ([part[k] for part in sides if part[0] == 2] for k in (1, 2))
-    if side:
-        number, side = np.concatenate(number), np.concatenate(side)
+    curved = [part for part in sides if part[0] == 2]
+    if curved:
+        number, side = (np.concatenate([part[k] for part in curved]) for k in (1, 2))
         back = side[:, 0] > side[:, 2]
         known, which = np.unique(np.where(back[:, None], side[:, ::-1], side), axis=0, return_inverse=True)
         which = which.reshape(-1)

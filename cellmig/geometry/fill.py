@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -42,7 +44,7 @@ def fill(loops: list[np.ndarray], count: int, refinement: float, fixed: list[np.
     # As in a disc of rings, a particle has the area 1.047 h², or half of that on the surface.
     a, b = polygons.area(outline) / 1.047, (0.5 * refinement - 0.25) * polygons.sides(outline).sum()
     h = a / (np.sqrt(b**2 + a * (count - 1.0)) - b)
-    corners = fixed or [None] * len(loops)
+    corners: list[Any] = [None] * len(loops) if fixed is None else list(fixed)
     rings, edge = zip(*map(resample, loops, [h / refinement] * len(loops), corners), strict=True)
     for ring, loop in zip(rings[1:], loops[1:], strict=True):
         if polygons.area(ring) > COARSE * polygons.area(loop):  # both areas are negative

@@ -56,7 +56,7 @@ class Boundary:
 
     def written(self) -> dict:
         """The boundary as a table; a manifest that holds it does not need the mesh file."""
-        table = {"loops": [[list(p) for p in loop] for loop in self.loops]}
+        table: dict[str, Any] = {"loops": [[list(p) for p in loop] for loop in self.loops]}
         table["regions"] = {name: [[list(p) for p in loop] for loop in loops] for name, loops in self.regions}
         table["lines"] = {name: list(at) for name, at in self.lines}
         return table
@@ -82,15 +82,17 @@ def boundary(path: str) -> dict:
         raise ValueError(f"'{path}' is not flat: z differs by {depth:.4g} among its triangles")
     points = points[:, :2]
     same = _coincident(points, used)
-    areas, lines = ([(order, number, same[ring]) for order, number, ring in part] for part in (areas, lines))
+    areas, lines = ([(*part[:2], same[part[2]]) for part in parts] for parts in (areas, lines))
     first_of = _representatives(mesh, areas)
-    areas = [(order, number[own], ring[own]) for order, number, ring in areas for own in [first_of[number] == number]]
+    owns = [first_of[number] == number for _, number, _ in areas]
+    areas = [(order, number[own], ring[own]) for (order, number, ring), own in zip(areas, owns, strict=True)]
     around, of, along, line, points = elements.edges(areas, lines, points, path)
     loops = sorted(_chain(_edges(around, points, path)), key=lambda loop: -polygons.area(points[loop]))
     starts = np.concatenate([np.array(loop) for loop in loops])
     ends = np.concatenate([np.roll(loop, -1) for loop in loops])
     place = {frozenset(pair): k for k, pair in enumerate(zip(starts.tolist(), ends.tolist(), strict=True))}
-    regions, parts = {}, {}
+    regions: dict[str, list] = {}
+    parts: dict[str, list[int]] = {}
     for name, (wide, thin) in _groups(mesh).items():
         inside = np.isin(of, first_of[wide])
         regions[name] = [_points(points, loop) for loop in _chain(_edges(around[inside], points, path))]

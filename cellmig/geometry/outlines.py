@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +31,35 @@ class Outlined:
     _fixed : list of (c,) int -- for each loop, the corners at which there has to be a particle; None if there are none.
     """
 
-    hint: ClassVar[str] = ""
-    _edges: ClassVar[dict[str, int]] = {}
-    _fixed: ClassVar[Any] = None
+    @property
+    def hint(self) -> str:
+        """End of a message about particles that do not suit the outline."""
+        return ""
+
+    @property
+    def _border(self) -> np.ndarray:
+        raise NotImplementedError
+
+    @property
+    def _loops(self) -> list[np.ndarray]:
+        return [self._border]
+
+    @property
+    def _edges(self) -> dict[str, Any]:
+        return {}
+
+    @property
+    def _fixed(self) -> Any:
+        return None
+
+    @property
+    def has_nucleus(self) -> bool:
+        """Whether the cell has a nucleus."""
+        return False
+
+    @property
+    def _nucleus(self) -> list[np.ndarray]:
+        return []
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -82,7 +108,7 @@ class _Solid(Outlined):
     cutouts: tuple = quantity("um", "holes of any shape: their corners from the cell's centre, in either sense; they "
                               "are numbered after the circular holes", (), shape=(None, None, 2))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the nucleus and the holes.
 
         Raises ValueError where they do not fit into the outline; the message is for the user.
@@ -164,7 +190,7 @@ class Polygon(_Solid):
                                               unit="um", minimum=-MOST, maximum=MOST, shape=(None, 2),
                                               or_file=outline_file.corners, scaled=True)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check that the corners bound an area.
 
         Raises ValueError where they do not; the message is for the user.
@@ -229,7 +255,7 @@ class Polygon(_Solid):
         return polygons.centroid(self._border)
 
     @cached_property
-    def _edges(self) -> dict[str, int]:
+    def _edges(self) -> dict[str, Any]:
         """Numbers of the edges of `_border`, by names that count the corners in the given order."""
         p = self._scaled(self.corners)
         p = p[polygons.distinct(p)]
@@ -245,7 +271,9 @@ class Rectangle(_Solid):
     width: float = quantity("um", "width, along x", above=0)
     height: float = quantity("um", "height, along y", above=0)
 
-    _edges: ClassVar[dict[str, int]] = {"bottom": 0, "right": 1, "top": 2, "left": 3}
+    @property
+    def _edges(self) -> dict[str, Any]:
+        return {"bottom": 0, "right": 1, "top": 2, "left": 3}
 
     @cached_property
     def _border(self) -> np.ndarray:

@@ -156,7 +156,8 @@ def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
     near = near[(apart > 1) & (apart < n - 1)]
     i, j = near.T
     found = near[intersect(p[i], q[i], p[j], q[j])]
-    return tuple(map(int, min(found.tolist()))) if len(found) else None
+    first, second = min(found.tolist()) if len(found) else (-1, -1)
+    return (first, second) if len(found) else None
 
 
 def touch(a: np.ndarray, b: np.ndarray) -> bool:

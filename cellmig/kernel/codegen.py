@@ -77,7 +77,7 @@ class Translator:
         if len(self._place) > 20:
             raise self._error(None, "calls itself")
         self._place.append((function, inspect.getsourcefile(function), first, law, path))
-        tree = ast.parse(textwrap.dedent("".join(lines))).body[0]
+        tree: Any = ast.parse(textwrap.dedent("".join(lines))).body[0]
         given = [a.arg for a in tree.args.args[1:]]
         if len(given) != len(arguments):
             raise self._error(tree, f"takes {len(given)} arguments, not {len(arguments)}")
@@ -132,7 +132,7 @@ class Translator:
             self._variables += 1
             self._lines.append(f"const {'double' if kind is _One else self.number} {names[target.id]} = {value};")
 
-    def _value(self, node: ast.expr, names: dict) -> Any:
+    def _value(self, node: Any, names: dict) -> Any:
         match node:
             case ast.Tuple():
                 return tuple(self._value(e, names) for e in node.elts)
@@ -162,11 +162,11 @@ class Translator:
                 kind = self._kind(a, b)
                 a, b = (a, b) if kind is _One else (self._spread(a), self._spread(b))
                 return kind(f"{a} {_COMPARISONS[type(node.ops[0])]} {b}")
-            case ast.Call(func=ast.Attribute(), keywords=[]) if owner := self._object(node.func.value):
+            case ast.Call(func=ast.Attribute(value=of, attr=method), keywords=[]) if owner := self._object(of):
                 law, path = owner
-                if not callable(getattr(type(law), node.func.attr, None)):
-                    raise self._error(node, f"has no method '{node.func.attr}'")
-                return self._method(law, path, node.func.attr, [self._value(a, names) for a in node.args])
+                if not callable(getattr(type(law), method, None)):
+                    raise self._error(node, f"has no method '{method}'")
+                return self._method(law, path, method, [self._value(a, names) for a in node.args])
             case ast.Call(func=ast.Name(id="either"), args=[yes, a, b], keywords=[]):
                 return self._either(yes, a, b, names)
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(value=ast.Name(id="np" | "numpy"), attr=name),
@@ -179,7 +179,8 @@ class Translator:
         """What `self`, or `self.bonds` and so on, is in the method under way, and how the law names it."""
         match node:
             case ast.Name(id="self"):
-                return self._place[-1][3:]
+                *_, law, path = self._place[-1]
+                return law, path
             case ast.Attribute() if owner := self._object(node.value):
                 return getattr(owner[0], node.attr, None), f"{owner[1]}{node.attr}."
         return None
@@ -193,7 +194,7 @@ class Translator:
     def _power(self, node: ast.BinOp, names: dict) -> str:
         base, power = self._number(node.left, names), node.right
         if isinstance(power, ast.Constant) and type(power.value) in (int, float) and power.value in range(1, _MOST + 1):
-            return type(base)("(" + "*".join([f"({base})"] * int(power.value)) + ")")
+            return type(base)("(" + "*".join([f"({base})"] * int(ast.literal_eval(power))) + ")")
         return self._applied("pow", "v4_pow", [base, self._number(power, names)])
 
     def _call(self, node: ast.Call, name: str, names: dict) -> str:

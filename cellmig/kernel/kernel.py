@@ -39,8 +39,8 @@ class Kernel:
         self._types = {f.name: f.ctype for f in [*fields, *parameters(materials)]}
         members = [(name, _NUMBERS.get(kind, ctypes.c_void_p)) for name, kind in self._types.items()]
         members += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
-        self._dtypes = {**_DTYPES, "coefficient *": np.float32 if terms.single else np.float64,
-                        "StepMemory *": step_memory(terms)}
+        self._dtypes: dict[str, Any] = {**_DTYPES, "coefficient *": np.float32 if terms.single else np.float64,
+                                        "StepMemory *": step_memory(terms)}
         self._structure = type("KernelData", (ctypes.Structure,), {"_fields_": members})()
         self._address = ctypes.byref(self._structure)
         self._arrays: dict[str, np.ndarray] = {}
@@ -69,9 +69,9 @@ class Kernel:
 
     def repeated(self, n: int, function: str, *arguments: Any) -> None:
         """Call a C function `n` times, with as little in between as Python can."""
-        call, arguments = getattr(self.library, function), [_argument(a) for a in arguments]
+        call, given = getattr(self.library, function), [_argument(a) for a in arguments]
         for _ in range(n):
-            call(self._address, *arguments)
+            call(self._address, *given)
 
     @property
     def bytes(self) -> int:

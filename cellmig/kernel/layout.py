@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ..meshfree.body import Scene
+from ..meshfree.body import Scene, Template
 from ..meshfree.terms import Terms
 
 
@@ -74,7 +74,7 @@ def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
     return sparse.csr_matrix((np.ones(len(m.indices)), m.indices, m.indptr), m.shape)
 
 
-def _near_and_far(t: Any) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+def _near_and_far(t: Template) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """Patterns of the gradients, which forces apply twice, and of the stabilisations, which they apply once."""
     return pattern(t.G), pattern(t.S) + pattern(t.E)
 
@@ -167,7 +167,7 @@ def _mixed(x: np.ndarray) -> np.ndarray:
     return (z ^ (z >> np.uint64(31))).view(np.int64)
 
 
-def _reach_of(t: Any, terms: Terms) -> sparse.csr_matrix:
+def _reach_of(t: Template, terms: Terms) -> sparse.csr_matrix:
     """Pattern of all matrices of a template that the kernel applies."""
     further = [pattern(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there]
     return sum(further, pattern(t.G)).tocsr()
@@ -181,7 +181,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     """
     stencils, stabilised = Stencils(scene, numbering, blocks), terms.stabilised
     G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
-    extended = list
+    extended: Any = list
     if terms.single:
         G, S, E = ([rounded(m) for m in matrices] for matrices in (G, S, E))
         extended = partial(map, with_rest)
@@ -328,7 +328,8 @@ def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray, there: Any = Tr
         which, at = _expand(m.indptr, rows[of_kind])
         parts.append(np.stack([of_kind[which], at]))
     entries = np.concatenate(parts, axis=1)
-    return tuple(entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries)
+    which, at = entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries
+    return which, at
 
 
 def _values(matrices: list, kind: np.ndarray, at: np.ndarray) -> np.ndarray:

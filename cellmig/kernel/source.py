@@ -60,7 +60,7 @@ def _coefficient(terms: Terms) -> str:
 def _structure(name: str, dtype: np.dtype) -> str:
     """A structure of arrays with the layout of a dtype."""
     kinds = {"f8": "double", "f4": "float"}
-    members = [f"{kinds[dtype[m].base.str[1:]]} {m}[{int(np.prod(dtype[m].shape))}];" for m in dtype.names]
+    members = [f"{kinds[dtype[m].base.str[1:]]} {m}[{int(np.prod(dtype[m].shape))}];" for m in dtype.names or ()]
     return f"typedef struct {{ {' '.join(members)} }} {name};"
 
 

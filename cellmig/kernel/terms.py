@@ -29,20 +29,18 @@ class SurfaceTerm:
     methods: dict[str, tuple[str, ...]]
 
 
-def _bonds(terms: Terms) -> SegmentBonds:
-    return SegmentBonds(terms.substrate)
-
-
 # In the order in which forces are added up.
 SURFACE_TERMS = (
-    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(_bonds(t)),
+    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(SegmentBonds(t.substrate)),
                 {"segment": ("force", "energy", "impulse")}),
     SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(SegmentBonds(t.contact)),
                 {"closest": ("share", "away", "square"), "gap": ("gap", "normal"), "segment": ("force", "energy"),
                  "spread": ()}),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
-    SurfaceTerm("friction", lambda t: t.friction and FrictionForce(t.friction, _bonds(t)), {"force": ()}),
-    SurfaceTerm("protrusion", lambda t: t.protrusion and ProtrusionForce(t.protrusion, _bonds(t)),
+    SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
+        t.friction, SegmentBonds(t.substrate)), {"force": ()}),
+    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and ProtrusionForce(
+        t.protrusion, SegmentBonds(t.substrate)),
                 {"grip": (), "hold": (), "force": ()}),
     SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
 )

@@ -47,8 +47,9 @@ def compiler() -> list[str]:
     """Command of the C compiler: $CC, the system's, or Clang of the package ziglang.  Raises CompilerError if none."""
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
-    if found := next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None):
-        return [found]
+    for name in ("cc", "gcc", "clang"):
+        if found := shutil.which(name):
+            return [found]
     if find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     raise CompilerError(f"no C compiler found: {MENDS}; or set CC")

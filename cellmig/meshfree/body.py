@@ -133,7 +133,8 @@ class Template:
         return stab, viscous, elastic + _largest(scale @ self.E @ scale, n)
 
 
-def _strain_operator(gx, gy, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
+def _strain_operator(gx: sparse.csr_matrix, gy: sparse.csr_matrix, V: np.ndarray, shear: np.ndarray,
+                     volumetric: np.ndarray) -> LinearOperator:
     """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y (2 n,)."""
     n = len(V)
 
@@ -187,7 +188,8 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     G = rkpm.consistent(rkpm.gradients(X, support, segments), X, V, support, segments, solve)
     body, inner = laws
     inner = inner if inner is not None else body
-    S = stabilisation(X, V, edges, np.where(nucleus, *(m.numerical_viscosity(spacing) for m in (inner, body))))
+    viscosity = np.where(nucleus, inner.numerical_viscosity(spacing), body.numerical_viscosity(spacing))
+    S = stabilisation(X, V, edges, viscosity)
     E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G, support, nucleus)

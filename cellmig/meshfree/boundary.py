@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..case.expression import evaluate
+from ..case.schema import Case, OnPart
+from ..model.protocols import LoadCurve
 from . import rkpm
 from .body import Scene
 
@@ -53,7 +56,7 @@ class Boundary:
     plate_curve: np.ndarray
 
     @classmethod
-    def of(cls, case: Any, scene: Scene) -> Boundary:
+    def of(cls, case: Case, scene: Scene) -> Boundary:
         """Supports, loads and plates of a case on its scene."""
         load_curves = load_curves_of(case)
 
@@ -76,23 +79,23 @@ class Boundary:
         return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]
 
 
-def load_curves_of(case: Any) -> tuple:
+def load_curves_of(case: Case) -> tuple[LoadCurve, ...]:
     """The different load curves of the supports, loads and plates of a case."""
     return tuple(dict.fromkeys(item.load_curve for item in (*case.supports, *case.loads, *case.plates)))
 
 
-def _named(case: Any) -> dict[str, int]:
+def _named(case: Case) -> dict[str, int]:
     return {cell.name: i for i, cell in enumerate(case.cells)}
 
 
-def _where(item: Any, scene: Scene, cell: int) -> np.ndarray:
+def _where(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
     """Segments (e, 2) of the surface of a cell on the parts of an item, by numbers of particles in the cell."""
     t = scene.templates[scene.kind[cell]]
     chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
     return t.segments[chosen]
 
 
-def _in_box(item: Any, X: np.ndarray) -> np.ndarray:
+def _in_box(item: OnPart, X: np.ndarray) -> np.ndarray:
     """Whether points X (..., 2) [µm] from the cell's centre are in the box of an item (...) bool."""
     if not item.box:
         return np.ones(X.shape[:-1], bool)
@@ -101,23 +104,23 @@ def _in_box(item: Any, X: np.ndarray) -> np.ndarray:
     return ((X >= box[0] - margin) & (X <= box[1] + margin)).all(axis=-1)
 
 
-def _cells(item: Any, who: dict[str, int]) -> list[int]:
+def _cells(item: OnPart, who: dict[str, int]) -> list[int]:
     return [who[name] for name in item.cells] if item.cells else list(who.values())
 
 
-def particles_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
+def particles_of(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
     """Particles of a cell on the parts and in the box of an item (k,) int, by their numbers in the cell."""
     on = np.unique(_where(item, scene, cell))
     return on[_in_box(item, scene.templates[scene.kind[cell]].X[on])]
 
 
-def segments_of(item: Any, scene: Scene, cell: int) -> np.ndarray:
+def segments_of(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
     """Segments of a cell's surface on the parts and in the box of an item (e, 2) int, by particles of the cell."""
     ends = _where(item, scene, cell)
     return ends[_in_box(item, scene.templates[scene.kind[cell]].X[ends]).all(axis=1)]
 
 
-def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _held(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Prescribed particles and components (k, 2), values (k,) and supports (k,): of several the last one counts."""
     found: dict[tuple[int, int], tuple[float, int]] = {}
     for number, support in enumerate(case.supports):
@@ -134,7 +137,7 @@ def _held(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.
             np.array([n for _, n in values], np.int64))
 
 
-def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Particles (d,), forces (d, 2) and numbers (d,) of dead loads: integrals of tractions, or body forces times V."""
     ids, forces, loads = [], [], []
     for number, load in enumerate(case.loads):
@@ -144,7 +147,7 @@ def _dead(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.
                 on, force = np.arange(len(t.X)), t.V[:, None] * _vectors(load.body, t.X)
             else:
                 ends = segments_of(load, scene, cell)
-                on, force = np.unique(ends), tractions(t.X, ends, lambda x, f=load.traction: _vectors(f, x))
+                on, force = np.unique(ends), tractions(t.X, ends, partial(_vectors, load.traction))
             ids.append(scene.offset[cell] + on)
             forces.append(force[on])
             loads.append(np.full(len(on), number))
@@ -158,7 +161,7 @@ def _vectors(components: tuple, X: np.ndarray) -> np.ndarray:
     return np.column_stack([evaluate(c, X) for c in components])
 
 
-def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
+def tractions(X: np.ndarray, ends: np.ndarray, traction: Callable[[np.ndarray], Any]) -> np.ndarray:
     """Forces on particles (n, 2) [pN/µm] of a traction along segments of the surface.
 
     Parameters
@@ -178,7 +181,7 @@ def tractions(X: np.ndarray, ends: np.ndarray, traction: Any) -> np.ndarray:
     return force
 
 
-def _pressed(case: Any, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pressed(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Segments (p, 2), pressures (p,) and numbers (p,) of pressure loads."""
     ends, values, loads = [np.zeros((0, 2), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
     for number, load in enumerate(case.loads):
@@ -212,7 +215,7 @@ class Probes:
     weight: np.ndarray
 
     @classmethod
-    def of(cls, case: Any, scene: Scene) -> Probes:
+    def of(cls, case: Case, scene: Scene) -> Probes:
         """Probes of a case: a point is interpolated between particles, a part has the mean along its length."""
         who, parts = _named(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
         cells = np.array([_cells(p, who)[0] for p in case.probes], np.int64)

@@ -9,7 +9,9 @@ import numpy as np
 
 from ..case.expression import Expression, evaluate
 from ..case.messages import CaseError, Mistake
+from ..case.schema import Case
 from ..case.values import LARGEST
+from ..model.protocols import LoadCurve
 from .body import Scene
 from .boundary import GAUSS, particles_of, segments_of
 
@@ -17,21 +19,23 @@ TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size i
 TIMES = 1001  # number of times, from the start to the end, at which a load curve is checked
 
 
-def check(case: Any, scene: Scene) -> None:
+def check(case: Case, scene: Scene) -> None:
     """Check the formulas and load curves of a case.
 
     Raises CaseError, which holds all of those that have no finite value.
     """
-    wrong, checked = {}, set()
+    wrong: dict[Any, Mistake] = {}
+    checked: set[Any] = set()
     for kind, item, key, cell, X in _points(case, scene):
         given = getattr(item, key)
         for value in given if isinstance(given, tuple) else (given,):
             if isinstance(value, Expression) and (place := _undefined(value, X)) is not None:
                 x, y, found = place
                 where = case.formulas.get((kind, item.name, key), (case.path, None, f"{kind}.{item.name}.{key}"))
+                file, line, name = where
                 wrong.setdefault((where, value.text), Mistake(
-                    *where, f"'{value.text}' has no value that can be computed with at ({x:.4g}, {y:.4g}) um from the "
-                            f"centre of '{case.cells[cell].name}': it is {found:g} there"))
+                    file, line, name, f"'{value.text}' has no value that can be computed with at ({x:.4g}, {y:.4g}) um "
+                                      f"from the centre of '{case.cells[cell].name}': it is {found:g} there"))
     for kind in ("supports", "loads", "plates"):
         for item in getattr(case, kind):
             if item.load_curve not in checked and (time := _undefined_time(item.load_curve, case.time.end)) is not None:
@@ -42,7 +46,7 @@ def check(case: Any, scene: Scene) -> None:
         raise CaseError(wrong.values())
 
 
-def _points(case: Any, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:
+def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:
     """Kind, item, key, cell, and the points (n, 2) [µm] from its centre at which the key is evaluated."""
     seen = set()
     for number, cell in enumerate(case.cells):
@@ -72,12 +76,13 @@ def _undefined(value: Expression, X: np.ndarray) -> tuple[float, float, float] |
         found = evaluate(value, points)
         bad = np.flatnonzero(~(np.abs(found) <= LARGEST))
         if len(bad):
-            return (*points[bad[0]].tolist(), float(found[bad[0]]))
+            x, y = points[bad[0]].tolist()
+            return x, y, float(found[bad[0]])
     return None
 
 
 @np.errstate(all="ignore")
-def _undefined_time(curve: Any, end: float) -> float | None:
+def _undefined_time(curve: LoadCurve, end: float) -> float | None:
     """The first time [µs] at which a load curve or one of its derivatives is not finite."""
     times = np.linspace(0.0, end, TIMES)
     for t in times.tolist():

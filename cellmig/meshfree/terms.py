@@ -6,9 +6,10 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..case.registry import laws
 from ..case.schema import Case, particle_count
-from ..model.protrusion import EdgeProtrusion
-from ..model.seifert import Seifert, solid
+from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, ProtrusionLaw
+from ..model.seifert import solid
 from .boundary import load_curves_of
 
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
@@ -31,19 +32,19 @@ class Terms:
     skipped : dict -- by name of an absent term, the reason for the log.
     """
 
-    substrate: Any = None
-    contact: Any = None
-    protrusion: Any = None
-    cortex: Any = None
-    friction: Any = None
+    substrate: Adhesion | None = None
+    contact: Adhesion | None = None
+    protrusion: ProtrusionLaw | None = None
+    cortex: Cortex | None = None
+    friction: Friction | None = None
     director: str = "none"
-    director_law: Any = None
+    director_law: DirectorLaw | None = None
     active: bool = False
     stabilised: bool = True
     bulk_damped: bool = True
     stiffened: bool = False
     acceleration: tuple | None = None
-    load_curves: tuple | None = None
+    load_curves: tuple[LoadCurve, ...] | None = None
     single: bool = False
     skipped: dict = field(default_factory=dict)
 
@@ -63,7 +64,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     def why(*conditions: tuple[bool, str]) -> str | None:
         return next((reason for holds, reason in conditions if holds), None)
 
-    nothing = Seifert(bond_density=0.0, well_depth=0.0, equilibrium_distance=0.01)
+    nothing: Any = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=0.01)
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
     between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))
@@ -75,7 +76,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                             (push is not None and not push.cells, "no cell protrudes"),
                             (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
                             (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
-                        "protrusion", push or EdgeProtrusion(cells=(), random=False))
+                        "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
     uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")

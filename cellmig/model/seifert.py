@@ -7,7 +7,8 @@ from typing import Any
 
 from numpy import where
 
-from ..case.registry import law, quantity
+from ..case.registry import law, laws, quantity
+from .protocols import Adhesion
 
 WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if they have fewer bonds or none
 
@@ -35,7 +36,7 @@ class Seifert:
         return self.attraction * self.bond_density * self.well_depth
 
     @property
-    def solid(self) -> Seifert:
+    def solid(self: Any) -> Any:
         """The same adhesion with a repulsion of at least WALL [pN/µm], which keeps surfaces with few bonds apart."""
         if self.bond_density * self.well_depth >= WALL:
             return self
@@ -150,9 +151,9 @@ class Seifert:
         return where(r < self.cutoff, cut, 0.0)
 
 
-def solid(law: Any) -> Any:
+def solid(law: Adhesion) -> Adhesion:
     """The law of adhesion, of bonds or without any, with a repulsion that keeps surfaces apart."""
     if law.work == 0.0:
         eps = law.equilibrium_distance
-        law = Seifert(bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=law.cutoff)
+        law = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=law.cutoff)
     return getattr(law, "solid", law)

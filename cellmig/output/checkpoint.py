@@ -14,12 +14,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from .directory import OutputError, replace, together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 FOLDER, KEEP = "checkpoint", 2
 _ABOUT = "about"
@@ -40,7 +43,7 @@ class Checkpoint:
     arrays: dict[str, np.ndarray]
 
 
-def write(directory: Path, comm: Any, checkpoint: Checkpoint, keep: int = KEEP) -> Path:
+def write(directory: Path, comm: MPI.Intracomm, checkpoint: Checkpoint, keep: int = KEEP) -> Path:
     """Write a checkpoint of a run to the disk and delete all but the last `keep`; collective, rank 0 writes.
 
     Returns its path.  Raises OutputError where it cannot be written.
@@ -78,7 +81,7 @@ def listed(folder: Path) -> list[tuple[int, Path]]:
     return sorted(found)
 
 
-def newest(directory: Path, comm: Any, report: Callable[[str], None]) -> Checkpoint | None:
+def newest(directory: Path, comm: MPI.Intracomm, report: Callable[[str], None]) -> Checkpoint | None:
     """The newest intact checkpoint of a run, None if it has no checkpoints; collective.
 
     Damaged ones are renamed and told to `report`.  Raises OutputError if all are damaged.

@@ -10,9 +10,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..case.messages import nearest
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 MANIFEST, INDEX = "manifest.json", "cells.xdmf"
 READABLE = "utf-8", "backslashreplace"  # encoding of all texts: names of files may contain invalid UTF-8
@@ -36,7 +39,7 @@ def existing_run(directory: Path) -> Path:
     raise OutputError(f"'{directory}' is not the directory of a run{meant}")
 
 
-def together(comm: Any, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
+def together(comm: MPI.Intracomm, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
     """Call `action` on every rank, or on rank 0 alone; raise the error of one rank on all.
 
     Parameters
@@ -100,7 +103,7 @@ class Claim:
     It leaves no file in the directory; file systems without locks grant every claim.
     """
 
-    def __init__(self, path: Path, comm: Any, make: bool = False) -> None:
+    def __init__(self, path: Path, comm: MPI.Intracomm, make: bool = False) -> None:
         """Lock the directory on rank 0, after a run that is ending; collective.
 
         make : create the directory if it is missing; it is removed again if it stays empty.  Raises OutputError where
@@ -108,7 +111,9 @@ class Claim:
         """
         self.path, self._comm = Path(path), comm
         handle, made = together(comm, lambda: _locked(self.path, make), root_only=True)[comm.rank] or (None, False)
-        self.release = weakref.finalize(self, _let_go, self.path, handle, made) if handle is not None else lambda: None
+        self.release: Callable[[], Any] = lambda: None
+        if handle is not None:
+            self.release = weakref.finalize(self, _let_go, self.path, handle, made)
 
     def __enter__(self) -> Claim:
         return self

@@ -86,9 +86,10 @@ Units are in the names of the columns; `name` is the cell's, `all` that of the a
 def handbook_of_fields() -> str:
     """Fields and tables of a run as Markdown."""
     shapes = {(): "scalar", (2,): "vector", (3, 3): "tensor"}
-    fields = [(f"`{name}`", f.symbol, f.unit if f.unit != "1" else "", shapes[f.shape], f.term, f.meaning)
-              for name, f in FIELDS.items()]
-    tables = [("`substrate.csv`", column, meaning) for column, meaning in _TRACTION]
+    fields: list[tuple[str, ...]] = [
+        (f"`{name}`", f.symbol, f.unit if f.unit != "1" else "", shapes[f.shape], f.term, f.meaning)
+        for name, f in FIELDS.items()]
+    tables: list[tuple[str, ...]] = [("`substrate.csv`", column, meaning) for column, meaning in _TRACTION]
     tables += [("`neighbours.csv`", column, meaning) for column, meaning in _PAIR]
     head = "| table | column | meaning |\n|---|---|---|\n"
     return _ABOUT_FIELDS + _rows(fields) + _ABOUT_TABLES + head + _rows(tables)

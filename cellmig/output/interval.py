@@ -96,7 +96,7 @@ class Interval:
         rows = []
         for (a, b), force in sorted((pair, force.tolist()) for pair, force in forces.items()):
             apart = [cells[b + 1][name] - cells[a + 1][name] for name in ("x_um", "y_um")]
-            row = {"cell": a + 1, "neighbour": b + 1}
+            row: dict[str, float] = {"cell": a + 1, "neighbour": b + 1}
             for kind in self._kinds:
                 x, y = force[2:] if kind else force[:2]
                 row |= {f"force_x{kind}_pn_per_um": x, f"force_y{kind}_pn_per_um": y,

@@ -8,12 +8,15 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
 from ..case.messages import replace_unprintable
 from .directory import together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall time [s]
 _UNITS = (("ns", 1e-9, 1e-6), ("µs", 1e-6, 1e-3), ("ms", 1e-3, 1.0), ("s", 1.0, 120.0), ("min", 60.0, 7200.0),
@@ -31,7 +34,7 @@ class Log:
     quiet : bool -- nothing on the screen.
     """
 
-    def __init__(self, comm: Any, directory: Path | None = None, quiet: bool = False) -> None:
+    def __init__(self, comm: MPI.Intracomm, directory: Path | None = None, quiet: bool = False) -> None:
         replace_unprintable()
         self.quiet, self.root = quiet, comm.rank == 0
         self._writers: list[Callable[[str], None]] = [_to_screen] if self.root and not quiet else []
@@ -187,7 +190,7 @@ class Timers:
         spent = {name: section.seconds for name, section in self._sections.items()}
         return spent | {"other": perf_counter() - self._begin - sum(spent.values())}
 
-    def summary(self, comm: Any) -> str:
+    def summary(self, comm: MPI.Intracomm) -> str:
         """Table of sections: smallest, mean and largest time of the ranks, share of the total; collective."""
         ranks = comm.allgather(self.seconds())
         names = [*dict.fromkeys(name for rank in ranks for name in rank if name != "other"), "other"]

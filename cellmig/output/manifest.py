@@ -10,9 +10,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .directory import MANIFEST, OutputError, replace
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 _LIBRARIES = ("numpy", "numba", "h5py", "mpi4py", "petsc4py")
 _TABLES = ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoints", "sections_seconds")
@@ -50,7 +53,7 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, (bool, int, str)) else str(value)
 
 
-def environment(comm: Any) -> dict[str, Any]:
+def environment(comm: MPI.Intracomm) -> dict[str, Any]:
     """Versions of loaded libraries, commit, processor, hosts and ranks; the same on all ranks; collective."""
     loaded = {name: sys.modules[name] for name in ("cellmig", *_LIBRARIES) if name in sys.modules}
     found: dict[str, Any] = {name: str(getattr(module, "__version__", "unknown")) for name, module in loaded.items()}

@@ -158,7 +158,7 @@ class Sampler:
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
         """Add forces of supports and plates on each cell and on the aggregate; collective."""
         names = self.mechanics.loads.boundary.names
-        for name, by_cell in zip(names, self.reactions() if names else (), strict=True):
+        for name, by_cell in zip(names, list(self.reactions()) if names else [], strict=True):
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
                 row |= {f"{name}_force_{c}_pn_per_um": float(f) for c, f in zip("xy", force, strict=True)}
 
@@ -180,7 +180,7 @@ class Sampler:
             substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None:
             near, x, gap = m.segments.in_contact()
-            share = _share_below(*gap.T, TOUCHING * terms.contact.equilibrium_distance)
+            share = _share_below(gap[:, 0], gap[:, 1], TOUCHING * terms.contact.equilibrium_distance)
             touched = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) * share
             mine = near[:, 0] < m.n_owned
             np.add.at(contact, near[mine, 0], touched[mine])
@@ -240,7 +240,7 @@ class Sampler:
         still = [*(entries | {"kinetic": entries["kinetic"] - drift, "external_work": 0.0}).values(),
                  *(change | {"kinetic": change["kinetic"] - gained,
                              "external_work": change["external_work"] - gained}).values()]
-        largest = max(self._negligible, ROUNDED * max(map(abs, everything)), *map(abs, still))
+        largest = max(self._negligible, ROUNDED * max(abs(e) for e in everything), *[abs(e) for e in still])
         return abs(missing) / largest
 
     def momentum(self) -> np.ndarray:

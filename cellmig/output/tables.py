@@ -8,11 +8,14 @@ import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .directory import OutputError, sync, together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
            "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
@@ -60,7 +63,7 @@ class _Table:
     columns: tuple[str, ...]
     names: Sequence[str] = ()  # of the cells, by number; 0 is the aggregate
 
-    def __init__(self, directory: Path, comm: Any, more: tuple[str, ...] = (),
+    def __init__(self, directory: Path, comm: MPI.Intracomm, more: tuple[str, ...] = (),
                  end: Mapping[str, Any] | None = None) -> None:
         """`more` : further columns;  `end` : end of a table to resume, as `end` returned it."""
         self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
@@ -103,9 +106,9 @@ class _Table:
     def _write(self, rows: Callable[[], Iterable[Mapping[str, float]]]) -> None:
         together(self._comm, lambda: self._append("".join(map(self._line, rows()))), root_only=True)
 
-    def _line(self, row: Mapping[str, float]) -> str:
+    def _line(self, row: Mapping[str, Any]) -> str:
         numbers = {"name": row.get("cell", -1), "neighbour_name": row.get("neighbour", -1)}
-        row = {**row, **{text: self.names[k] for text, k in numbers.items()
+        row = {**row, **{text: self.names[int(k)] for text, k in numbers.items()
                          if text in self.columns and 0 <= k < len(self.names)}}
         if foreign := row.keys() - set(self.columns):
             raise ValueError(f"{self.name} has no column {sorted(foreign)}")
@@ -175,7 +178,7 @@ class Tables:
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     """
 
-    def __init__(self, directory: Path, comm: Any, names: Sequence[str], more: tuple[str, ...],
+    def __init__(self, directory: Path, comm: MPI.Intracomm, names: Sequence[str], more: tuple[str, ...],
                  present: Mapping[str, bool], ends: Mapping[str, Any]) -> None:
         self._comm = comm
 
@@ -243,7 +246,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         if lacking := [name for name in _COLUMNS.get(Path(path).name, ()) if name not in names]:
             raise ValueError(f"it has no column {', '.join(lacking)}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
-        kinds = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
+        kinds: dict[str, Any] = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
         return Columns({name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))
                         for name, column in zip(names, columns, strict=True)})
     except (ValueError, csv.Error) as error:

@@ -103,7 +103,7 @@ class AccountsView(Protocol):
 class View(Protocol):
     """A Mechanics for output; everything is current after its `rate`."""
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     scene: Scene
     terms: Terms
     surfaces: Surfaces

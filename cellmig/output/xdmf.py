@@ -11,13 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import h5py
 import numpy as np
 
 from .directory import INDEX, OutputError, replace, together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 _HEAD = ('<?xml version="1.0" ?>\n<Xdmf Version="3.0">\n<Domain>\n'
          '<Grid Name="{}" GridType="Collection" CollectionType="Temporal">\n')
@@ -80,7 +83,8 @@ class Frames:
     run : str -- id of the run, in each file.
     """
 
-    def __init__(self, directory: Path, comm: Any, fields: Mapping[str, str], count: int = 0, run: str = "") -> None:
+    def __init__(self, directory: Path, comm: MPI.Intracomm, fields: Mapping[str, str], count: int = 0,
+                 run: str = "") -> None:
         self.directory, self.comm, self.fields, self.run = Path(directory), comm, dict(fields), run
         self.count = count
         self._mine, self._all = "", ""
@@ -144,7 +148,7 @@ def check_frames(directory: Path, count: int, run: str) -> None:
                                       "another, or begin anew")
 
 
-def cut_frames(directory: Path, comm: Any, count: int) -> None:
+def cut_frames(directory: Path, comm: MPI.Intracomm, count: int) -> None:
     """Delete all frames of a run but the first `count`; collective, rank 0 does it.
 
     Lists are cut before files are deleted, so that listed files exist even if the run is killed.  Raises OutputError
@@ -160,7 +164,7 @@ def cut_frames(directory: Path, comm: Any, count: int) -> None:
         if index.exists():
             replace(index, _HEAD.format("cells") + "".join(kept) + _TAIL)
         for path in directory.glob("rank*.xdmf"):
-            kept = [grid for grid in _grids(path) if int(_FILE.search(grid)[1]) < count]
+            kept = [grid for grid in _grids(path) if _count(grid) < count]
             replace(path, _HEAD.format(path.stem) + "".join(kept) + _TAIL)
         for path in directory.glob("rank*/s*.h5"):
             if int(path.stem[1:]) >= count:
@@ -172,6 +176,11 @@ def cut_frames(directory: Path, comm: Any, count: int) -> None:
 
 
 _FILE = re.compile(r"/s(\d{8})\.h5:")
+
+
+def _count(grid: str) -> int:
+    """Number of the frame that a grid is of."""
+    return int(_FILE.findall(grid)[0])
 
 
 def _grids(path: Path) -> list[str]:
@@ -225,8 +234,9 @@ def frames(directory: Path) -> list[Frame]:
     try:
         found = []
         for grid in ElementTree.parse(index).getroot().findall("./Domain/Grid/Grid"):
-            items = [item.text.split(":")[0] for item in grid.findall("./Grid/Geometry/DataItem")]
-            found.append(Frame(float(grid.find("Time").get("Value")), tuple(index.parent / item for item in items)))
+            items = [(item.text or "").split(":")[0] for item in grid.findall("./Grid/Geometry/DataItem")]
+            time = float(grid.findall("Time")[0].attrib["Value"])
+            found.append(Frame(time, tuple(index.parent / item for item in items)))
         return found
     except (ElementTree.ParseError, AttributeError, ValueError, TypeError) as error:
         raise OutputError(f"'{index}' is not an index of frames: {error}") from error

@@ -59,7 +59,8 @@ def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     """
     if comm.size == 1:
         return make()
-    value, failed, buffers, text = None, None, [], io.BytesIO()
+    value, failed, text = None, None, io.BytesIO()
+    buffers: list[Any] = []
     if comm.rank == 0:
         try:
             value = make()
@@ -71,9 +72,9 @@ def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
         time.sleep(1e-3)
     data, sizes = comm.bcast((text.getvalue(), [b.nbytes for b in buffers]))
     buffers = buffers or [bytearray(n) for n in sizes]
-    for b in map(memoryview, buffers):
-        for first in range(0, b.nbytes, AT_ONCE):
-            comm.Bcast([b[first : first + AT_ONCE], MPI.BYTE])
+    for b in buffers:
+        for first in range(0, len(b), AT_ONCE):
+            comm.Bcast([memoryview(b)[first : first + AT_ONCE], MPI.BYTE])
     if comm.rank:
         value, failed = pickle.loads(data, buffers=buffers)
     if failed is not None:

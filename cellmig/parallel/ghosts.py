@@ -19,14 +19,15 @@ class GhostedField:
     Ghosts are current after `exchange`.  The memory is the caller's; its address never changes.
     """
 
-    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, n_shared: int):
+    def __init__(self, comm: MPI.Intracomm, memory: np.ndarray, n_owned: int, n_shared: int):
         """Field in `memory` (>= n_local, width), of any unit, with `n_owned` owned particles; collective.
 
         At most `n_shared` of them become ghosts of other ranks.
         """
         self._comm, self._memory, self._n_owned = comm, memory, n_owned
         self._copies = shared.SharedCopies(comm, memory, n_owned, n_shared) if shared.on_one_machine(comm) else None
-        self.owned, self.vec = memory[:n_owned], None
+        self.owned = memory[:n_owned]
+        self.vec: PETSc.Vec = None  # until `set_ghosts`
 
     def set_ghosts(self, ghosts: np.ndarray) -> None:
         """Choose the particles `ghosts` (n_ghosts,) int, by their numbers in PETSc's order; collective."""
@@ -49,7 +50,7 @@ class GhostedField:
         return self.vec.handle if self._copies is None else self._copies.handle
 
     @property
-    def exchange_functions(self) -> tuple[int, int]:
+    def exchange_functions(self) -> tuple[int, ...]:
         """Addresses of the C functions that begin and end `exchange`, so that computation can overlap it."""
         return _petsc_functions() if self._copies is None else shared.exchange_functions()
 
@@ -61,7 +62,7 @@ class GhostedField:
 
 
 @cache
-def _petsc_functions() -> tuple[int, int]:
+def _petsc_functions() -> tuple[int, ...]:
     """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd."""
     return shared.addresses(ctypes.CDLL(petsc_library()), "VecGhostUpdateBegin", "VecGhostUpdateEnd")
 

@@ -106,6 +106,7 @@ def launch(ranks: int, command: Sequence[str]) -> int:
     for number in requests:
         signal.signal(number, stop)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, requests)
+    assert process.stderr is not None  # it is a pipe
     messages = _Messages(process.stderr)
     code = process.wait()
     messages.join()
@@ -130,7 +131,8 @@ class _Messages(threading.Thread):
 
     def run(self) -> None:
         """Print until the stream ends."""
-        held, passed = [], True
+        held: list[bytes] = []
+        passed = True
         for line in self.stream:
             rule = line.strip().startswith(_RULE)
             if held or rule:

@@ -52,7 +52,7 @@ def bisection(X: np.ndarray, ranks: int, weight: np.ndarray | None = None) -> np
     Source: Berger & Bokhari (1987).
     """
     owner = np.zeros(len(X), np.int32)
-    weight = np.ones(len(X)) if weight is None else weight
+    load = np.ones(len(X)) if weight is None else weight
 
     def split(ids: np.ndarray, first: int, count: int) -> None:
         if count == 1 or len(ids) == 0:
@@ -60,8 +60,8 @@ def bisection(X: np.ndarray, ranks: int, weight: np.ndarray | None = None) -> np
             return
         axis = int(np.argmax(np.ptp(X[ids], axis=0)))
         ids = ids[np.lexsort((ids, X[ids, axis]))]
-        half, heavy = count // 2, np.cumsum(weight[ids])
-        cut = int(np.searchsorted(heavy - 0.5 * weight[ids], heavy[-1] * half / count))
+        half, heavy = count // 2, np.cumsum(load[ids])
+        cut = int(np.searchsorted(heavy - 0.5 * load[ids], heavy[-1] * half / count))
         split(ids[:cut], first, half)
         split(ids[cut:], first + half, count - half)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class _Copies(ctypes.Structure):
 class SharedCopies:
     """Updates the ghosts of a field as VecGhostUpdateBegin and VecGhostUpdateEnd do, to the bit."""
 
-    def __init__(self, comm: MPI.Comm, memory: np.ndarray, n_owned: int, n_shared: int):
+    def __init__(self, comm: MPI.Intracomm, memory: np.ndarray, n_owned: int, n_shared: int):
         """For a field in `memory` (>= n_local, width), of any unit, with `n_owned` owned rows; collective.
 
         At most `n_shared` of them are copied by other ranks.
@@ -38,7 +39,7 @@ class SharedCopies:
         half = -(-comm.allreduce(int(n_shared), MPI.MAX) * width // LINE) * LINE
         self.segment = LINE + 2 * half
         self.window = MPI.Win.Allocate_shared(8 * self.segment, 8, comm=comm)
-        own, _ = self.window.Shared_query(comm.rank)
+        own: Any = self.window.Shared_query(comm.rank)[0]
         np.frombuffer(own, np.int64)[0] = 0
         at = comm.rank * self.segment
         cores = set().union(*comm.allgather(os.sched_getaffinity(0)))  # each rank may be bound to one core
@@ -72,7 +73,7 @@ class SharedCopies:
         self.window.Free()
 
 
-def on_one_machine(comm: MPI.Comm) -> bool:
+def on_one_machine(comm: MPI.Intracomm) -> bool:
     """Whether there are several ranks and all are on one machine; collective."""
     near = comm.Split_type(MPI.COMM_TYPE_SHARED)
     found = near.size == comm.size > 1
@@ -87,4 +88,4 @@ def exchange_functions() -> tuple[int, ...]:
 
 def addresses(of: ctypes.CDLL, *names: str) -> tuple[int, ...]:
     """Addresses of the functions `names` of a library, for C to call."""
-    return tuple(ctypes.cast(getattr(of, name), ctypes.c_void_p).value for name in names)
+    return tuple(ctypes.cast(getattr(of, name), ctypes.c_void_p).value or 0 for name in names)

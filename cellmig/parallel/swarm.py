@@ -21,7 +21,7 @@ class Swarm:
     (n,) [rad], and the losses and impulses accumulated so far (n, 5).
     """
 
-    def __init__(self, comm: MPI.Comm, fields: dict[str, np.ndarray]):
+    def __init__(self, comm: MPI.Intracomm, fields: dict[str, np.ndarray]):
         """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
         self.comm = comm
         self.dm = PETSc.DMSwarm().create(comm=comm)

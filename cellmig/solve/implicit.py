@@ -130,13 +130,13 @@ class Implicit(Integrator):
         how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
         if self.equations.matrix_free:
             how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
-        if self.adaptive:
+        if self.fixed_step is None:
             allowed = 1e3 * self.ts.getTolerances()[1]
             return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {how}"
         return (f"{1e3 * self.fixed_step:.3g} ns as given, {self.fixed_step / self._stable():.3g} times the stable one "
                 f"of leapfrog; {how}")
 
-    def _converged(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+    def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
         reason, (_, moved, norm) = PETSc.SNES.ConvergedReason, norms
         rtol, atol, _, _ = snes.getTolerances()
@@ -157,23 +157,23 @@ class Implicit(Integrator):
 
     # ------------------------------------------------------------ equations
 
-    def _residual2(self, ts: Any, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _residual2(self, ts: PETSc.TS, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, out: PETSc.Vec) -> None:
         u, v, a = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v, a))
         out.setArray(self.equations.residual(t, u, v, a).ravel())
 
-    def _tangent2(self, ts: Any, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, by_v: float, by_a: float,
+    def _tangent2(self, ts: PETSc.TS, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, by_v: float, by_a: float,
                   J: PETSc.Mat, P: PETSc.Mat) -> None:
         u, v = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v))
         ksp = ts.getSNES().getKSP()
         self.equations.linearise(t, u, v, by_v, by_a, ksp, ksp.getPC())
         J.assemble()
 
-    def _residual(self, ts: Any, t: float, x: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _residual(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         x, rate = (y.getArray(readonly=True).reshape(-1, 4) for y in (x, rate))
         second = self.equations.residual(t, x[:, :2], x[:, 2:], rate[:, 2:])
         out.setArray(np.hstack([rate[:, :2] - x[:, 2:], second]).ravel())
 
-    def _tangent(self, ts: Any, t: float, x: PETSc.Vec, rate: PETSc.Vec, shift: float, J: PETSc.Mat,
+    def _tangent(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, shift: float, J: PETSc.Mat,
                  P: PETSc.Mat) -> None:
         x = x.getArray(readonly=True).reshape(-1, 4)
         self.reduction.linearise(t, x[:, :2], x[:, 2:], shift)
@@ -206,7 +206,7 @@ class Implicit(Integrator):
     def _choose_step(self, stop: float) -> None:
         """Set the next step: that of PETSc's error control, else equal ones to `stop` [µs], at most the fixed one."""
         left = stop - self.ts.getTime()
-        if self.adaptive:
+        if self.fixed_step is None:
             last = self.dt if self._clipped else 0.0
             self.dt = max(self.ts.getTimeStep(), last) if self.dt else self.mechanics.comm.bcast(START * self._stable())
             self._clipped = self.dt > left

@@ -48,7 +48,8 @@ class Integrator:
         """
         self.mechanics, self.control, self.factor = mechanics, control, factor
         self.touches, self.redone = control.touches, 0
-        self.mechanism, self.dt, self.stable, self.count = "", 0.0, math.inf, {}
+        self.mechanism, self.dt, self.stable, self._last_time = "", 0.0, math.inf, 0.0
+        self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
         self.halted = False
@@ -108,7 +109,10 @@ class Integrator:
         """Time reached [µs]."""
         return self.ts.getTime()
 
-    step_description = ""  # implicit types describe their steps in the log
+    @property
+    def step_description(self) -> str:
+        """Length of the steps, for the log; of explicit types "", whose stable step is described."""
+        return ""
 
     def record(self) -> dict[str, Any]:
         """Further counts for the manifest."""
@@ -291,7 +295,7 @@ class Integrator:
         if not np.shares_memory(values, self.mechanics.state.owned):
             self.mechanics.state.owned[:] = values
 
-    def _rate(self, ts: Any, t: float, u: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _rate(self, ts: PETSc.TS, t: float, u: PETSc.Vec, out: PETSc.Vec) -> None:
         """Right-hand side for TS: the rate of the state `u` at the time t [µs]."""
         m = self.mechanics
         before = m.state.owned.copy()
@@ -300,7 +304,7 @@ class Integrator:
         out.setArray(m.rate().ravel())
         m.state.owned[:] = before
 
-    def _after_step(self, ts: Any) -> None:
+    def _after_step(self, ts: PETSc.TS) -> None:
         """Update director, accounts, extremes and search lists after a step of a PETSc type."""
         m = self.mechanics
         self._store(ts.getSolution())

@@ -37,8 +37,7 @@ class Extremes(NamedTuple):
     J_max: float
 
 
-OWNERS = (State, Segments, Loads, Director, Protrusion, Accounts)
-FIELDS = tuple(field for owner in OWNERS for field in owner.FIELDS)
+FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Director.FIELDS, *Protrusion.FIELDS, *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -149,8 +148,9 @@ class Mechanics:
 
     def changing(self) -> dict[str, np.ndarray]:
         """Writable arrays that steps change, by name, of any shape and unit."""
-        parts = (self.state, self.accounts, self.loads, self.protrusion, self.director)
-        return {name: values for part in parts if part is not None for name, values in part.changing.items()}
+        found = self.state.changing | self.accounts.changing | self.loads.changing
+        found |= self.protrusion.changing if self.protrusion is not None else {}
+        return found | (self.director.changing if self.director is not None else {})
 
     def save(self) -> None:
         """Copy the state, so that `go_back` can undo later steps."""

@@ -41,8 +41,10 @@ class Protrusion:
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments, protruding: Protruding):
         """Nothing holds or pushes before the first `renew`."""
-        self._kernel, self._segments, k, s, law = kernel, segments, kernel, part.surfaces, part.terms.protrusion
-        size = 0.5 * law.protrusion_ratio * part.terms.substrate.work
+        law, bonds = part.terms.protrusion, part.terms.substrate
+        assert law is not None and bonds is not None  # without bonds nothing protrudes
+        self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
+        size = 0.5 * law.protrusion_ratio * bonds.work
         k["push"] = np.where(segments.acts[:, None], size * protruding.alpha[segments.ends], 0.0)
         k["pushed"] = np.zeros(segments.ends.shape)
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ..meshfree.contact import Surfaces
+from ..model.protocols import ProtrusionLaw
 from ..parallel.random import uniform
 
 
-def random_factor(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str]) -> np.ndarray:
+def random_factor(surfaces: Surfaces, law: ProtrusionLaw | None, seed: int, names: Sequence[str]) -> np.ndarray:
     """α of all surface particles (m,) [-]: zero but on the outer loops of the cells that protrude.
 
     law : the protrusion or None;  names : of all cells, in order, since random numbers belong to the name of a cell.
@@ -27,7 +27,7 @@ def random_factor(surfaces: Surfaces, law: Any, seed: int, names: Sequence[str])
     return alpha
 
 
-def _of_cell(length: np.ndarray, law: Any, seed: int, name: str) -> np.ndarray:
+def _of_cell(length: np.ndarray, law: ProtrusionLaw, seed: int, name: str) -> np.ndarray:
     """α of a cell's outer loop (m,) [-], for lengths (m,) [µm] of its segments."""
     if not law.random:
         return np.full(len(length), 0.5)

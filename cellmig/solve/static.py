@@ -47,7 +47,8 @@ class Static:
     def __init__(self, mechanics: Mechanics):
         """Begin at rest; collective."""
         self.mechanics = m = mechanics
-        self.time, self.steps, self.redone, self.dt, self.count = 0.0, 0, 0, 0.0, {}
+        self.time, self.steps, self.redone, self.dt = 0.0, 0, 0, 0.0
+        self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
         self.report: Callable[[str], None] = lambda text: None
@@ -127,7 +128,7 @@ class Static:
     def _set_displacements(self, x: PETSc.Vec) -> None:
         self.mechanics.state.u[:] = x.getArray(readonly=True).reshape(-1, 2)
 
-    def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _residual(self, snes: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f; for a held component, to stiffness times the distance from its prescribed displacement."""
         m = self.mechanics
         self._set_displacements(x)
@@ -140,7 +141,7 @@ class Static:
             r[:] = np.nan  # a line search shortens its step, else the load step is halved
         out.setArray(r.ravel())
 
-    def _tangent(self, snes: Any, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def _tangent(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Set the matrix P to the derivative of the residual."""
         n = self.mechanics.n_owned
         self._set_displacements(x)

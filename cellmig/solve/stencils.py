@@ -111,8 +111,8 @@ def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
     """Segments in contact whose bonds act, with the closest points of the last evaluation of forces."""
     k, closest = m.kernel, m.segments.closest_point
     segment = k["contact_segment"].reshape(-1, 2)
-    gaps = closest["gap"][segment]
-    acts = np.flatnonzero((gaps < m.terms.contact.cutoff).any(axis=1) & np.isfinite(gaps).all(axis=1))
+    gaps, cutoff = closest["gap"][segment], formula.bonds.law.cutoff
+    acts = np.flatnonzero((gaps < cutoff).any(axis=1) & np.isfinite(gaps).all(axis=1))
     nodes = [n for end in segment[acts].T for n in (k["contact_node"][end], closest["a"][end], closest["b"][end])]
     side = np.where(gaps[acts] < 0.0, -1.0, 1.0).T
     length = k["contact_length"][acts]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..meshfree.body import Scene
+from ..meshfree.body import Scene, Template
 from ..meshfree.terms import Terms
 
 TYPICAL = 0.94  # smallest gap of a contact over the range of its bonds, measured at 600 to 1,500 particles a cell [-]
@@ -96,7 +96,7 @@ class StepControl:
 
 def binding(steps: dict[str, float]) -> tuple[str, float]:
     """The mechanism with the smallest step, and that step [µs]."""
-    name = min(steps, key=steps.get)
+    name = min(steps, key=lambda name: steps[name])
     return name, steps[name]
 
 
@@ -106,13 +106,13 @@ def _root(c: float, omega2: float) -> float:
     return 2.0 / bottom if bottom > 0 else math.inf
 
 
-def _length_per_mass(t: Any) -> float:
+def _length_per_mass(t: Template) -> float:
     """Largest ratio of dual arc length to mass of a surface particle [µm²/fg]."""
     share = 0.5 * (t.segment_length + t.segment_length[t.before])
     return float((share / t.mass[t.surface]).max())
 
 
-def _inverse_inertia(t: Any) -> float:
+def _inverse_inertia(t: Template) -> float:
     """Largest 1/(segment length × particle mass) of a surface [1/fg], for the frequency of a line under tension."""
     shortest = np.minimum(t.segment_length, t.segment_length[t.before])
     return float((1.0 / (shortest * t.mass[t.surface])).max())

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..output.view import View
+
 # In shear flow between cylinders, with a thousand particles, the torque is 5 % too large at this stretch, 24 % at 2.4,
 # 100 % at 3.6 (docs/fluid.md).
 STRETCH_LIMIT = 1.6
@@ -34,12 +36,12 @@ class StrainWatch:
     Source: derived here, from the error of shear flow between cylinders.
     """
 
-    def __init__(self, mechanics: Any):
+    def __init__(self, mechanics: View):
         """Watch the particles of viscous materials: an elastic solid depends on its reference at any strain."""
         self.mechanics = mechanics
         viscous = np.array([law.viscosity > 0.0 for law in mechanics.scene.materials])
         self._fluid = viscous[mechanics.scene.material[mechanics.ids]]
-        self.largest = 1.0 if viscous.any() else None
+        self.largest: float | None = 1.0 if viscous.any() else None
         self.crossed_at: float | None = None
 
     def check(self, time: float) -> str:
@@ -51,8 +53,9 @@ class StrainWatch:
         found = np.where(self._fluid, stretches, 0.0)
         i = int(found.argmax()) if len(found) else -1
         most, particle = max(m.comm.allgather((float(found[i]), -int(m.ids[i])) if i >= 0 else (0.0, 0)))
-        before, self.largest = self.largest, max(self.largest, most)
-        if _doublings(self.largest) <= _doublings(before):
+        before = self.largest
+        self.largest = largest = max(before, most)
+        if _doublings(largest) <= _doublings(before):
             return ""
         cell = int(m.scene.cell[-particle]) + 1
         text = f"WARNING at {time:.6g} µs: particle {-particle} of cell {cell} is stretched {most:.3g}-fold, "

@@ -28,7 +28,7 @@ class Subdomain:
     blocks : Blocks -- the rows that the kernel computes, in fours.
     """
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     scene: Scene
     terms: Terms
     surfaces: Surfaces
@@ -38,7 +38,8 @@ class Subdomain:
     blocks: Blocks
 
     @classmethod
-    def of(cls, comm: MPI.Comm, scene: Scene, terms: Terms, owner: np.ndarray, protruding: np.ndarray) -> Subdomain:
+    def of(cls, comm: MPI.Intracomm, scene: Scene, terms: Terms, owner: np.ndarray,
+           protruding: np.ndarray) -> Subdomain:
         """The subdomain of this rank; `owner` (size,) int : ranks of the particles, `protruding` (cells,) bool."""
         s = Surfaces.of(scene)
         mine = owner[s.ids] == comm.rank

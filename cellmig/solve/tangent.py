@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..case.pointwise import pointwise
+from ..model.protocols import Value
 
 
 class Dual(np.lib.mixins.NDArrayOperatorsMixin):
@@ -22,7 +23,7 @@ class Dual(np.lib.mixins.NDArrayOperatorsMixin):
     value : (...);  slope : (k, ...) -- its derivatives in k directions.
     """
 
-    def __init__(self, value: Any, slope: Any):
+    def __init__(self, value: Value, slope: Value):
         self.value, self.slope = np.asarray(value, float), np.asarray(slope, float)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
@@ -84,11 +85,11 @@ def derivative(formula: Callable[..., Any], *arguments: Any) -> tuple[np.ndarray
     -------
     value : (result, n);  slope : (result, entries, n) -- by the entries of all arguments in turn, row by row.
     """
-    arguments = [np.asarray(a, float) for a in arguments]
-    entries = [a.reshape(-1, a.shape[-1]) for a in arguments]
+    given = [np.asarray(a, float) for a in arguments]
+    entries = [a.reshape(-1, a.shape[-1]) for a in given]
     unit = np.eye(sum(map(len, entries)))[:, :, None]
     duals, k = [], 0
-    for a, e in zip(arguments, entries, strict=True):
+    for a, e in zip(given, entries, strict=True):
         duals.append(_nested([Dual(row, unit[k + i]) for i, row in enumerate(e)], a.shape[:-1]))
         k += len(e)
     points = np.broadcast_shapes(*(e.shape[-1:] for e in entries))
@@ -112,7 +113,7 @@ def mixed(formula: Callable[..., Any], arguments: dict[str, tuple[np.ndarray, fl
     """
     shape = np.shape(next(iter(arguments.values()))[0])
 
-    def moved(change: Any) -> Any:
+    def moved(change: Value) -> Value:
         return formula(**{name: _moved(value, factor, change) for name, (value, factor) in arguments.items()})
 
     slope = derivative(moved, np.zeros(shape))[1]
@@ -138,5 +139,5 @@ def _unfolded(result: Any, directions: tuple, points: tuple) -> np.ndarray:
     """Values, or derivatives in some directions, of nested tuples as an array."""
     if isinstance(result, tuple):
         return np.array([_unfolded(r, directions, points) for r in result])
-    part = getattr(result, "slope" if directions else "value", 0.0 if directions else result)
+    part: Any = getattr(result, "slope" if directions else "value", 0.0 if directions else result)
     return np.broadcast_to(part, (*directions, *points))
