@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .case.messages import CaseError, replace_unprintable
-from .exits import BROKEN, DIFFERENT, DONE, ENVIRONMENT, INPUT_OUTPUT, INTERRUPTED, WRONG
+from .exits import DIFFERENT, DONE, ENVIRONMENT, FAILED, INPUT_OUTPUT, INTERRUPTED, INVALID_INPUT
 from .laws import register
 from .parallel.arguments import split_arguments, start_petsc
 from .usage import COMMANDS, RANK, RANKS, UsageError, parse, what_first
@@ -93,7 +93,7 @@ def validate(options: argparse.Namespace) -> int:
         print(report(until(case, end)), end="\n\n", flush=True)
     for error in wrong:
         print(f"cellmig: {error}", file=sys.stderr)
-    return WRONG if wrong else DONE
+    return INVALID_INPUT if wrong else DONE
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -322,10 +322,9 @@ def main() -> None:
 
 def failure(error: Exception, comm: Any) -> int:
     """Print an error once and return its exit code; unexpected errors of one rank abort all ranks."""
-    codes = {"CaseError": WRONG, "UsageError": WRONG, "OptionError": WRONG, "LawError": WRONG, "LawFileError": WRONG,
-             "CompilerError": ENVIRONMENT,
-             "NoRoom": ENVIRONMENT, "LaunchError": ENVIRONMENT,
-             "OutputError": INPUT_OUTPUT, "NumericsError": BROKEN}
+    codes = {**dict.fromkeys(("CaseError", "UsageError", "OptionError", "LawError", "LawFileError"), INVALID_INPUT),
+             **dict.fromkeys(("CompilerError", "InsufficientResources", "LaunchError"), ENVIRONMENT),
+             "OutputError": INPUT_OUTPUT, "NumericsError": FAILED}
     code, message = codes.get(type(error).__name__), str(error)
     if isinstance(error, ImportError) and not (error.name or "").startswith("cellmig"):
         code, message = ENVIRONMENT, f"{error}; './run' installs what is needed, 'cellmig doctor' tells what is missing"

@@ -2,9 +2,9 @@
 
 DONE = 0
 DIFFERENT = 1  # two runs differ, a claim or a reference does not hold, or the program has an error
-WRONG = 2  # invalid case or command line
+INVALID_INPUT = 2  # invalid case or command line
 ENVIRONMENT = 3
-BROKEN = 4  # the numerical solution failed: not finite, volumes not kept, energy error
+FAILED = 4  # the numerical solution failed: not finite, volumes not kept, energy error
 INPUT_OUTPUT = 5
 STOPPED = 75  # on request; `resume` continues the run
 INTERRUPTED = 130  # by a second ^C

@@ -55,7 +55,7 @@ def built(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True) -> It
     simulation.destroy()
 
 
-def put(sim: Simulation, u: Any = None, v: Any = None) -> None:
+def set_state(sim: Simulation, u: Any = None, v: Any = None) -> None:
     """Give the particles the displacements u and velocities v, (size, 2) by global id, and renew the lists."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):

@@ -161,10 +161,10 @@ def judge_disc(t: np.ndarray, series: Series, _: Any) -> dict[str, float]:
     """
     a2, exact = 0.5 * (series["a"] - series["b"]), ringing(t)
 
-    def missed(p: np.ndarray) -> np.ndarray:
+    def residual(p: np.ndarray) -> np.ndarray:
         return np.exp(-p[2] * t) * (p[0] * np.cos(p[1] * t) + 0.00637 * np.cos(2.0296 * p[1] * t)) - a2
 
-    amplitude, frequency, decay = least_squares(missed, (0.06368, 3.5659, 0.0)).x
+    amplitude, frequency, decay = least_squares(residual, (0.06368, 3.5659, 0.0)).x
     return {"error": rms(a2 - exact) / rms(exact), "amplitude": float(amplitude / 0.06368 - 1.0),
             "frequency": float(frequency / 3.5659 - 1.0), "decay": float(decay)}
 

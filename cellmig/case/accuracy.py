@@ -88,7 +88,7 @@ def fill(source: Source) -> str:
         accuracy = fraction(wanted)
         chosen = pick(_measured()["points"], kind_of(data), accuracy)
     except ValueError as error:
-        source.wrong(path, str(error))
+        source.reject(path, str(error))
         return ""
     data["numerics"]["accuracy"] = f"{100 * accuracy:g} %"
     new, unchanged = [], []

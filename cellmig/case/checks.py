@@ -42,7 +42,7 @@ def resolution(source: Source) -> None:
     table = source.data.get("particles", {})
     given = [key for key in ("per_cell", "spacing") if isinstance(table, dict) and key in table]
     if len(given) != 1:
-        source.wrong(("particles", *given[1:]), "give either per_cell or spacing, "
+        source.reject(("particles", *given[1:]), "give either per_cell or spacing, "
                      + ("not both" if given else 'such as per_cell = 1485 or spacing = "0.24 um"'))
 
 
@@ -53,7 +53,7 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
         low, high = (found.get(k, fields[k].default if k in fields else None) for k in (small, large))
         if isinstance(low, float) and isinstance(high, float) and low > high:
             low, high = (units.text(v, fields[k].metadata["unit"]) for k, v in ((small, low), (large, high)))
-            source.wrong((*path, small), f"{low} is above {large} = {high}: {why}")
+            source.reject((*path, small), f"{low} is above {large} = {high}: {why}")
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
@@ -61,9 +61,9 @@ def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
     keys = [k for k in declared(type(cell.shape)) if k.startswith("nucleus_")] or ["nucleus_ratio"]
     given = [k for k in keys if getattr(cell.shape, k, None) is not None]
     if cell.nucleus is not None and not given:
-        source.wrong((*path, "nucleus"), f"a nucleus has a size, too: {keys[0]} is missing")
+        source.reject((*path, "nucleus"), f"a nucleus has a size, too: {keys[0]} is missing")
     elif cell.nucleus is None and given:
-        source.wrong((*path, given[0]), "a nucleus has a material, too: nucleus is missing")
+        source.reject((*path, given[0]), "a nucleus has a material, too: nucleus is missing")
 
 
 def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
@@ -71,7 +71,7 @@ def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
     reach = getattr(substrate, "cutoff", math.inf)
     if push is not None and push.cells and push.height > reach:
         height, reach = (units.text(v, "um") for v in (push.height, reach))
-        source.wrong(("protrusion", "height"), f"{height} is beyond the reach of the bonds to the substrate, "
+        source.reject(("protrusion", "height"), f"{height} is beyond the reach of the bonds to the substrate, "
                      f"adhesion.substrate.cutoff = {reach}: take at most that, or a longer cutoff")
 
 
@@ -82,10 +82,10 @@ def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]
         count = particles.per_cell or cell.shape.area / particles.spacing**2
         total += count
         if round(count) < 7:
-            source.wrong(("particles", key), f"leaves '{cell.name}' with {count:.0f} particles; at least 7 are needed")
+            source.reject(("particles", key), f"leaves '{cell.name}' with {count:.0f} particles; at least 7 are needed")
             return
     if total > MOST_PARTICLES:
-        source.wrong(("particles", key), f"makes {total:.2g} particles, at most {MOST_PARTICLES:.0e} are possible")
+        source.reject(("particles", key), f"makes {total:.2g} particles, at most {MOST_PARTICLES:.0e} are possible")
 
 
 def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
@@ -94,11 +94,11 @@ def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     reported = set()
     for cell, path in cells:
         if not cell.name.strip() or not cell.name.isprintable():
-            source.wrong((*path, "name"), "a name has printable characters, and at least one")
+            source.reject((*path, "name"), "a name has printable characters, and at least one")
         elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in reported:
             reported.add((path, seen[cell.name]))
             other, line = ".".join(map(str, seen[cell.name])), source.place(seen[cell.name])[1]
-            source.wrong((*path, "name"), f"two cells are called '{cell.name}': this one and {other}"
+            source.reject((*path, "name"), f"two cells are called '{cell.name}': this one and {other}"
                                           + (f" in line {line}" if line else ""))
         seen.setdefault(cell.name, path)
 
@@ -112,17 +112,17 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
             for shape, cell in shapes.items():
                 for part in item.parts:
                     if part not in shape.parts:
-                        source.wrong((*path, "parts"), f"'{cell.name}' has no part {show(part)}"
+                        source.reject((*path, "parts"), f"'{cell.name}' has no part {show(part)}"
                                                        f"{suggest(part, shape.parts)}")
             if not re.fullmatch(r"[\w-]+", item.name):
-                source.wrong((*path, "name"), "names a column: expects letters, digits, - and _ alone")
+                source.reject((*path, "name"), "names a column: expects letters, digits, - and _ alone")
             elif kind != "loads" and item.name in seen:
-                source.wrong((*path, "name"), f"is that of another support, plate or probe: '{item.name}'")
+                source.reject((*path, "name"), f"is that of another support, plate or probe: '{item.name}'")
             if kind != "loads":
                 seen.add(item.name)
     step = found["time"].integrator if found["time"] is not None else ""
     if found["plates"] and step not in ("leapfrog", "auto", "static", ""):
-        source.wrong(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
+        source.reject(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
 
 
 def _equilibria(source: Source, found: dict[str, Any]) -> None:
@@ -133,7 +133,7 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
     used = {name for cell, _ in found["cells"] for name in (cell.material, cell.nucleus)}
     for name, law in (found["materials"] or {}).items():
         if name in used and law is not None and (law.viscosity or not law.shear_modulus):
-            source.wrong(("materials", name), f"{why}: '{law.law}' flows, and bears no load that stays; "
+            source.reject(("materials", name), f"{why}: '{law.law}' flows, and bears no load that stays; "
                          "steps in time (\"beuler\", a long time.step) lead to its rest")
     for name, path, what in (
             ("substrate", ("adhesion", "substrate"), "adhesion"), ("contact", ("adhesion", "cells"), "adhesion"),
@@ -141,15 +141,15 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
             ("friction", ("friction",), "friction"), ("director", ("director",), "director"),
             ("body_force", ("body_force",), "body force")):
         if found[name] is not None:
-            source.wrong(path, f"{why} under supports, loads and plates; it has no {what} yet")
+            source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
         for key in ("displacement", "velocity", "velocity_gradient"):
             if np.any(np.array(getattr(cell, key), object) != np.array(declared(Cell)[key].default, object)):
-                source.wrong((*path, key), f"{why}, from rest: nothing moves at the start")
+                source.reject((*path, key), f"{why}, from rest: nothing moves at the start")
     for kind in ("supports", "loads", "plates"):
         for item, path in found[kind]:
             if item.load_curve.value(0.0) and _acts(item):
-                source.wrong((*path, "load_curve"), f"{why} under loads that grow with time from zero: "
+                source.reject((*path, "load_curve"), f"{why} under loads that grow with time from zero: "
                              'expects such as { law = "ramp", duration = "1 us" }')
 
 
@@ -168,7 +168,7 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
         bottom = cell.centre[1] + cell.shape.lowest()
         if bottom < 0 and path not in reported:
             reported.add(path)
-            source.wrong((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0; "
+            source.reject((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0; "
                                             "rest = true puts it there")
 
 
@@ -183,6 +183,6 @@ def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
         pair = path_a, path_b
         if pair not in reported and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
             reported.add(pair)
-            source.wrong((*path_b, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
+            source.reject((*path_b, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
             if len(reported) == MOST_OVERLAPS:
                 return

@@ -34,27 +34,27 @@ def _numbered(name: str, total: int) -> list[str]:
 Changed = Mapping[tuple, tuple[Cell, Mapping]]  # by path of a copy: the changed cell, and the table of its changes
 
 
-def expand(wrong: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]], floor: float | None,
+def expand(reject: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]], floor: float | None,
            changed: Changed) -> list[tuple[Cell, tuple]]:
     """All copies of all cells, each with the path of its table; the first direction of `repeat` runs fastest.
 
     Parameters
     ----------
-    wrong : function -- notes a mistake, given its path and message.
+    reject : function -- notes a mistake, given its path and message.
     cells : list of (cell, path) -- cells that are not yet repeated.
     floor : float -- height at which cells rest on the substrate [µm]; None without a substrate.
     changed : dict -- copies that differ.
     """
     if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
-        wrong(("cells",), f"are more than {MOST_CELLS}, with all their copies")
+        reject(("cells",), f"are more than {MOST_CELLS}, with all their copies")
         return []
     found = []
     for cell, path in cells:
         total = math.prod(cell.repeat)
         if len(cell.pitch) != len(cell.repeat) and total > 1:
-            wrong((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
+            reject((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
             continue
-        first = _set_down(wrong, cell, path, floor)
+        first = _set_down(reject, cell, path, floor)
         for k, name in enumerate(_numbered(cell.name, total)):
             centre, place = _centre(first, k), (*path, name)
             rest = cell.rest and centre[1] == _centre(first, 0)[1]
@@ -62,16 +62,16 @@ def expand(wrong: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]],
             copy = dataclasses.replace(own, name=name, centre=own.centre if "centre" in says else centre, repeat=(1,),
                                        pitch=(), rest=own.rest if "rest" in says else rest)
             place = place if says else path
-            found.append((_set_down(wrong, copy, place, floor) if says else copy, place))
+            found.append((_set_down(reject, copy, place, floor) if says else copy, place))
     return found
 
 
-def _set_down(wrong: Callable[[tuple, str], None], cell: Cell, path: tuple, floor: float | None) -> Cell:
+def _set_down(reject: Callable[[tuple, str], None], cell: Cell, path: tuple, floor: float | None) -> Cell:
     """The cell, moved onto the substrate if it is to rest there."""
     if not cell.rest:
         return cell
     if floor is None:
-        wrong((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
+        reject((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
         return cell
     return dataclasses.replace(cell, centre=(cell.centre[0], float(f"{floor - cell.shape.lowest():.15g}")))
 

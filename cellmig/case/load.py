@@ -59,9 +59,9 @@ def _case(source: Source, path: str) -> Case:
     try:
         found = reader.case()
     except RecursionError:
-        source.wrong((), "is nested too deeply")
+        source.reject((), "is nested too deeply")
     except ArithmeticError:
-        source.wrong((), "holds a number too large or too small to compute with")
+        source.reject((), "holds a number too large or too small to compute with")
     if source.mistakes:
         raise CaseError(source.sorted_mistakes())
     return Case(**found, path=path, formulas=reader.formulas, chosen=chosen)
@@ -71,7 +71,7 @@ class _Reader:
     """Compares the tables of a case with its declarations and notes every mistake."""
 
     def __init__(self, source: Source):
-        self.source, self.wrong = source, source.wrong
+        self.source, self.reject = source, source.reject
         self.formulas: dict[tuple, tuple] = {}
         self.partial = bool(source.mistakes)  # a file could not be read: missing keys are not reported
         materials = source.data.get("materials")
@@ -87,7 +87,7 @@ class _Reader:
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
         floor = getattr(found["substrate"], "equilibrium_distance", 0.0) if on_substrate else None
-        found["cells"] = expand(self.wrong, found["cells"], floor, self.changed)
+        found["cells"] = expand(self.reject, found["cells"], floor, self.changed)
         if not self.partial:
             resolution(self.source)
         check(self.source, found, on_substrate)
@@ -119,11 +119,11 @@ class _Reader:
             below = {p[1:] for p in known if p[0] == key}
             if not below:
                 what = "section" if isinstance(value, dict) else "key"
-                self.wrong((*path, key), f"no such {what}{suggest(key, words)}")
+                self.reject((*path, key), f"no such {what}{suggest(key, words)}")
             elif () not in below and isinstance(value, dict):
                 self.known_keys(value, (*path, key), below)
             elif () not in below:
-                self.wrong((*path, key), f"is a section: [{key}], not {show(value)}")
+                self.reject((*path, key), f"is a section: [{key}], not {show(value)}")
 
     def part(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one field of the case."""
@@ -136,7 +136,7 @@ class _Reader:
             return self.items(meta["items_of"], [] if value is None else value, path)
         if meta.get("many"):
             if not isinstance(value, dict | None):
-                self.wrong(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
+                self.reject(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
                 return {}
             return {name: self.law(meta["kind"], item, (*path, name)) for name, item in (value or {}).items()}
         if value is None:
@@ -153,7 +153,7 @@ class _Reader:
             self.missing(path, "a case has at least one cell, in a table [[cells]]")
             return []
         if not isinstance(value, list):
-            self.wrong(path, "is a list of tables: write [[cells]]")
+            self.reject(path, "is a list of tables: write [[cells]]")
             return []
         found = [(self.repeated(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
         return [cell for cell in found if cell[0] is not None]
@@ -169,9 +169,9 @@ class _Reader:
         cell = self.cell(data, path)
         for name, says in own.items():
             if name not in names:
-                self.wrong((*path, name), f"no such copy{suggest(name, names)}")
-            elif wrong := {"name", "repeat", "pitch"} & set(says):
-                self.wrong((*path, name, min(wrong)), "is that of all copies")
+                self.reject((*path, name), f"no such copy{suggest(name, names)}")
+            elif fixed := {"name", "repeat", "pitch"} & set(says):
+                self.reject((*path, name, min(fixed)), "is that of all copies")
             elif cell is not None:
                 alone = {k: v for k, v in data.items() if k not in ("repeat", "pitch")}
                 if (copy := self.cell({**alone, **says}, (*path, name))) is not None:
@@ -181,7 +181,7 @@ class _Reader:
     def items(self, cls: type, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
         """Items without mistakes of a list of tables, with their paths."""
         if not isinstance(value, list):
-            self.wrong(path, f"is a list of tables: write [[{path[-1]}]]")
+            self.reject(path, f"is a list of tables: write [[{path[-1]}]]")
             return []
         found = [(self.record(cls, item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
         return [item for item in found if item[0] is not None]
@@ -208,13 +208,13 @@ class _Reader:
         known = registry.laws(kind)
         if not isinstance(data, dict):
             if key == "law":
-                self.wrong(path, f"expects a table, not {show(data)}")
+                self.reject(path, f"expects a table, not {show(data)}")
             return None
         name = data.get(key, default)
         if name is None:
             self.missing((*path, key), f"one of {', '.join(map(repr, known))}")
         elif not isinstance(name, str) or name not in known:
-            self.wrong((*path, key), f"no {kind}{' law' * (key == 'law')} {show(name)}{suggest(name, known)}")
+            self.reject((*path, key), f"no {kind}{' law' * (key == 'law')} {show(name)}{suggest(name, known)}")
         else:
             return known[name]
         return None
@@ -225,7 +225,7 @@ class _Reader:
         `others` are further keys that the table may have, None for any; `given` are values that do not come from it.
         """
         if not isinstance(data, dict):
-            self.wrong(path, f"expects a table, not {show(data)}")
+            self.reject(path, f"expects a table, not {show(data)}")
             return None
         fields, found = declared(cls), dict(given)
         for key, value in data.items():
@@ -233,7 +233,7 @@ class _Reader:
                 found[key] = self.value(values.in_table(fields[key], data.get("unit")), value, (*path, key))
             elif key not in fields and others is not None and key not in others:
                 renamed = next((name for name, f in fields.items() if f.metadata.get("formerly") == key), None)
-                self.wrong((*path, key), f"is called '{renamed}' now" if renamed else
+                self.reject((*path, key), f"is called '{renamed}' now" if renamed else
                            f"no such key{suggest(key, [*fields, *others])}")
                 if renamed:
                     found[renamed] = self.value(values.in_table(fields[renamed], data.get("unit")), value, (*path, key))
@@ -249,7 +249,7 @@ class _Reader:
         try:
             return cls(**found)
         except ValueError as error:  # raised by the class, on several parameters
-            self.wrong(path, str(error))
+            self.reject(path, str(error))
             return None
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
@@ -266,15 +266,15 @@ class _Reader:
             if isinstance(value, Corners):
                 found = Corners(found, value.path, value.lines)
         except ValueError as error:
-            self.wrong(path, str(error))
+            self.reject(path, str(error))
             return None
         what = f.metadata.get("refers") or f.metadata.get("items")
         for name in dict.fromkeys(found if isinstance(found, tuple) else (found,)) if what in self.names else ():
             if name not in self.names[what] and not self.partial:
-                self.wrong(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
+                self.reject(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
         return found
 
     def missing(self, path: tuple, what: str) -> None:
         """Note a required key that is missing."""
         if not self.partial:
-            self.wrong(path, f"missing: {what}")
+            self.reject(path, f"missing: {what}")

@@ -39,7 +39,7 @@ class Source:
                 return self.places[path[:n]]
         return self.files[0], None
 
-    def wrong(self, path: tuple, message: str) -> None:
+    def reject(self, path: tuple, message: str) -> None:
         """Note a mistake at a key; in a list of tables, the name of the table is added to the message."""
         name = self._name(path)
         if name and repr(name) not in message:

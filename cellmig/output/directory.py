@@ -113,7 +113,7 @@ class Claim:
         handle, made = together(comm, lambda: _locked(self.path, make), root_only=True)[comm.rank] or (None, False)
         self.release: Callable[[], Any] = lambda: None
         if handle is not None:
-            self.release = weakref.finalize(self, _let_go, self.path, handle, made)
+            self.release = weakref.finalize(self, _release, self.path, handle, made)
 
     def __enter__(self) -> Claim:
         return self
@@ -155,7 +155,7 @@ def _locked(path: Path, make: bool) -> tuple[int, bool] | None:
         except BlockingIOError:
             os.close(handle)
             if monotonic() > give_up:
-                raise _at_work(path) from None
+                raise _in_use(path) from None
             sleep(0.05)
             continue
         except OSError:
@@ -166,14 +166,14 @@ def _locked(path: Path, make: bool) -> tuple[int, bool] | None:
         os.close(handle)  # the directory was replaced
 
 
-def _let_go(path: Path, handle: int, made: bool) -> None:
+def _release(path: Path, handle: int, made: bool) -> None:
     if made:
         with suppress(OSError):
             path.rmdir()
     os.close(handle)
 
 
-def _at_work(path: Path) -> OutputError:
+def _in_use(path: Path) -> OutputError:
     return OutputError(f"another run is at work in '{path}'; wait for its end, or choose another place with --out DIR")
 
 
@@ -190,7 +190,7 @@ def _clear(path: Path) -> Path | None:
     except OutputError:
         raise
     except FileExistsError as error:  # the file system has no locks
-        raise _at_work(path) from error
+        raise _in_use(path) from error
     except OSError as error:
         raise _cannot_write(path, error) from error
 

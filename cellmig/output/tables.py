@@ -84,7 +84,7 @@ class _Table:
         """Length and sha256 of the table, for a checkpoint; on rank 0."""
         return {"bytes": self._path.stat().st_size, "sha256": self._digest.hexdigest()}
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Flush all rows to the disk; collective."""
         together(self._comm, lambda: sync(self._path), root_only=True)
 
@@ -202,10 +202,10 @@ class Tables:
     def _all(self) -> dict[str, _Table]:
         return {"history": self.history, "ledger": self.ledger, **self._surroundings}
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Flush all rows to the disk."""
         for table in self._all().values():
-            table.settle()
+            table.flush()
 
     def ends(self) -> dict[str, dict[str, Any]]:
         """Ends of all tables, for a checkpoint, on all ranks."""

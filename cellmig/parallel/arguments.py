@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable
 from typing import Any
 
-from ..exits import WRONG
+from ..exits import INVALID_INPUT
 from .launch import launcher_size
 
 _NUMBER = re.compile(r"-?(\d|\.\d)")
@@ -55,7 +55,7 @@ def start_petsc(options: list[str]) -> Any:
         error = OptionError(f"PETSc cannot read its options: {wrong}")
         if MPI.COMM_WORLD.size > 1 and MPI.COMM_WORLD.rank == 0:  # only rank 0 reads files, and the others wait
             print(f"cellmig: {error}", file=sys.stderr, flush=True)
-            MPI.COMM_WORLD.Abort(WRONG)
+            MPI.COMM_WORLD.Abort(INVALID_INPUT)
         raise error
     names, size = launcher_size()
     if size > 1 == MPI.COMM_WORLD.size:

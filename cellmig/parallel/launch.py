@@ -17,7 +17,7 @@ import threading
 from collections.abc import Sequence
 from typing import IO
 
-from ..exits import BROKEN, DONE, ENVIRONMENT, INPUT_OUTPUT, STOPPED, WRONG
+from ..exits import DONE, ENVIRONMENT, FAILED, INPUT_OUTPUT, INVALID_INPUT, STOPPED
 
 # -P: Python imports no module from the current folder.
 PYTHON = (sys.executable, "-P")
@@ -35,7 +35,7 @@ _OF_RANKS = re.compile(r"OMPI_(?!MCA_|ALLOW_)|OPAL_|PMIX_|PRTE_(?!MCA_)|ORTE_|PM
 _RULE = b"-" * 40  # a message of Open MPI begins and ends with it
 # In messages about the end of the program and about our signals, which the program reports itself.
 _REDUNDANT = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal")
-_OURS = {DONE, WRONG, ENVIRONMENT, BROKEN, INPUT_OUTPUT, STOPPED}
+_OURS = {DONE, INVALID_INPUT, ENVIRONMENT, FAILED, INPUT_OUTPUT, STOPPED}
 _PATIENCE = 60.0  # time within which ranks have to start [s]
 
 

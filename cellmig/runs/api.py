@@ -9,7 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
-from cellmig.exits import BROKEN, DONE, STOPPED
+from cellmig.exits import DONE, FAILED, STOPPED
 from cellmig.output.directory import OutputError
 from cellmig.solve.step import NumericsError
 
@@ -31,5 +31,5 @@ def run_here(case: Case, directory: Path, until: float | None, quiet: bool, star
         status = run.go(stop_signals)
         run.simulation.destroy()
     if status not in (DONE, STOPPED):
-        raise (NumericsError if status == BROKEN else OutputError)(run.manifest["cause"])
+        raise (NumericsError if status == FAILED else OutputError)(run.manifest["cause"])
     return Record(directory)

@@ -29,7 +29,7 @@ from cellmig.case.load import load
 from cellmig.case.own_laws import included
 from cellmig.case.schema import Case
 from cellmig.case.times import until
-from cellmig.exits import BROKEN
+from cellmig.exits import FAILED
 from cellmig.laws import register
 from cellmig.output.directory import Claim, replace
 from cellmig.output.log import clock
@@ -219,7 +219,7 @@ def unsound(jobs: Iterable[Job]) -> dict[Job, JobResult]:
         if error is None or error > LARGEST_ENERGY_ERROR:
             error = float("nan") if error is None else error
             message = f"the energy ledger misses {100 * error:.3g} %, of {100 * LARGEST_ENERGY_ERROR:g} % allowed"
-            found[job] = JobResult(job, BROKEN, message)
+            found[job] = JobResult(job, FAILED, message)
             print(f"{job.name} does not count: {message}")
     return found
 

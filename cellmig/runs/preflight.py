@@ -120,7 +120,7 @@ def report(case: Case) -> str:
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
         *_faster(case, c),
-        ("memory", f"{said_bytes(c.memory)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"{bytes_text(c.memory)} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
@@ -135,7 +135,7 @@ def _static_report(case: Case) -> str:
         ("load steps", describe_load_steps(case)),
         ("time", f"about {duration(NEWTON * size)} for each step of Newton on one core, 4 to 8 to a load step, "
                  "as measured elsewhere with a direct solver"),
-        ("memory", f"about {said_bytes(STATIC_BYTES * size)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"about {bytes_text(STATIC_BYTES * size)} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, size),
         *describe_skipped(find_terms(case).skipped),
     ])
@@ -150,14 +150,14 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     steps = math.ceil(case.time.end / (case.time.step if fixed else step))
     count = f"{steps} to {_end(case)}"
     if not fixed:
-        count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_as_tried(trial)}"
+        count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_trial_text(trial)}"
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
         ("time step", solver),
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
         ("steps", count), ("time", f"{duration(steps * one)} on one core"),
         ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
-        ("memory", f"about {said_bytes(STATIC_BYTES * c.particles)} in all and {said_bytes(RANK_BYTES)} on each rank"),
+        ("memory", f"about {bytes_text(STATIC_BYTES * c.particles)} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
@@ -181,14 +181,14 @@ def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     except NumericsError as error:
         return [("", f'time.integrator = "bdf", implicit steps, finds no way on from the start: {error}')]
     seconds = times * case.time.end / trial.speed
-    text = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_as_tried(trial)}'
+    text = f'time.integrator = "bdf", implicit steps, takes {duration(seconds)}, {_trial_text(trial)}'
     if seconds < min(c.seconds / 2, LONG):
         return [("better", text)]
     return [("", f"{text}: at that pace no integrator here ends within a day; fewer particles or a shorter time.end "
                  "do")]
 
 
-def _as_tried(trial: Trial) -> str:
+def _trial_text(trial: Trial) -> str:
     """Origin of an estimate, as text."""
     mean, reached = (duration(1e-6 * t) for t in (trial.simulated / trial.steps, trial.reached))
     return (f"as the last {trial.steps} of {trial.taken} steps of a trial of {trial.particles} particles went, {mean} "
@@ -213,7 +213,7 @@ def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
 
 def _disk(case: Case, count: int) -> tuple[str, str]:
     frames = case.time.frames + 1
-    return "disk", f"{said_bytes(disk_bytes(case, count))} in {frames} frames"
+    return "disk", f"{bytes_text(disk_bytes(case, count))} in {frames} frames"
 
 
 def disk_bytes(case: Case, count: int) -> int:
@@ -267,7 +267,7 @@ def _frame_bytes(case: Case) -> int:
     return 28 + sum(field.stored for field in FIELDS.values() if present[field.term])
 
 
-def said_bytes(n: float) -> str:
+def bytes_text(n: float) -> str:
     """A size [B] as text, such as 3.2 GB."""
     for unit in ("B", "kB", "MB", "GB"):
         if n < 1000:

@@ -14,17 +14,17 @@ from cellmig.case.schema import Case, particle_count
 from cellmig.output.directory import together
 from cellmig.output.manifest import memory_sizes
 
-from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, disk_bytes, said_bytes
+from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes
 
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
 
-class NoRoom(Exception):
+class InsufficientResources(Exception):
     """The run needs more memory or disk space than this machine has free."""
 
 
-def require_room(case: Case, directory: Path, comm: Any) -> None:
-    """Raise NoRoom for a run that cannot fit, before it writes files; collective.
+def require_resources(case: Case, directory: Path, comm: Any) -> None:
+    """Raise InsufficientResources for a run that cannot fit, before it writes files; collective.
 
     The estimate is a lower bound: a run that passes may still be short of memory.
     """
@@ -33,7 +33,7 @@ def require_room(case: Case, directory: Path, comm: Any) -> None:
     here.Free()
     lacks = together(comm, lambda: list(_lacks(case, Path(directory), ranks)))
     if lacks := list(dict.fromkeys(line for lines in lacks for line in lines or ())):
-        raise NoRoom(f"{case.path}: the run does not fit: {'; '.join(lacks)}; "
+        raise InsufficientResources(f"{case.path}: the run does not fit: {'; '.join(lacks)}; "
                      "take fewer particles or frames, or a larger machine")
 
 
@@ -42,11 +42,11 @@ def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
     kinds = {(c.shape, c.material, c.nucleus): n for c, n in zip(case.cells, counts, strict=True)}
     needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
     if needed > (free := free_memory()):
-        yield f"it takes {said_bytes(needed)} of memory at least, of which {said_bytes(free)} are free"
+        yield f"it takes {bytes_text(needed)} of memory at least, of which {bytes_text(free)} are free"
     existing = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)
     with suppress(OSError):
         if existing and (needed := disk_bytes(case, sum(counts))) > (free := shutil.disk_usage(existing).free):
-            yield f"it leaves {said_bytes(needed)} in '{directory}', of which {said_bytes(free)} are free"
+            yield f"it leaves {bytes_text(needed)} in '{directory}', of which {bytes_text(free)} are free"
 
 
 def free_memory() -> float:

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.case.times import output_times
-from cellmig.exits import BROKEN, DONE, INPUT_OUTPUT, STOPPED, WRONG
+from cellmig.exits import DONE, FAILED, INPUT_OUTPUT, INVALID_INPUT, STOPPED
 from cellmig.meshfree.overlap import escaped, overlap
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
@@ -36,7 +36,7 @@ from cellmig.version import __version__
 
 from . import checkpointing, summary
 from .checkpointing import DEFAULT_INTERVALS, STOP, CheckpointSchedule, Intervals
-from .resources import require_room
+from .resources import require_resources
 from .trial import choose
 
 ENERGY_ERROR = 0.05  # a larger energy error ends a run: the step was unstable [-]
@@ -56,7 +56,7 @@ class Run:
         options = options_given()
         check_integrator(case.time.integrator, f"{case.path}: time.integrator")
         if not state:
-            require_room(case, directory, comm)
+            require_resources(case, directory, comm)
         origin_state = checkpointing.last_state(origin, comm, quiet) if origin and not state else None
         parent = checkpointing.parent(origin, origin_state) if origin_state else state and state.about["from"]
         self.case, self.comm, self.timers = case, comm, Timers()
@@ -100,7 +100,7 @@ class Run:
             case, self.reason = choose(self.case, self.comm)
             return Simulation(case, self.comm, prune, start=origin_state.arrays if origin_state else None)
         except CaseError as error:  # found only once there are particles
-            self.manifest |= {"exit_status": WRONG, "cause": str(error)}
+            self.manifest |= {"exit_status": INVALID_INPUT, "cause": str(error)}
             self._save_manifest()
             raise
 
@@ -134,7 +134,7 @@ class Run:
                 if not self._integrator.between_samples:
                     self.schedule.resumable = self._state()
         except NumericsError as error:
-            status, cause = BROKEN, str(error)
+            status, cause = FAILED, str(error)
             self._try_last_frame()
         except OutputError as error:
             status, cause = INPUT_OUTPUT, str(error)
@@ -180,7 +180,7 @@ class Run:
     def _save(self) -> None:
         """Write a checkpoint of now, or of the last sample where the current state cannot be resumed."""
         with self.timers("checkpoints"):
-            self.tables.settle()
+            self.tables.flush()
             self.schedule.save(self._state)
 
     def _write_final_checkpoint(self) -> None:
@@ -327,10 +327,10 @@ class Run:
             "list_renewals": s.mechanics.segments.renewals,
             "frames": self.frames.count if self.frames else self.frames_before,
             "checkpoints": {"written": self.schedule.count, "seconds": self.schedule.seconds},
-            "state_hash": s.state_hash() if status != BROKEN else None, "unused_options": unused_options(),
+            "state_hash": s.state_hash() if status != FAILED else None, "unused_options": unused_options(),
             "sections_seconds": self.timers.seconds()}
         self._save_manifest()
-        ended = {DONE: "done", BROKEN: "failed", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
+        ended = {DONE: "done", FAILED: "failed", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
         why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
         self.log(f"{ended}: {duration(1e-6 * s.time, 6)} in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per "
                  f"particle and step{why}")
@@ -347,7 +347,7 @@ class Run:
         self.log(self.timers.summary(self.comm))
         if status == STOPPED:
             self.log(f"'resume {self.directory}' goes on")
-        if status in (BROKEN, INPUT_OUTPUT):
+        if status in (FAILED, INPUT_OUTPUT):
             self.log.error(f"cellmig: {cause}")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from cellmig.case.schema import Case, particle_count
-from cellmig.exits import BROKEN, DIFFERENT, DONE, STOPPED, WRONG
+from cellmig.exits import DIFFERENT, DONE, FAILED, INVALID_INPUT, STOPPED
 from cellmig.geometry import polygons
 from cellmig.laws import register
 from cellmig.output.directory import Claim, replace
@@ -95,11 +95,11 @@ def measure(ended: JobResult) -> tuple[dict[str, float], list[np.ndarray]]:
     case, fields = ended.job.load(), frames(directory)[-1].read()
     outlines = [outline(fields, cell)[:-1] for cell in np.unique(fields["cell"])]
     return {"energy_error": manifest["worst_energy_error"], "J_min": manifest["J"][0], "J_max": manifest["J"][1],
-            "area": area_missed(case, history, fields), "softness": softness(case), "steps": manifest["steps"],
+            "area": area_error(case, history, fields), "softness": softness(case), "steps": manifest["steps"],
             "seconds": manifest["wall_seconds"]}, outlines
 
 
-def area_missed(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
+def area_error(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
     """Largest relative change of a cell's area beyond the change of its particles' volumes [-]."""
     area = np.array([history["area_um2"][history["cell"] == c][[0, -1]] for c in np.unique(fields["cell"])])
     V, cell = discretise(case).field("V")[fields["id"]], fields["cell"] - 1
@@ -134,9 +134,9 @@ def judge(ended: JobResult, numbers: dict[str, Any], outlines: Sequence[np.ndarr
     def say(how: str, why: str) -> Verdict:
         return Verdict(ended.job.name, how, ended.code, why, ended.job.command(), numbers)
 
-    if ended.code == BROKEN:
+    if ended.code == FAILED:
         return say("stopped", ended.message) if CLEAN.search(ended.message) else say("bad", f"says '{ended.message}'")
-    if ended.code == WRONG:
+    if ended.code == INVALID_INPUT:
         return say("refused", ended.message) if ended.message else say("bad", "refused without a word")
     if ended.code:
         return say("bad", ended.message or f"exit code {ended.code}")

@@ -161,16 +161,16 @@ def judge(name: str, error: str, expected: Expected, found: Sequence[Measured], 
         why += [f"order {order:.2f} {how} is below {expected.order - SHORTFALL:.3g}"
                 for how, order in (("of the two finest", pairwise), ("over all", fitted))
                 if not order >= expected.order - SHORTFALL]
-    why += _missed(expected, particles, errors)
+    why += _unmet_targets(expected, particles, errors)
     return Verdict(name, error, expected, sizes, errors, particles, pairwise, fitted, tuple(why))
 
 
-def _missed(expected: Expected, particles: Sequence[int], errors: Sequence[float]) -> list[str]:
+def _unmet_targets(expected: Expected, particles: Sequence[int], errors: Sequence[float]) -> list[str]:
     """Messages about targets for the error itself that apply and are missed."""
-    missed = []
+    messages = []
     for most, target in expected.within.items():
         tried = [(n, e) for n, e in zip(particles, errors, strict=True) if n <= most]
         if tried and max(tried)[0] >= TRIED * most and not max(tried)[1] <= target:
             n, e = max(tried)
-            missed.append(f"error {e:.2g} at {n} particles is above {target:g}")
-    return missed
+            messages.append(f"error {e:.2g} at {n} particles is above {target:g}")
+    return messages

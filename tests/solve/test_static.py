@@ -13,7 +13,7 @@ from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
 from cellmig.case.times import output_times
 from cellmig.output.manifest import read_manifest
-from cellmig.runs.run import BROKEN, Run
+from cellmig.runs.run import FAILED, Run
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 from cellmig.verify.specimens import RAMP, piece
@@ -122,7 +122,7 @@ def test_a_load_that_has_no_equilibrium_ends_with_a_message() -> None:
 @pytest.mark.serial
 def test_a_run_that_finds_no_equilibrium_ends_with_code_4(tmp_path, capsys) -> None:
     run = Run(bent(60, 9e5), tmp_path / "torn", MPI.COMM_SELF)
-    assert run.go() == BROKEN == 4
+    assert run.go() == FAILED == 4
     said = capsys.readouterr()
     assert "no equilibrium was found" in said.err
     assert "integrator  static: newtonls of PETSc with preonly and lu" in said.out

@@ -7,7 +7,7 @@ import numpy as np
 from cellmig.verify.exact import sheared
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import altered, built, by_id, case, displacement, drop, nucleus, put, velocity
+from .scenes import altered, built, by_id, case, displacement, drop, nucleus, set_state, velocity
 
 PAIRS = "forces come in pairs that are equal and opposite, on one line: sums of rounding alone"
 
@@ -20,8 +20,8 @@ def momentum(count: int) -> Measured:
     with built(case("all_protrude", count)) as sim:
         sim.go(1.0)
         sim.sample()
-        missed = sim.sampler.momentum()[0] / sim.mechanics.accounts.protrusion_impulse() - 1.0
-        return Measured(sim.scene.templates[0].spacing, {"along x": abs(float(missed))}, count)
+        error = sim.sampler.momentum()[0] / sim.mechanics.accounts.protrusion_impulse() - 1.0
+        return Measured(sim.scene.templates[0].spacing, {"along x": abs(float(error))}, count)
 
 
 @reference("cell-cell", shows="sum and torque of the forces between three cells that are pressed together",
@@ -31,7 +31,7 @@ def cell_cell(count: int) -> Measured:
     """Errors are relative to the sum of the magnitudes."""
     with built(case("paper", count)) as sim:
         u = 0.004 * np.random.default_rng(1).standard_normal((sim.scene.size, 2))
-        put(sim, u)
+        set_state(sim, u)
         x, f = sim.scene.X + u, by_id(sim, sim.mechanics.surface_force("contact")[0])
         turn = x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0]
         return Measured(sim.scene.templates[0].spacing,
@@ -81,7 +81,7 @@ def area(count: int) -> Measured:
         X, V = sim.scene.X, sim.scene.field("V")
 
         def now(u: np.ndarray) -> float:
-            put(sim, u)
+            set_state(sim, u)
             return sim.sample()[0][1]["area_um2"]
 
         rest = now(np.zeros_like(X))

@@ -16,9 +16,9 @@ from cellmig.simulation import Simulation
 from cellmig.verify.reference import Measured, converges, exact, reference
 from cellmig.verify.specimens import piece, rectangle
 
-from .scenes import built, displaced, displacement, put, relative_rms
+from .scenes import built, displaced, displacement, relative_rms, set_state
 from .solid import ELASTIC, stiffness
-from .static import EDGES, missed
+from .static import EDGES, displacement_error
 
 SMOOTH = "h² of a linear basis, and of a step that goes with h"
 SIZE = 1e-7  # amplitude of motions [µm]
@@ -53,11 +53,11 @@ def standing_wave(count: int) -> Measured:
         omega = np.pi / length * case.materials["nucleus"].sound_speed
         with built(case) as sim:
             form = np.column_stack([np.cos(np.pi / length * sim.scene.X[:, 0]), np.zeros(count)])
-            put(sim, None, SIZE * omega * form)
+            set_state(sim, None, SIZE * omega * form)
             time = 2.125 * 2.0 * np.pi / omega
             sim.go(time)
             right = SIZE * np.sin(omega * time) * form
-            found[name] = missed(sim, right)
+            found[name] = displacement_error(sim, right)
             V, across = sim.scene.field("V"), displacement(sim)[:, 1]
             found[f"{name} across"] = float(np.abs(across).max() / SIZE)
             found[f"{name} across, L2"] = float(np.sqrt(V @ across**2 / (V @ right[:, 0] ** 2)))
@@ -146,7 +146,7 @@ def manufactured_space(count: int) -> Measured:
             case, waves = manufactured(count, modulus, how == "pulled", squeezed=squeezed)
             with built(case) as sim:
                 sim.go(1.3)
-                found[f"{how}, {name}"] = missed(sim, waves.displacement(sim.scene.X, 1.3))
+                found[f"{how}, {name}"] = displacement_error(sim, waves.displacement(sim.scene.X, 1.3))
                 spacing = sim.scene.templates[0].spacing
     return Measured(spacing, found, count)
 
@@ -217,8 +217,8 @@ def beam_vibration(count: int) -> Measured:
             found[name] = abs(omega / right - 1.0)
             if name == "clamped, soft":
                 u *= SIZE / np.abs(u).max()
-                put(sim, None, omega * u)
+                set_state(sim, None, omega * u)
                 sim.go(0.5 * np.pi / omega)
-                found["in time"] = missed(sim, u)
+                found["in time"] = displacement_error(sim, u)
             spacing = sim.scene.templates[0].spacing
     return Measured(spacing, found, count)

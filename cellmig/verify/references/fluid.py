@@ -8,7 +8,7 @@ from scipy.special import jn_zeros, jv
 from cellmig.verify.exact import Drop
 from cellmig.verify.reference import Measured, converges, reference
 
-from .scenes import altered, built, displacement, drop, on_the_rim, put, velocity
+from .scenes import altered, built, displacement, drop, on_the_rim, set_state, velocity
 
 RADIUS = 5.0  # µm
 
@@ -33,11 +33,11 @@ def viscous_drop(count: int) -> Measured:
     """The viscosity is 1000 Pa µs; there is no line tension."""
     right = {1.0: (5.08760, 4.91357), 2.0: (5.15571, 4.84742), 5.0: (5.28614, 4.72173)}
     with built(altered(drop(count), straining(0.02))) as sim:
-        missed = 0.0
+        error = 0.0
         for time, exact in right.items():
             sim.go(time)
-            missed = max(missed, float(np.abs(axes(sim) - exact).max()) / RADIUS)
-        return Measured(sim.scene.templates[0].spacing, {"semi-axes": missed}, count)
+            error = max(error, float(np.abs(axes(sim) - exact).max()) / RADIUS)
+        return Measured(sim.scene.templates[0].spacing, {"semi-axes": error}, count)
 
 
 @reference("inviscid-drop", shows="stretching ellipse: semi-axes when a/b = 4, over R, from v = A (x, -y), A = 0.1 /µs",
@@ -72,7 +72,7 @@ def shear_decay(count: int) -> Measured:
         X, mass, law = sim.scene.X, sim.scene.field("mass"), sim.scene.materials[0]
         r = np.maximum(np.hypot(*X.T), 1e-9)
         mode = (jv(1, k * r) / r)[:, None] * np.column_stack([-X[:, 1], X[:, 0]])
-        put(sim, v=0.01 * mode)
+        set_state(sim, v=0.01 * mode)
         share = []
         for time in (0.5, 1.0):
             sim.go(time)
@@ -88,15 +88,15 @@ def ringing(case, mode, amplitude: float, time: float) -> tuple[float, float]:
         X, rim = sim.scene.X, sim.scene.surface(0)
         shape, pressure = mode.displacements(X), mode.tension / RADIUS
         J = np.sqrt(1.0 + (pressure / mode.K) ** 2) - pressure / mode.K  # of pressure and tension in balance
-        put(sim, amplitude * shape.real + (np.sqrt(J) - 1.0) * X, amplitude * (mode.s * shape).real)
-        at, missed = np.arctan2(*X[rim].T[::-1]), 0.0
+        set_state(sim, amplitude * shape.real + (np.sqrt(J) - 1.0) * X, amplitude * (mode.s * shape).real)
+        at, error = np.arctan2(*X[rim].T[::-1]), 0.0
         lobes = np.cos(mode.n * at) / np.square(np.cos(mode.n * at)).sum()
         still = lobes @ np.full(len(rim), (np.sqrt(J) - 1.0) * RADIUS)
         for t in np.linspace(0.0, time, 13)[1:]:
             sim.go(float(t))
             radial = (displacement(sim)[rim] * X[rim]).sum(axis=1) / np.hypot(*X[rim].T)
-            missed = max(missed, abs((lobes @ radial - still) / amplitude - np.exp(mode.s * t).real))
-        return sim.scene.templates[0].spacing, float(missed)
+            error = max(error, abs((lobes @ radial - still) / amplitude - np.exp(mode.s * t).real))
+        return sim.scene.templates[0].spacing, float(error)
 
 
 TENSION = 5000.0  # pN/µm
@@ -114,8 +114,8 @@ def drop_oscillation(count: int) -> Measured:
     n, nu = 2, law.viscosity / law.density
     guess = complex(-2 * n * (n - 1) * nu / RADIUS**2, np.sqrt(n * (n * n - 1) * TENSION / law.density / RADIUS**3))
     mode = Drop(law, RADIUS, n, TENSION, guess)
-    h, missed = ringing(case, mode, 0.01, 2.0 * np.pi / mode.s.imag)
-    return Measured(h, {"rim": missed}, count)
+    h, error = ringing(case, mode, 0.01, 2.0 * np.pi / mode.s.imag)
+    return Measured(h, {"rim": error}, count)
 
 
 @reference("drop-sound", shows="rim of a drop in its first breathing mode, over 3 periods",

@@ -32,8 +32,8 @@ def simple_shear(shear: float) -> Measured:
     law = nucleus()
     G = 2.0 * (law.C1 + law.C2)
     right = np.array([[G * shear**2, G * shear, 0], [G * shear, 0, 0], [0, 0, 2.0 * law.C2 * shear**2]])
-    missed = np.abs(cauchy(law, np.array([[1.0, shear], [0.0, 1.0]])) - right).max()
-    return Measured(shear, {"σ over 2(C1+C2)γ": missed / (G * shear)})
+    error = np.abs(cauchy(law, np.array([[1.0, shear], [0.0, 1.0]])) - right).max()
+    return Measured(shear, {"σ over 2(C1+C2)γ": error / (G * shear)})
 
 
 @reference("dilation", shows="nucleus in dilation by J within the plane, which is the size", source=PAPER, unit="",

@@ -46,7 +46,7 @@ def built(case: Case) -> Simulation:
     return Simulation(case, MPI.COMM_SELF)
 
 
-def put(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
+def set_state(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
     """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):

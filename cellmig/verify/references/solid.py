@@ -12,7 +12,7 @@ from cellmig.meshfree.rkpm import components
 from cellmig.verify.exact import Ringing
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import DAMPED, built, by_id, displacement, l2_error, nucleus, on_the_rim, put
+from .scenes import DAMPED, built, by_id, displacement, l2_error, nucleus, on_the_rim, set_state
 
 RADIUS = 1.415  # µm
 ELASTIC = {5000: 0.01, 20000: 0.003}
@@ -54,7 +54,7 @@ def disc_modes(count: int) -> Measured:
         t = sim.scene.templates[0]
         K, M = stiffness(t), sparse.diags(np.tile(t.mass, 2))
         u = 1e-9 * np.random.default_rng(0).standard_normal((count, 2))
-        put(sim, u)
+        set_state(sim, u)
         f = t.mass[:, None] * by_id(sim, sim.mechanics.rate()[:, 2:])
         right = (K @ u.T.ravel()).reshape(2, -1).T
         found = {"operator": float(np.abs(f + right).max() / np.abs(right).max())}
@@ -78,18 +78,18 @@ def disc_released(count: int) -> Measured:
     """The reference solution has an error of 2e-4 µm, 0.3 % of a2(0)."""
     with built(nucleus(count)) as sim:
         X = sim.scene.X
-        put(sim, 0.05 * X * [1.0, -1.0])
+        set_state(sim, 0.05 * X * [1.0, -1.0])
         energy = sim.sample()[1]["elastic_pn"]
-        missed = 0.0
+        error = 0.0
         for time in np.linspace(0.0, 3.5, 36)[1:]:
             sim.go(float(time))
             x = on_the_rim(sim, (0.0, 0.5 * np.pi))
             found = 0.5 * (x[0, 0] - x[1, 1])
             w = np.array([3.5659, 7.2372, 12.32])
             right = 3.8e-5 + np.array([0.06368, 0.00637, 3.4e-4]) @ np.cos(w * time)
-            missed = max(missed, abs(found - right) / 0.07075)
+            error = max(error, abs(found - right) / 0.07075)
         return Measured(sim.scene.templates[0].spacing,
-                        {"a2": float(missed), "energy at the start": abs(energy / 157.853 - 1.0)}, count)
+                        {"a2": float(error), "energy at the start": abs(energy / 157.853 - 1.0)}, count)
 
 
 @reference("disc-ringing", shows="exact dynamic solution: slowest mode of the disc after one period, L2 over the disc",
@@ -104,7 +104,7 @@ def disc_ringing(count: int) -> Measured:
         t, size = sim.scene.templates[0], 1e-6
         mode = Ringing(sim.scene.materials[0], RADIUS)
         u, stress = mode.fields(sim.scene.X)
-        put(sim, size * u, np.zeros_like(u))
+        set_state(sim, size * u, np.zeros_like(u))
         sim.go(2.0 * np.pi / mode.frequency)
         found = displacement(sim) / size
         sim.mechanics.rate()

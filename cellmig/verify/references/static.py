@@ -33,7 +33,7 @@ def loaded(sim: Simulation, time: float = 1.0) -> dict[str, float]:
     return sim.sample()[0][0]
 
 
-def missed(sim: Simulation, right: np.ndarray) -> float:
+def displacement_error(sim: Simulation, right: np.ndarray) -> float:
     """L2 error of the displacements over the L2 norm of the exact ones, `right` (size, 2) [µm]."""
     return l2_error(sim, displacement(sim), right)
 
@@ -41,7 +41,7 @@ def missed(sim: Simulation, right: np.ndarray) -> float:
 # ------------------------------------------------------------------------------------------------------- patch tests
 
 
-class Shaken:
+class PerturbedShape:
     """A shape whose inner particles are moved at random, by up to a share of the spacing."""
 
     def __init__(self, shape: Any, share: float):
@@ -76,7 +76,7 @@ def patch(count: int) -> Measured:
     u = [f"{STRETCH[i, 0] - (i == 0)}*x + {STRETCH[i, 1] - (i == 1)}*y" for i in range(2)]
     for name, tables in (("held all around", {"supports": [support("all", EDGES, *u)]}), ("pulled by tractions", {})):
         case = piece(rectangle(6.0, 4.0), count, samples=4, **(tables or _pulled()))
-        cell = dataclasses.replace(case.cells[0], shape=Shaken(case.cells[0].shape, 0.3))
+        cell = dataclasses.replace(case.cells[0], shape=PerturbedShape(case.cells[0].shape, 0.3))
         with built(dataclasses.replace(case, cells=(cell,))) as sim:
             loaded(sim)
             right = sim.scene.X @ (STRETCH - np.eye(2)).T
@@ -115,7 +115,8 @@ def cantilever(count: int) -> Measured:
                      probes=[{"name": "end", "point": ["4 um", "0 um"]}])) as sim:
         row = loaded(sim)
         tip = beam.displacement(np.array([[4.0, 0.0]]))[0, 1]
-        return Measured(sim.scene.templates[0].spacing, {"displacement": missed(sim, beam.displacement(sim.scene.X)),
+        error = displacement_error(sim, beam.displacement(sim.scene.X))
+        return Measured(sim.scene.templates[0].spacing, {"displacement": error,
                                                          "deflection": abs(row["end_uy_um"] / tip - 1.0)}, count)
 
 
@@ -145,7 +146,8 @@ def hole(count: int) -> Measured:
         stress = np.sqrt((V @ ((found - right) ** 2 @ weight)) / (V @ (right**2 @ weight)))
         crown = on_the_hole(X, found) / plate.pull
         return Measured(sim.scene.templates[0].spacing,
-                        {"displacement": missed(sim, plate.displacement(X)), "recovered stress": float(stress),
+                        {"displacement": displacement_error(sim, plate.displacement(X)),
+                         "recovered stress": float(stress),
                          "concentration": abs((crown[0] - crown[1]) / 3.0 - 1.0),
                          "hoop stress": abs(crown[0] / 3.0 - 1.0)}, count)
 
@@ -169,7 +171,8 @@ def flexure(count: int) -> Measured:
     ends = [support("ends", ["bottom", "top"], *bent.formulas())]
     with built(piece(rectangle(2.0, 8.0), count, samples=8, supports=ends)) as sim:
         loaded(sim)
-        return Measured(sim.scene.templates[0].spacing, {"displacement": missed(sim, bent.displacement(sim.scene.X))},
+        error = displacement_error(sim, bent.displacement(sim.scene.X))
+        return Measured(sim.scene.templates[0].spacing, {"displacement": error},
                         count)
 
 
@@ -183,7 +186,8 @@ def column(count: int) -> Measured:
     weight = {"name": "weight", "body": ["0 Pa/um", "-5e3 Pa/um"], "load_curve": RAMP}
     with built(piece(rectangle(2.0, 4.0), count, samples=4, supports=walls, loads=[weight])) as sim:
         loaded(sim)
-        return Measured(sim.scene.templates[0].spacing, {"displacement": missed(sim, sunk.displacement(sim.scene.X))},
+        error = displacement_error(sim, sunk.displacement(sim.scene.X))
+        return Measured(sim.scene.templates[0].spacing, {"displacement": error},
                         count)
 
 

@@ -20,7 +20,7 @@ def after(kind: str, step: float, *sets: str) -> np.ndarray:
     return displaced(altered(case("nucleus", COUNT, *words), STRAINED), runge_kutta, END)
 
 
-def missed(kind: str, step: float, *sets: str) -> float:
+def relative_error(kind: str, step: float, *sets: str) -> float:
     """Relative error of the displacements, against a method of fifth order with steps of 0.25 ns [-]."""
     return relative_rms(after(kind, step, *sets), after("rk 5dp", 0.25, *sets))
 
@@ -32,7 +32,7 @@ def missed(kind: str, step: float, *sets: str) -> float:
                                      floor=1e-10) for kind, order in KINDS.items() if kind != "euler"})
 def step(ns: float) -> Measured:
     """There is no damping."""
-    return Measured(ns, {kind: missed(kind, ns) for kind in KINDS if kind != "euler"})
+    return Measured(ns, {kind: relative_error(kind, ns) for kind in KINDS if kind != "euler"})
 
 
 @reference("step-damped", shows="the same with the damping of solids",
@@ -41,7 +41,7 @@ def step(ns: float) -> Measured:
                      "euler": converges(1, "PETSc's manual, TS"), "rk 3bs": converges(3, "PETSc's manual, TS")})
 def step_damped(ns: float) -> Measured:
     """The viscous stabilisation is 0.15 ρ c h, the bulk viscosity 0.05 ρ c h."""
-    return Measured(ns, {kind: missed(kind, ns if kind != "euler" else 0.1 * ns, *DAMPED)
+    return Measured(ns, {kind: relative_error(kind, ns if kind != "euler" else 0.1 * ns, *DAMPED)
                          for kind in ("leapfrog", "euler", "rk 3bs")})
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from cellmig.parallel.reduce import exact_sum
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import built, case, put
+from .scenes import built, case, set_state
 
 RADIUS = 5.0  # µm
 # So ε is half a spacing, not 1/25 of it.
@@ -20,7 +20,7 @@ WIDE = ('adhesion.substrate.equilibrium_distance="0.1 um"', 'adhesion.substrate.
 
 def lowered(sim, gap: float) -> None:
     """Place an undeformed cell at a gap [µm] from the substrate."""
-    put(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
+    set_state(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
 
 
 def pull(sim, gap: float) -> float:
@@ -85,14 +85,14 @@ def flat_contact(count: int) -> Measured:
         low = X[:, 1] < 2.0
         u = np.zeros_like(X)
         u[:, 1] = np.where(low, law.equilibrium_distance, X[:, 1] + 3.0) - X[:, 1]
-        put(sim, u)
+        set_state(sim, u)
         flat = low[s.ids] & low[s.ids[s.after]]
         ends = s.length[low[s.ids] != low[s.ids[s.after]]]
         right = law.bond_density * law.potential(law.equilibrium_distance) * s.length[flat].sum()
         g = law.equilibrium_distance, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
         steep = law.bond_density * ends.sum() * _along(law, *g)
         energy = abs(_energy(sim) / (right + steep) - 1.0) if len(ends) else np.inf
-        return Measured(sim.scene.templates[0].spacing, {"energy": energy, "force over -∂E/∂u": _slope_missed(sim)},
+        return Measured(sim.scene.templates[0].spacing, {"energy": energy, "force over -∂E/∂u": _slope_error(sim)},
                         count)
 
 
@@ -105,11 +105,11 @@ def _energy(sim) -> float:
     return float(exact_sum(sim.comm, sim.mechanics.surface_force("substrate")[1]))
 
 
-def _slope_missed(sim) -> float:
+def _slope_error(sim) -> float:
     """Largest relative error of the six largest forces along y, against finite differences of the energy [-]."""
     m, rng = sim.mechanics, np.random.default_rng(1)
     u = 0.004 * rng.standard_normal((sim.scene.size, 2))
-    put(sim, u)
+    set_state(sim, u)
     f = m.surface_force("substrate")[0]
     worst = 0.0
     for i in np.argsort(-np.abs(f[:, 1]))[:6]:
