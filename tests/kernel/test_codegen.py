@@ -14,6 +14,7 @@ from numpy import arctan, cbrt, cos, cosh, exp, log, maximum, minimum, sin, sinh
 from samples import assert_close, deformations, distances, rates, slope, vectors
 from scenes import example
 
+from cellmig.case.pointwise import either
 from cellmig.case.registry import laws
 from cellmig.kernel.codegen import SHAPES, LawError, Translator, shapes_of
 from cellmig.kernel.source import text_of
@@ -160,12 +161,16 @@ class Wrong:
     def whole(self, r):
         return r // 2.0
 
+    def uneven(self, r):
+        return either(r > 0.0, (r, r), (r,))
+
 
 @pytest.mark.parametrize(("method", "line", "what"), [
     ("unknown", 1, "'exp2(r)' is not translated to C; a formula has numbers"), ("loop", 1, "is no assignment"),
     ("wordy", 1, "'self.words' is no number"), ("missing", 1, "'self.nothing' is no number"),
     ("twice", 1, "where takes 3"), ("between", 1, "'0.0 < r < 1.0' is not translated"), ("endless", 0, "calls itself"),
-    ("silent", 0, "returns nothing"), ("name", 1, "'undefined' is not translated"), ("whole", 1, "is not translated")])
+    ("silent", 0, "returns nothing"), ("name", 1, "'undefined' is not translated"), ("whole", 1, "is not translated"),
+    ("uneven", 1, "two tuples of the same shape")])
 def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(method: str, line: int, what: str) -> None:
     with pytest.raises(LawError) as error:
         Translator(Wrong(), "v4").function(method, "translated")
