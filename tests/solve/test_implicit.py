@@ -93,17 +93,17 @@ def test_implicit_and_explicit_agree_as_steps_shrink(name: str, integrator: str)
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
 def test_any_number_of_ranks_finds_the_same(integrator: str) -> None:
-    scene = stepped("all_protrude", integrator, 5, per_cell=93)
-    ours, alone = after(scene, 0.05), after(scene, 0.05, MPI.COMM_SELF)
+    scene = stepped("all_protrude", integrator, 5, per_cell=60)
+    ours, alone = after(scene, 0.03), after(scene, 0.03, MPI.COMM_SELF)
     assert np.abs(ours - alone).max() < 1e-8 * np.abs(alone).max()
 
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
-@pytest.mark.parametrize("name", ["all_protrude", "director_radial"])
-def test_the_ledger_closes_whatever_the_scheme_takes(name: str, integrator: str) -> None:
+@pytest.mark.parametrize(("name", "time"), [("all_protrude", 0.1), ("director_radial", 0.2)])
+def test_the_ledger_closes_whatever_the_scheme_takes(name: str, time: float, integrator: str) -> None:
     with built(stepped(name, integrator, 10, per_cell=93)) as sim:
         sim.sample()
-        sim.go(0.2)
+        sim.go(time)
         entries = sim.sample()[1]
         assert entries["energy_error"] < 1e-3
         assert entries["viscous_loss_pn"] > 1.0
