@@ -178,7 +178,7 @@ class Flexure:
 
 
 class Column:
-    """A column between smooth walls, supported at its foot, under its own weight b [Pa/µm], in finite strain."""
+    """A column between smooth walls, supported at its lower end, under its own weight b [Pa/µm], in finite strain."""
 
     def __init__(self, law: Any, height: float, weight: float):
         depth = np.polynomial.chebyshev.chebpts2(33)[::-1] * 0.5 * height

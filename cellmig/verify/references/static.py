@@ -180,7 +180,7 @@ def flexure(count: int) -> Measured:
            source="dP22/dY = b; verify/specimens.py", at=(200, 800, 3200), quick=(100, 300, 900), seconds=15.0,
            expected={"displacement": converges(2, SMOOTH, ELASTIC)})
 def column(count: int) -> Measured:
-    """The body force is 5 kPa/µm and compresses the foot by 3 %."""
+    """The body force is 5 kPa/µm and compresses the lower end by 3 %."""
     sunk = Column(law_of(piece(rectangle(1.0, 1.0), 50)), 4.0, 5e3)
     walls = [support("foot", ["bottom"], "free", "0"), support("walls", ["left", "right"], "0", "free")]
     weight = {"name": "weight", "body": ["0 Pa/um", "-5e3 Pa/um"], "load_curve": RAMP}
