@@ -66,7 +66,7 @@ class Cell:
     centre: tuple = parameter("position of the centre; with `rest`, x is enough", unit="um",
                               minimum=-1e6, maximum=1e6, shape=(2,), least=1)
     rest: bool = parameter("whether the cell rests on the substrate: y of `centre` is ignored, and its lowest point is "
-                           "at the range of the bonds of adhesion.substrate; of a repeated cell, the first copy", False)
+                           "at the equilibrium distance of adhesion.substrate; of copies, the first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
     displacement: tuple = quantity("um", "initial displacement; may be formulas of x and y from the centre",

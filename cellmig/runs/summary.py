@@ -95,7 +95,7 @@ def _pressed(case: Case, found: Arrangement) -> list[tuple[str, str]]:
     rows = []
     for law, gap, term, remedy in (
             (case.substrate, found.heights.min(), "adhesion to the substrate",
-             "rest = true sets a cell down at their range, or set the centre of the lowest cell higher by"),
+             "rest = true sets a cell down at equilibrium, or set the centre of the lowest cell higher by"),
             (case.contact, found.gap, "adhesion between cells", "set the cells apart by a further")):
         if law is not None and law.work and gap is not None and gap < law.cap:
             eps = law.equilibrium_distance

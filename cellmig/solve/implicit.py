@@ -72,8 +72,8 @@ class Implicit(Integrator):
         self.newton = self.failures = 0
         self.scheme_loss = np.zeros(m.n_owned)
         _ALIVE[next(_NUMBERS)] = self
-        ranges = self.control.ranges[self.control.ranges > 0.0]
-        self._piece = float(ranges.min()) if len(ranges) else FINE * self.equations.spacing
+        eps = self.control.eps[self.control.eps > 0.0]
+        self._piece = float(eps.min()) if len(eps) else FINE * self.equations.spacing
         self._clipped, self.second_order = False, ts.getType() == PETSc.TS.Type.ALPHA2
         if self.second_order:
             self._x, self._v = (PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm) for _ in range(2))

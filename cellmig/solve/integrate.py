@@ -17,7 +17,7 @@ from .step import NO_EXTREMES, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
-RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the range of the bonds [-]
+RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
 _COUNTED = ("dt", "mechanism", "stable", "count", "redone", "extremes")
 VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
@@ -224,9 +224,9 @@ class Integrator:
         self.dt = self.fixed_step or self.factor * self._accurate_step(self.gaps)
 
     def _compression(self, gaps: np.ndarray) -> float:
-        """Compression of bonds at gaps (2,) [µm]: 0 above half of their range, 1 below a quarter [-]."""
-        there = self.control.ranges > 0.0
-        share = np.clip(2.0 - 4.0 * gaps[there] / self.control.ranges[there], 0.0, 1.0)
+        """Compression of bonds at gaps (2,) [µm]: 0 above half of the equilibrium distance, 1 below a quarter [-]."""
+        there = self.control.eps > 0.0
+        share = np.clip(2.0 - 4.0 * gaps[there] / self.control.eps[there], 0.0, 1.0)
         return float(share.max(initial=0.0)) if self.leapfrog else 0.0
 
     def _accurate_step(self, gaps: np.ndarray) -> float:
@@ -242,9 +242,9 @@ class Integrator:
     def was_stable(self, dt: float, seen: np.ndarray) -> bool:
         """Whether `dt` [µs] was stable at the least gaps `seen` (2,) [µm]; sets the expected gaps; collective."""
         if self.fixed_step or dt <= min(1.0, 1.2 * self.factor) * self._accurate_step(seen):
-            self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.ranges)
+            self.gaps = np.minimum(seen, self.gaps + RECOVERY * self.control.eps)
             return True
-        self.gaps = seen - RECOVERY * self.control.ranges
+        self.gaps = seen - RECOVERY * self.control.eps
         return False
 
     def _checked_limits(self) -> dict[str, float]:

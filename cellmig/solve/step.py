@@ -10,7 +10,7 @@ import numpy as np
 from ..meshfree.body import Scene, Template
 from ..meshfree.terms import Terms
 
-TYPICAL = 0.94  # smallest gap of a contact over the range of its bonds, measured at 600 to 1,500 particles a cell [-]
+TYPICAL = 0.94  # smallest gap of a contact over ε of its bonds, measured at 600 to 1,500 particles a cell [-]
 
 
 class NumericsError(RuntimeError):
@@ -43,7 +43,7 @@ class StepControl:
 
     Attributes
     ----------
-    ranges, typical : (2,) float -- equilibrium distance of bonds and typical smallest gap, of the substrate and
+    eps, typical : (2,) float -- equilibrium distance of bonds and typical smallest gap, of the substrate and
         between cells [µm].
     touches : bool -- whether bonds act at all.
     director : float -- stable step of a relaxing director [µs].
@@ -62,8 +62,8 @@ class StepControl:
         # a gap between cells is closed from both sides
         self._contacts = [(terms.substrate, 1.0), (terms.contact if len(scene.kind) > 1 else None, 2.0)]
         self.touches = any(law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts)
-        self.ranges = np.array([law.equilibrium_distance if law else 0.0 for law, _ in self._contacts])
-        self.typical = TYPICAL * self.ranges
+        self.eps = np.array([law.equilibrium_distance if law else 0.0 for law, _ in self._contacts])
+        self.typical = TYPICAL * self.eps
         self._length_per_mass = max(_length_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
