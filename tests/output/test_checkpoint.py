@@ -105,5 +105,5 @@ def test_a_full_disk_leaves_those_that_are_there(three):
 def test_one_that_was_being_written_when_the_run_was_killed_is_none(three):
     only_rank_0(lambda: (three / "checkpoint" / "c00000004.h5.part").write_bytes(b"half"))
     assert read(three) == (2, [])
-    write(three, COMM, state(4), kept=1)
+    write(three, COMM, state(4), keep=1)
     assert [number for number, _ in checkpoint.listed(three / checkpoint.FOLDER)] == [4]
