@@ -255,7 +255,7 @@ class Run:
         if frame:  # it takes longer than a sample
             own = m.scene.X[m.ids] + m.state.owned[:, :2]
             outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
-        found = overlap(m.surfaces, x, terms.substrate is not None, terms.contact is not None)
+        found = overlap(m.surfaces, x, self.case.substrate is not None, terms.contact is not None)
         if found := found or min(filter(None, outside), default=None):
             self._integrator.fail(found.cause, found.particle, found.remedy)
 

@@ -44,7 +44,7 @@ class StepControl:
     Attributes
     ----------
     eps, typical : (2,) float -- equilibrium distance of bonds and typical smallest gap, of the substrate and
-        between cells [µm].
+        between cells [µm]; 0 where no bonds act.
     touches : bool -- whether bonds act at all.
     director : float -- stable step of a relaxing director [µs].
 
@@ -61,8 +61,10 @@ class StepControl:
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
         # a gap between cells is closed from both sides
         self._contacts = [(terms.substrate, 1.0), (terms.contact if len(scene.kind) > 1 else None, 2.0)]
-        self.touches = any(law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts)
-        self.eps = np.array([law.equilibrium_distance if law else 0.0 for law, _ in self._contacts])
+        acting = [law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts]
+        self.touches = any(acting)
+        self.eps = np.array([law.equilibrium_distance if law and acts else 0.0
+                             for (law, _), acts in zip(self._contacts, acting, strict=True)])
         self.typical = TYPICAL * self.eps
         self._length_per_mass = max(_length_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0

@@ -143,6 +143,15 @@ def test_a_run_whose_energy_does_not_add_up_ends_with_exit_code_4(tmp_path: Path
     assert stress.CLEAN.search(cause) and 'take time.step = "auto"' in cause
 
 
+def test_without_pruning_a_scene_without_substrate_may_lie_anywhere(tmp_path: Path) -> None:
+    hashes = []
+    for prune in (True, False):
+        run = Run(case("nucleus", 'time.end="0.2 us"'), tmp_path / str(prune), MPI.COMM_WORLD, prune=prune, quiet=True)
+        assert run.go() == 0
+        hashes.append(json.loads((tmp_path / str(prune) / "manifest.json").read_text())["state_hash"])
+    assert hashes[0] == hashes[1]
+
+
 def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
     with built(case("paper")) as sim:
         s, x = Surfaces.of(sim.scene), sim.mechanics.segments.everywhere()
