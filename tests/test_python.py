@@ -62,6 +62,13 @@ def test_a_run_is_read_back_as_arrays(case, shared_tmp):
 
 
 @pytest.mark.serial
+def test_a_record_of_an_older_run_has_its_case(case, tmp_path):
+    text = json.dumps({"case": case.resolved(), "case_file": case.path})
+    (tmp_path / "manifest.json").write_text(text.replace('"bond_density"', '"bonds"').replace('"well_depth"', '"energy"'))
+    assert cellmig.open(tmp_path).case == case
+
+
+@pytest.mark.serial
 def test_tables_are_pandas_frames(case, shared_tmp):
     pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
     record = cellmig.run(case, out=shared_tmp / "run", quiet=True)

@@ -27,12 +27,12 @@ def load(path: str | os.PathLike, sets: Sequence[str] = ()) -> Case:
     return _case(read(path, sets), os.fspath(path))
 
 
-def from_dict(data: Mapping[str, Any], path: str = "case") -> Case:
-    """Case from tables such as `Case.resolved` returns.
+def from_dict(data: Mapping[str, Any], path: str = "case", older: bool = False) -> Case:
+    """Case from tables such as `Case.resolved` returns; `older` : those of an older version may have former keys.
 
     Raises CaseError, which holds all mistakes.
     """
-    return _case(Source(data=dict(data), files=[path]), path)
+    return _case(Source(data=dict(data), files=[path]), path, older)
 
 
 def change(case: Case, changes: Mapping[str, Any]) -> Case:
@@ -53,9 +53,9 @@ def change(case: Case, changes: Mapping[str, Any]) -> Case:
     return _case(source, case.path)
 
 
-def _case(source: Source, path: str) -> Case:
+def _case(source: Source, path: str, older: bool = False) -> Case:
     chosen = accuracy.fill(source)
-    reader = _Reader(source)
+    reader = _Reader(source, older)
     try:
         found = reader.case()
     except RecursionError:
@@ -70,8 +70,8 @@ def _case(source: Source, path: str) -> Case:
 class _Reader:
     """Compares the tables of a case with its declarations and notes every mistake."""
 
-    def __init__(self, source: Source):
-        self.source, self.reject = source, source.reject
+    def __init__(self, source: Source, older: bool = False):
+        self.source, self.reject, self.older = source, source.reject, older
         self.formulas: dict[tuple, tuple] = {}
         self.partial = bool(source.mistakes)  # a file could not be read: missing keys are not reported
         materials = source.data.get("materials")
@@ -233,8 +233,10 @@ class _Reader:
                 found[key] = self.value(values.in_table(fields[key], data.get("unit")), value, (*path, key))
             elif key not in fields and others is not None and key not in others:
                 renamed = next((name for name, f in fields.items() if f.metadata.get("formerly") == key), None)
-                self.reject((*path, key), f"is called '{renamed}' now" if renamed else
-                           f"no such key{suggest(key, [*fields, *others])}")
+                if not renamed:
+                    self.reject((*path, key), f"no such key{suggest(key, [*fields, *others])}")
+                elif not self.older:
+                    self.reject((*path, key), f"is called '{renamed}' now")
                 if renamed:
                     found[renamed] = self.value(values.in_table(fields[renamed], data.get("unit")), value, (*path, key))
         for key, f in fields.items():

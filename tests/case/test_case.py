@@ -473,6 +473,18 @@ def test_a_former_key_in_an_option_or_a_change_is_told_with_the_present_one(writ
         change(load(written(SOUND)), {"adhesion.substrate.bonds": "1 /um^2"})
 
 
+def test_the_case_of_an_older_run_is_read_under_the_present_keys(written: Callable[..., Path]) -> None:
+    case = load(written(SOUND))
+    text = json.dumps(case.resolved())
+    former = {new: old for _, new, old in RENAMED if new != "load_curve"}
+    assert all(f'"{new}": ' in text for new in former)
+    for new, old in former.items():
+        text = text.replace(f'"{new}": ', f'"{old}": ')
+    assert from_dict(json.loads(text), older=True).resolved() == case.resolved()
+    with pytest.raises(CaseError, match="is called"):
+        from_dict(json.loads(text))
+
+
 @pytest.mark.parametrize("text, part", [
     ("title = \n", "case.toml:1: not TOML: Invalid value"),
     (SOUND + "[time]\n", f"case.toml:{SOUND.count(chr(10)) + 1}: not TOML: Cannot declare ('time',) twice"),
