@@ -64,7 +64,9 @@ def test_a_run_is_read_back_as_arrays(case, shared_tmp):
 @pytest.mark.serial
 def test_a_record_of_an_older_run_has_its_case(case, tmp_path):
     text = json.dumps({"case": case.resolved(), "case_file": case.path})
-    (tmp_path / "manifest.json").write_text(text.replace('"bond_density"', '"bonds"').replace('"well_depth"', '"energy"'))
+    for new, old in (("bond_density", "bonds"), ("well_depth", "energy")):
+        text = text.replace(f'"{new}"', f'"{old}"')
+    (tmp_path / "manifest.json").write_text(text)
     assert cellmig.open(tmp_path).case == case
 
 

@@ -23,6 +23,7 @@ NEEDED = {
     "load_curve": ("value", "rate", "acceleration"),
     "shape": ("area", "lowest", "outline", "particles", "parts"),
 }
+FORMER_KINDS = {"history": "load_curve"}  # by their former names
 _included: dict[str, str] = {}  # path to SHA-256
 
 
@@ -97,7 +98,9 @@ def _check(path: str, before: Mapping[str, Mapping[str, type]]) -> None:
         raise LawFileError(f"'{path}' has no law: a class with @law(\"kind\", \"name\") before it is one")
     for kind, name, cls in new:
         if kind not in before:
-            raise LawFileError(f"'{path}': no kind of law '{kind}'{suggest(kind, before)}")
+            present = FORMER_KINDS.get(kind)
+            raise LawFileError(f"'{path}': the kind of law '{kind}' is called '{present}' now" if present else
+                               f"'{path}': no kind of law '{kind}'{suggest(kind, before)}")
         if name in before[kind]:
             raise LawFileError(f"'{path}': there is a law '{name}' of the kind '{kind}' already: give it another name")
         fields = getattr(cls, "__dataclass_fields__", {})

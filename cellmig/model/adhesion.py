@@ -59,7 +59,7 @@ class SegmentBonds:
 
 @dataclass(frozen=True)
 class SubstrateAdhesion:
-    """F_cs of equation (2): bonds of a segment to the plane y = 0, N of them per reference length.
+    """F_cs of equation (2): bonds of a segment to the plane y = 0, N of them per reference area.
 
     bonds : SegmentBonds.
     """

@@ -28,11 +28,11 @@ class Accounts:
     """
 
     FIELDS = (
-        Field("viscous_loss", "double *", "(n_owned,)", "pN", "dissipation by viscosity"),
-        Field("artificial_dissipation", "double *", "(n_owned,)", "pN", "dissipation by numerical viscosities"),
-        Field("friction_loss", "double *", "(n_owned,)", "pN", "dissipation by friction on the substrate"),
-        Field("protrusion_impulse", "double *", "(n_owned,)", "pN µs/µm", "of the push along x"),
-        Field("external_work", "double *", "(n_owned,)", "pN", "of push, loads, plates, supports and activity"),
+        Field("viscous_loss", "double *", "(n_local,)", "pN", "dissipation by viscosity"),
+        Field("artificial_dissipation", "double *", "(n_local,)", "pN", "dissipation by numerical viscosities"),
+        Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction on the substrate"),
+        Field("protrusion_impulse", "double *", "(n_local,)", "pN µs/µm", "of the push along x"),
+        Field("external_work", "double *", "(n_local,)", "pN", "of push, loads, plates, supports and activity"),
         Field("bond_impulse", "double *", "(n_segments, 2, 3)", "pN µs/µm", "see `Impulses.bond`"),
         Field("contact_impulse", "double *", "(slots, 2)", "pN µs/µm", "see `Impulses.contact`"),
         Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "slot for the impulse of a node"),

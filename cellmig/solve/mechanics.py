@@ -172,7 +172,7 @@ class Mechanics:
         """Restore the state that `set_aside` copied."""
         if self.undo.aside:
             self.undo.aside = False
-            self.undo.restore(self.changing(), self.times, but=NOT_LOOKED_AT)
+            self.undo.restore(self.changing(), self.times, but=KEPT)
 
     # ------------------------------------------------------------ step control
 
@@ -240,4 +240,5 @@ class Mechanics:
                 field.destroy()
 
 
-NOT_LOOKED_AT = ("state", "bond_impulse", "contact_impulse")  # unchanged by output, but that tables restart impulses
+# Not restored after output, which leaves the state as it is, and after which impulses begin anew for the next row.
+KEPT = ("state", "bond_impulse", "contact_impulse")

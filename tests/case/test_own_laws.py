@@ -107,6 +107,8 @@ BODY = '    rate: float = quantity("", "rate")\n    def energy(self, stretch):\n
     ("x = (1\n", "law.py:1: not Python: '(' was never closed"),
     ("import nothing_there\n", "law.py:1: ModuleNotFoundError"),
     (HEAD + "1 / 0\n", "law.py:3: ZeroDivisionError: division by zero"), (HEAD, "law.py' has no law"),
+    (HEAD + '@law("history", "own")\nclass Own:\n    """Own."""\n',
+     "the kind of law 'history' is called 'load_curve' now"),
     (HEAD + '@law("cortx", "own")\nclass Own:\n    """Own."""\n', "no kind of law 'cortx'; did you mean 'cortex'?"),
     (HEAD + '@law("cortex", "line-tension")\nclass Own:\n    """Own."""\n' + BODY.format("1.0", "1.0"),
      "there is a law 'line-tension' of the kind 'cortex' already"),

@@ -11,7 +11,7 @@ static void surface_forces(const KernelData *s, double accounted_dt, double dt)
     add_surface_forces(s, accounted_dt, dt);
 }
 
-/* Forces from which no step is made. */
+/* Resets forces from which no step is made. */
 static void forget_forces(const KernelData *s) { memset(s->force, 0, sizeof(double) * D * (size_t)s->n_local); }
 
 /* Losses and work that blocks have accounted go to their particles. */
@@ -82,7 +82,8 @@ int rate(const KernelData *s, double *out, double accounted_dt)
     return 0;
 }
 
-/* Accounts of losses and work over a time dt, at the state as it is; reactions are those of `rate`. */
+/* Accounts of losses and work over a time dt, at the state as it is; reactions are those of `rate`.  Work is
+ * trapezoidal: the first evaluation of the surface forces leaves what the second takes for those at the start. */
 void account(const KernelData *s, double dt)
 {
     deformation(s);
