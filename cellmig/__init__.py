@@ -20,7 +20,7 @@ def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:
     """The case in a file, with changes such as "particles.per_cell=500".  Raises CaseError with all mistakes."""
     from .case.load import load as read
 
-    _simulation()
+    _start()
     return read(path, sets)
 
 
@@ -41,18 +41,23 @@ def build(case: Any, comm: Any = None) -> Any:
     >>> simulation.go(20.0)                      # µs
     >>> history, ledger = simulation.sample()
     """
-    make = _simulation().Simulation
-    return make(case) if comm is None else make(case, comm)
+    _start()
+    from mpi4py import MPI
+
+    from .runs.trial import choose
+    from .simulation import Simulation
+
+    comm = MPI.COMM_WORLD if comm is None else comm
+    return Simulation(choose(case, comm)[0], comm)
 
 
-def _simulation() -> Any:
-    """The module of simulations, after the start of PETSc, which leaves signals to Python here."""
+def _start() -> None:
+    """Start PETSc, which leaves signals to Python here, and register the laws."""
+    from .laws import register
     from .parallel.arguments import start_petsc
 
     start_petsc([])
-    from . import simulation
-
-    return simulation
+    register()
 
 
 def run(case: Any, out: str | PathLike | None = None, until: str | None = None, quiet: bool = False,

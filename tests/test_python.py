@@ -47,6 +47,12 @@ def test_all_mistakes_in_changes_are_told_at_once(case):
     assert "change: time.ends: no such key; did you mean 'end'?" in str(error.value)
 
 
+def test_a_simulation_that_is_built_has_the_faster_integrator_if_the_case_leaves_it_open(case):
+    with cellmig.build(cellmig.change(case, {"time.integrator": "auto"})) as simulation:
+        assert simulation.integrator.description in ("leapfrog", "bdf")
+        assert simulation.go(0.01) == 0.01
+
+
 def test_a_run_is_read_back_as_arrays(case, shared_tmp):
     record = cellmig.run(case, out=shared_tmp / "run", until="2 us", quiet=True)
     assert record.status == 0 and record.case == case
