@@ -99,8 +99,8 @@ def _ledger_rows(path: Path) -> Rows:
     if not table or not np.isfinite(table["energy_error"]).any():
         return
     worst = np.nanargmax(np.abs(table["energy_error"]))
-    if lost := describe_dissipation({name: float(column[-1]) for name, column in table.items()}):
-        yield "losses", lost
+    if dissipation := describe_dissipation({name: float(column[-1]) for name, column in table.items()}):
+        yield "dissipation", dissipation
     yield "energy error", (f"at most {100 * abs(table['energy_error'][worst]):.2g} %, at "
                            f"{table['time_us'][worst]:g} µs")
 

@@ -338,8 +338,8 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
                      f"energy error at most {100 * self.worst_energy_error:.2g} %")
-        if lost := summary.describe_dissipation(self.entries):
-            self.log(f"lost {lost}")
+        if dissipation := summary.describe_dissipation(self.entries):
+            self.log(f"dissipation: {dissipation}")
         if warning := self.strain.summary():
             self.log(warning)
         if self.manifest["unused_options"]:

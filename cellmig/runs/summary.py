@@ -144,12 +144,12 @@ def span(values: list) -> str:
 
 
 def describe_dissipation(entries: dict[str, float]) -> str:
-    """Dissipation by viscosity, friction and the method, from a row of the ledger; empty without any."""
+    """Viscous, frictional and artificial dissipation, from a row of the ledger; empty without any."""
     parts = [(name, entries.get(column, 0.0)) for name, column in (
-        ("viscosity", "viscous_loss_pn"), ("friction", "friction_loss_pn"),
-        ("what is numerical", "artificial_dissipation_pn"))]
+        ("viscous", "viscous_loss_pn"), ("frictional", "friction_loss_pn"),
+        ("artificial", "artificial_dissipation_pn"))]
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:
         return ""
-    text = ", ".join(f"{value:.3g} pN by {name}" for name, value in parts if value)
-    return f"{text}: {100 * abs(parts[-1][1]) / total:.2g} % are the method's (docs/numerics.md)"
+    text = ", ".join(f"{name} {value:.3g} pN" for name, value in parts if value)
+    return f"{text}: {100 * abs(parts[-1][1]) / total:.2g} % of it is artificial (docs/numerics.md)"
