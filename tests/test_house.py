@@ -152,8 +152,8 @@ def test_the_number_of_dimensions_is_in_no_more_places(what: str) -> None:
 
 
 @pytest.mark.skipif(not shutil.which("mypy"), reason="no mypy here: apt install mypy")
-@pytest.mark.skipif(np.lib.NumpyVersion(np.__version__) >= "2.0.0", reason="types are checked against those of NumPy 1; "
-                    "NumPy 2 has the number of dimensions in the type of an array, which ours do not say")
+@pytest.mark.skipif(np.lib.NumpyVersion(np.__version__) >= "2.0.0",
+                    reason="arrays of NumPy 2 have their dimensions in their type, which ours do not say")
 def test_the_types_of_the_core_are_sound() -> None:
     """Those of the rooms that pyproject.toml lists."""
     found = subprocess.run(["mypy", "--python-executable", sys.executable], cwd=ROOT, capture_output=True, text=True)
