@@ -18,6 +18,7 @@ from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
 from cellmig.verify import specimens
+from cellmig.verify.references.scenes import set_motion as set_motion
 
 DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 ROOT = Path(__file__).resolve().parent.parent
@@ -53,16 +54,6 @@ def built(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, prune: bool = True) -> It
     simulation = Simulation(case, comm, prune)
     yield simulation
     simulation.destroy()
-
-
-def set_state(sim: Simulation, u: Any = None, v: Any = None) -> None:
-    """Give the particles the displacements u and velocities v, (size, 2) by global id, and renew the lists."""
-    m = sim.mechanics
-    for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
-        if values is not None:
-            m.state.owned[:, columns] = values[m.ids]
-    m.state.exchange()
-    m.renew_lists()
 
 
 def everywhere(sim: Simulation, owned: np.ndarray) -> np.ndarray:

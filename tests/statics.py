@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scenes import forces, set_state
+from scenes import forces, set_motion
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -64,7 +64,7 @@ def equilibrium(sim: Simulation, load: np.ndarray, u: np.ndarray, time: float = 
     left, right = np.argmin(sim.scene.X[:, 0]), np.argmax(sim.scene.X[:, 0])
     free[[left, n + left, n + right]] = False  # held where they are, without a reaction
     for _ in range(rounds):
-        set_state(sim, u, u / time)
+        set_motion(sim, u, u / time)
         x = sim.scene.X + u
         rigid = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), np.append(-x[:, 1], x[:, 0])]
         rigid = np.linalg.qr(np.column_stack(rigid))[0]

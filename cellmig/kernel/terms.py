@@ -82,18 +82,13 @@ PARTS = (
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
         "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
-    Part("director.c", lambda t: has_director(t)),
+    Part("director.c", lambda t: t.has_director),
     Part("director_relaxes.c", lambda t: t.director == "relaxing", {
         "before_stress": "if (director_ready(s)) return 1;", "after_forces": "if (director_step(s, dt)) return 1;"}),
 )
 
 
-def has_director(terms: Terms) -> bool:
-    """Whether the gradient of the director or its axis matters."""
-    return terms.director != "none" or terms.active
-
-
 def sizes(terms: Terms) -> dict[str, int]:
     """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
     return {"D": 2, "STABILISED": terms.stabilised, "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
-            "ACTIVE": terms.active, "DIRECTOR": has_director(terms), "CONSTRAINED": terms.load_curves is not None}
+            "ACTIVE": terms.active, "DIRECTOR": terms.has_director, "CONSTRAINED": terms.load_curves is not None}

@@ -48,6 +48,11 @@ class Terms:
     single: bool = False
     skipped: dict = field(default_factory=dict)
 
+    @property
+    def has_director(self) -> bool:
+        """Whether the gradient of the director or its axis matters."""
+        return self.director != "none" or self.active
+
 
 def find_terms(case: Case, prune: bool = True) -> Terms:
     """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""

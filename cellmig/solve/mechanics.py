@@ -68,7 +68,7 @@ class Mechanics:
         self.segments = Segments(part, kernel, self.state)
         self.loads = Loads(part, kernel, boundary)
         self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
-        self.director = Director(part, kernel, self.state) if terms.director != "none" or terms.active else None
+        self.director = Director(part, kernel, self.state) if terms.has_director else None
         self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments, protruding)
         self.accounts = Accounts(part, kernel, self.segments)
         self.times, self.undo = Times(), Undo()
@@ -187,7 +187,7 @@ class Mechanics:
         By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], and the
         largest displacement of surface particles since the lists were made [µm].
         """
-        own = np.zeros(6)
+        own = np.zeros(5)
         self.kernel("limits", own)
         names = ("viscous", "elastic", "J_min", "J_max", "speed", "displaced")
         values = np.array([own[0], own[1], -own[2], own[3], own[4], self.segments.displaced()])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from mpi4py import MPI
@@ -70,7 +72,7 @@ class Segments:
         if part.terms.contact is not None:
             k["contact_cutoff"] = part.terms.contact.cutoff
 
-    @property
+    @cached_property
     def ends(self) -> np.ndarray:
         """Ends of the segments in `Surfaces` (e, 2) int."""
         return np.column_stack([self.number, self._part.surfaces.after[self.number]])

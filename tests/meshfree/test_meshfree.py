@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, example, forces, set_state, smooth
+from scenes import built, case, everywhere, example, forces, set_motion, smooth
 from scipy.integrate import quad
 
 from cellmig.case.pointwise import pointwise
@@ -145,14 +145,14 @@ def test_gradient_of_a_smooth_field_converges_with_the_second_order(dilation: fl
 def test_divergence_is_the_adjoint_of_the_gradient(name: str) -> None:
     with built(case(name, "materials.nucleus.hourglass_modulus=0.0")) as sim:
         X, m, scene = sim.scene.X, sim.mechanics, sim.scene
-        set_state(sim, u=smooth(X, 1, 0.05 * np.ptp(X)), v=np.zeros_like(X))
+        set_motion(sim, u=smooth(X, 1, 0.05 * np.ptp(X)), v=np.zeros_like(X))
         f = forces(sim)
         for term in ("substrate", "contact", "protrusion"):
             if getattr(sim.terms, term) is not None:
                 f -= everywhere(sim, m.surface_force(term)[0])
         F = everywhere(sim, m.state.tensors()[0][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
         w = np.random.default_rng(2).standard_normal(X.shape)
-        set_state(sim, v=w)
+        set_motion(sim, v=w)
         dw = everywhere(sim, m.state.tensors()[1][..., : m.n_owned].transpose(2, 0, 1)).transpose(1, 2, 0)
         P = np.zeros_like(F)
         for i, law in enumerate(scene.materials):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, example, forces, set_state, smooth
+from scenes import built, case, everywhere, example, forces, set_motion, smooth
 
 from cellmig.case.load import from_dict
 from cellmig.case.registry import laws
@@ -41,7 +41,7 @@ def test_cortex_pulls_with_the_gradient_of_its_energy_and_moves_nothing_as_a_who
         u, w = smooth(X, 4, 0.1, shortest=1.4), rng.standard_normal(X.shape)
 
         def energy(shift: float) -> float:
-            set_state(sim, u + shift * w)
+            set_motion(sim, u + shift * w)
             sim.mechanics.rate()
             return float(everywhere(sim, sim.mechanics.surface_force("cortex")[1]).sum())
 
@@ -77,7 +77,7 @@ def test_friction_drags_bonded_membrane_only_and_only_along_the_substrate(name: 
     def slide(height: float, *sets: str) -> np.ndarray:
         with built(case("one_cell", *sets, per_cell=150)) as sim:
             size = (sim.scene.size, 1)
-            set_state(sim, np.tile([0.0, height], size), np.tile([speed, 0.0], size))
+            set_motion(sim, np.tile([0.0, height], size), np.tile([speed, 0.0], size))
             return forces(sim)
 
     rubbing = f'friction.coefficient="{law.coefficient} Pa us/um"'

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_state
+from scenes import built, case, everywhere, set_motion
 from scipy.integrate import quad
 from scipy.special import gamma
 
@@ -38,7 +38,7 @@ def force(sim: Simulation, term: str) -> np.ndarray:
 def test_force_is_minus_the_gradient_of_the_energy(term: str, seed: int) -> None:
     with built(case("all_protrude")) as sim:
         u = pressed(sim, seed)
-        set_state(sim, u)
+        set_motion(sim, u)
         f = force(sim, term)
         loaded = np.flatnonzero(np.abs(f).max(axis=1) > 1e-3 * np.abs(f).max())
         assert len(loaded) >= 8
@@ -69,7 +69,7 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
         if level:
             X, low = sim.scene.X, np.random.default_rng(4).uniform(0.0099, 0.0102, sim.scene.size)
             u[:, 1] = np.where(X[:, 1] < 2.0, low, X[:, 1]) - X[:, 1]
-        set_state(sim, u)
+        set_motion(sim, u)
         law, s = sim.terms.substrate, sim.mechanics.surfaces
         y = sim.mechanics.segments.everywhere()[:, 1]
         ends = y, y[s.after]
@@ -119,7 +119,7 @@ def test_rigid_cylinder_is_pulled_with_the_closed_form_and_second_order(gap: flo
     for count in (400, 900, 2000):
         with built(case("one_cell", *CYLINDER, per_cell=count)) as sim:
             law = sim.terms.substrate
-            set_state(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
+            set_motion(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
             exact = on_the_circle(law, 5.0, gap)
             spacing.append(sim.mechanics.surfaces.length.max())
             error.append(-force(sim, "substrate")[:, 1].sum() / exact - 1.0)
@@ -146,7 +146,7 @@ def test_rigid_cylinder_rests_where_the_closed_form_says() -> None:
         rest = np.sqrt(35 / 48) * eps
 
         def pull(gap: float) -> float:
-            set_state(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
+            set_motion(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
             return -force(sim, "substrate")[:, 1].sum()
 
         assert closed_form(law, 5.0, rest) == pytest.approx(0.0, abs=1e-12 * closed_form(law, 5.0, eps))
@@ -160,7 +160,7 @@ def test_nothing_acts_beyond_the_cutoff(term: str, apart: list[float]) -> None:
     with built(case("all_protrude")) as sim:
         u = -np.outer(np.arange(3.0)[sim.scene.cell], [1.0, 0.0]) * apart + [0.0, apart[1]]  # Cell-1 is on the right
         assert np.abs(force(sim, term)).max() > 0.0
-        set_state(sim, u)
+        set_motion(sim, u)
         assert not force(sim, term).any() and energy(sim, term) == 0.0
-        set_state(sim, u * 0.7)  # 0.84 and 0.42 µm: the cutoffs are 1 and 0.5 µm
+        set_motion(sim, u * 0.7)  # 0.84 and 0.42 µm: the cutoffs are 1 and 0.5 µm
         assert force(sim, term).any() and energy(sim, term) < 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_state
+from scenes import built, case, everywhere, set_motion
 
 from mpi4py import MPI
 
@@ -52,7 +52,7 @@ class Driven:
                  v: np.ndarray):
         """`held` (size,) bool by global id;  v (size, 2) -- velocities of all particles at the start [µm/µs]."""
         self.sim, self.held, self.where, self.time = sim, held, where, 0.0
-        set_state(sim, v=v)
+        set_motion(sim, v=v)
         self.mine = np.flatnonzero(held[sim.mechanics.ids])
         self.X = sim.scene.X[sim.mechanics.ids[self.mine]]
 
@@ -237,7 +237,7 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
         for phase in (0.0, 0.5 * np.pi):
             v = np.sin(k * x @ along + phase)[:, None] * across
             if made is None:
-                set_state(sim, x - t.X, v)
+                set_motion(sim, x - t.X, v)
                 lost += sum(sim.mechanics.powers()[name].sum() for name in ("viscous_loss", "artificial_dissipation"))
             else:
                 lost += lost_anew(t, *made, v)
@@ -361,7 +361,7 @@ def test_each_doubling_of_the_limit_is_told_once_with_its_cell() -> None:
     with built(squeezed(100), MPI.COMM_SELF) as sim:
         watch, told = StrainWatch(sim.mechanics), []
         for step, most in enumerate((1.5, 1.7, 3.0, 3.3, 2.0, 3.5, 7.0), 1):
-            set_state(sim, u=sim.scene.X * [most - 1.0, 1.0 / most - 1.0])
+            set_motion(sim, u=sim.scene.X * [most - 1.0, 1.0 / most - 1.0])
             sim.sample()
             told.append(watch.check(float(step)))
     assert [bool(line) for line in told] == [False, True, False, True, False, False, True]

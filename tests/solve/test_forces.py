@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import DAMPED, built, case, everywhere, forces, set_state, smooth
+from scenes import DAMPED, built, case, everywhere, forces, set_motion, smooth
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.schema import Case
@@ -48,7 +48,7 @@ def deform(sim: Simulation, size: float = 0.02, speed: float = 0.1, lifted: bool
     v = smooth(X, 6, speed, shortest=R) + 0.1 * speed * noise[1]
     if lifted:
         u += np.column_stack([-3.0 * sim.scene.cell, np.full(sim.scene.size, 3.0)])
-    set_state(sim, u, v)
+    set_motion(sim, u, v)
     return u, v
 
 
@@ -125,7 +125,7 @@ def test_single_precision_of_coefficients_keeps_momentum_and_changes_forces_by_i
         assert not sim.terms.single
     monkeypatch.setattr(terms, "SINGLE_FROM", 0)
     with built(SCENES[name]()) as sim:
-        set_state(sim, u, v)
+        set_motion(sim, u, v)
         f = internal(sim)
         assert sim.terms.single
         assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()  # measured 6e-17
@@ -152,7 +152,7 @@ def test_internal_forces_turn_nothing(name: str) -> None:
 def approach(sim: Simulation, seed: int) -> np.ndarray:
     """Press the cells together a little, unevenly, and return the positions (size, 2)."""
     u = 0.004 * np.random.default_rng(seed).standard_normal((sim.scene.size, 2))
-    set_state(sim, u)
+    set_motion(sim, u)
     return sim.scene.X + u
 
 
@@ -177,7 +177,7 @@ def test_forces_between_cells_add_up_to_nothing_and_turn_nothing(seed: int, cell
 def test_forces_do_not_depend_on_who_computes_them(comm) -> None:
     with built(case("all_protrude")) as sim, built(case("all_protrude"), comm.Split(comm.rank, 0)) as alone:
         u, v = deform(sim, lifted=False)
-        set_state(alone, u, v)
+        set_motion(alone, u, v)
         assert np.array_equal(forces(sim), forces(alone))
         for term in SURFACES:
             ours, theirs = (everywhere(s, s.mechanics.surface_force(term)[0]) for s in (sim, alone))
@@ -189,24 +189,24 @@ def test_rigid_motion_costs_no_elastic_force(angle: float) -> None:
     with built(case("nucleus")) as sim:
         X = sim.scene.X
         Q = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        set_state(sim, X @ (Q - np.eye(2)).T + [3.0, -2.0], np.zeros_like(X))
+        set_motion(sim, X @ (Q - np.eye(2)).T + [3.0, -2.0], np.zeros_like(X))
         rigid = np.abs(internal(sim)).max()
-        set_state(sim, X * [0.01, -0.01], np.zeros_like(X))
+        set_motion(sim, X * [0.01, -0.01], np.zeros_like(X))
         assert rigid < 1e-10 * np.abs(internal(sim)).max()  # against a strain of 1 %; measured 1.2e-11
 
 
 def test_rigid_spin_and_translation_cost_no_viscous_force() -> None:
     with built(case("one_cell")) as sim:
         X = sim.scene.X
-        set_state(sim, np.zeros_like(X), X @ np.array([[0.0, -1.0], [1.0, 0.0]]).T + [1.0, 2.0])
+        set_motion(sim, np.zeros_like(X), X @ np.array([[0.0, -1.0], [1.0, 0.0]]).T + [1.0, 2.0])
         rigid = np.abs(internal(sim)).max()
-        set_state(sim, np.zeros_like(X), X * [1.0, -1.0])
+        set_motion(sim, np.zeros_like(X), X * [1.0, -1.0])
         assert rigid < 1e-11 * np.abs(internal(sim)).max()  # measured 9e-15
 
 
 def test_undeformed_cells_at_rest_feel_their_surfaces_only() -> None:
     with built(case("all_protrude")) as sim:
-        set_state(sim, np.zeros_like(sim.scene.X))
+        set_motion(sim, np.zeros_like(sim.scene.X))
         inside = np.abs(internal(sim)).max()
         assert inside < 1e-9 * np.abs(forces(sim)).max()
 
@@ -225,7 +225,7 @@ def test_force_is_minus_the_gradient_of_all_energies(name: str) -> None:
     with built(WHOLE[name]()) as sim:
         m = sim.mechanics
         u = deform(sim, 0.005, lifted=False)[0]
-        set_state(sim, u, np.zeros_like(u))
+        set_motion(sim, u, np.zeros_like(u))
         f = forces(sim)
         if sim.terms.protrusion is not None:  # no potential
             f = f - everywhere(sim, m.surface_force("protrusion")[0])

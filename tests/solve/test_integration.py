@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import CASES, DAMPED, RIGHT, built, case, everywhere, piece, set_state
+from scenes import CASES, DAMPED, RIGHT, built, case, everywhere, piece, set_motion
 
 from cellmig.case.load import load
 from cellmig.case.schema import Case
@@ -238,7 +238,7 @@ def growth(case: Case, factor: float, steps: int = 300) -> float:
         step = factor * min(sim.control.stable().values())
     fixed = dataclasses.replace(case, time=dataclasses.replace(case.time, step=step))
     with built(fixed) as sim:
-        set_state(sim, v=1e-6 * np.random.default_rng(0).standard_normal(sim.scene.X.shape))
+        set_motion(sim, v=1e-6 * np.random.default_rng(0).standard_normal(sim.scene.X.shape))
         try:
             sim.go(steps * step)
         except NumericsError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_state
+from scenes import built, case, everywhere, set_motion
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
@@ -89,7 +89,7 @@ def test_the_push_is_in_proportion_to_the_bonds_of_the_front_half(flat: float, h
     with built(case("one_cell", ALONE, "protrusion.random=false", per_cell=600)) as sim:
         X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
         y = np.where((np.abs(X[:, 0]) < flat) & (X[:, 1] < 1.0), law.equilibrium_distance, X[:, 1] + 0.3)
-        set_state(sim, np.column_stack([np.zeros(len(X)), y - X[:, 1]]))
+        set_motion(sim, np.column_stack([np.zeros(len(X)), y - X[:, 1]]))
         force = push(sim)[:, 0].sum()
         t = (np.arange(2000) + 0.5) / 2000  # the bonds by sums over points, and the front half as the law has it
         g, x = (np.outer(1 - t, values[s.ids]) + np.outer(t, values[s.ids[s.after]]) for values in (y, X[:, 0]))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scenes import DAMPED, built, case, everywhere, set_state
+from scenes import DAMPED, built, case, everywhere, set_motion
 from scipy.optimize import brentq
 from statics import equilibrium, loads
 
@@ -124,7 +124,7 @@ def test_stress_of_a_disc_that_rings_in_its_slowest_mode_converges(layout: str) 
         with built(disc(layout, count, *DAMPED)) as sim:
             mode = Ringing(sim.scene.materials[0], NUCLEUS)
             u, exact = mode.fields(sim.scene.X)
-            set_state(sim, size * u, np.zeros_like(u))
+            set_motion(sim, size * u, np.zeros_like(u))
             sim.sample()  # F is made anew
             sim.go(2.0 * np.pi / mode.frequency)
             spacing.append(sim.scene.templates[0].spacing)
@@ -182,7 +182,7 @@ def test_deviator_of_a_prescribed_deformation_and_flow_converges_in_nucleus_and_
         with built(disc(layout, count, base="one_cell", radius=CELL)) as sim:
             X, V = sim.scene.X, sim.scene.field("V")
             (x1, F1), (x2, F2), (x, F) = (sheared(X, a, wave) for a in (size - h, size + h, size))
-            set_state(sim, x - X, rate * (x2 - x1) / (2.0 * h))
+            set_motion(sim, x - X, rate * (x2 - x1) / (2.0 * h))
             s, errs = stress(sim), []
             for i, law in enumerate(sim.scene.materials):
                 on = sim.scene.material == i

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from samples import assert_close, deformations, rates, slope, vectors
-from scenes import DISC, built, case, everywhere, example, forces, set_state, smooth
+from scenes import DISC, built, case, everywhere, example, forces, set_motion, smooth
 from test_forces import NO_ETA, SCENES, SOFT, approach, deform
 
 from mpi4py import MPI
@@ -175,7 +175,7 @@ def test_forces_of_the_kernel_on_surfaces_are_those_of_the_formulas(part: str, n
     """Three cells pressed against each other and the substrate, whose membranes slide, on any ranks."""
     with built(three_cells(part, name)) as sim:
         m = sim.mechanics
-        set_state(sim, approach(sim, 1) - sim.scene.X, smooth(sim.scene.X, 6, 1.0))
+        set_motion(sim, approach(sim, 1) - sim.scene.X, smooth(sim.scene.X, 6, 1.0))
         expected = m.surface_force(part)[0]
         x, v = m.kernel["X"] + m.kernel["state"][:, :2], m.kernel["state"][:, 2:]
         found = np.zeros_like(x)

@@ -1,10 +1,10 @@
 /* What step control and tables ask for. */
 
-/* Local bounds V J λmax(F⁻ᵀ K F⁻¹) of viscous and elastic stiffness, extremes of J and the particle of the least, the
- * largest speed². */
-void limits(const KernelData *s, double out[6])
+/* Local bounds V J λmax(F⁻ᵀ K F⁻¹) of viscous and elastic stiffness, extremes of J, the largest
+ * speed². */
+void limits(const KernelData *s, double out[5])
 {
-    double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0, least = -1;
+    double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0;
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = *block_at(s, b);
         for (int lane = 0; lane < block.lanes; lane++) {
@@ -24,13 +24,13 @@ void limits(const KernelData *s, double out[6])
                 weight += s->director_weight[i] * (g0 * g0 + g1 * g1) / (J * J * J);
             }
             if (!(top * weight <= elastic)) elastic = top * weight;
-            if (!(J >= low)) { low = J; least = (double)i; }
+            if (!(J >= low)) low = J;
             if (!(J <= high)) high = J;
             const double v2 = v[0] * v[0] + v[1] * v[1];
             if (!(v2 <= speed)) speed = v2;
         }
     }
-    out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed; out[5] = least;
+    out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed;
 }
 
 /* Energies ½ u·E u of the elastic stabilisation, by rows. */

@@ -46,14 +46,19 @@ def built(case: Case) -> Simulation:
     return Simulation(case, MPI.COMM_SELF)
 
 
-def set_state(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
+def set_motion(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
+    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists; collective."""
     m = sim.mechanics
     for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
         if values is not None:
             m.state.owned[:, columns] = values[m.ids]
     m.state.exchange()
     m.renew_lists()
+
+
+def set_state(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
+    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
+    set_motion(sim, u, v)
     sim.sample()
 
 
