@@ -11,6 +11,7 @@ import numpy as np
 from . import units
 from .gaps import OUTLINE, near, overlap
 from .messages import show, suggest
+from .pairs import paired
 from .schema import Cell, Particles
 from .source import Source
 from .values import declared
@@ -30,6 +31,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
         _count(source, found["particles"], cells)
     _names(source, cells)
     _parts(source, found)
+    _pairs(source, found)
     _equilibria(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
     if on_substrate:
@@ -125,6 +127,20 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
         source.reject(("time", "integrator"), f"{show(step)} has no plates; \"leapfrog\" has")
 
 
+def _pairs(source: Source, found: dict[str, Any]) -> None:
+    """Note two cells that two exceptions of adhesion name."""
+    pairs = found["pairs"]
+    try:
+        _, twice = paired([cell.name for cell, _ in found["cells"]], [pair for pair, _ in pairs])
+    except ValueError as error:
+        source.reject(("adhesion", "pairs"), str(error))
+        return
+    for first, second, (a, b) in twice:
+        line = source.place(pairs[first][1])[1]
+        source.reject((*pairs[second][1], "cells"), f"'{a}' and '{b}' are named before, in adhesion.pairs.{first}"
+                                                    + (f" in line {line}" if line else ""))
+
+
 def _equilibria(source: Source, found: dict[str, Any]) -> None:
     """Note what a static case cannot have: fluids, adhesion and the like, initial motion, sudden loads."""
     if found["time"] is None or found["time"].integrator != "static":
@@ -137,10 +153,11 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
                          "steps in time (\"beuler\", a long time.step) lead to its rest")
     for name, path, what in (
             ("substrate", ("adhesion", "substrate"), "adhesion"), ("contact", ("adhesion", "cells"), "adhesion"),
+            ("pairs", ("adhesion", "pairs"), "adhesion"),
             ("protrusion", ("protrusion",), "protrusion"), ("cortex", ("cortex",), "cortex"),
             ("friction", ("friction",), "friction"), ("director", ("director",), "director"),
             ("body_force", ("body_force",), "body force")):
-        if found[name] is not None:
+        if found[name] not in (None, []):
             source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
         for key in ("displacement", "velocity", "velocity_gradient"):

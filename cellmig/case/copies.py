@@ -16,6 +16,12 @@ def cell_names(cells: list) -> list[str]:
     return [name for item in cells for name in copy_names(item)]
 
 
+def named(cells: list) -> dict[str, tuple[str, ...]]:
+    """Cells by every name that may stand for them: that of one cell, or of a table [[cells]] for all its copies."""
+    tables = {item["name"]: tuple(copies) for item in cells if (copies := copy_names(item))}
+    return tables | {name: (name,) for name in cell_names(cells)}
+
+
 def copy_names(item: object) -> list[str]:
     """Names of the cells of one table [[cells]]; none if it cannot be read."""
     name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])

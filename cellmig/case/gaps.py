@@ -11,9 +11,17 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from .expression import evaluate
+from .pairs import paired
 from .schema import Case
 
 OUTLINE = 720  # points of an outline: that of a disc of radius 5 µm deviates by 0.05 nm
+
+
+class Pressed(NamedTuple):
+    """Two cells closer than their law of adhesion holds them apart: their gap [µm], the law."""
+
+    gap: float
+    law: Any
 
 
 class Arrangement(NamedTuple):
@@ -25,6 +33,7 @@ class Arrangement(NamedTuple):
     heights : (cells,) -- heights of the lowest points [µm].
     gap : float -- least gap between two cells [µm]; None if there is one cell.
     pair : tuple -- indices of these two cells.
+    pressed : Pressed -- the two cells that are pressed together most; None if none are.
     group : (cells,) int -- number of the group of cells that bonds tie together.
     floating : (k,) int -- cells that bonds tie to the substrate neither directly nor through other cells.
     """
@@ -33,27 +42,32 @@ class Arrangement(NamedTuple):
     heights: np.ndarray
     gap: float | None
     pair: tuple[int, int] | None
+    pressed: Pressed | None
     group: np.ndarray
     floating: np.ndarray
 
 
 def arrangement(case: Case) -> Arrangement:
     """Arrangement of the cells of a case at the start; bonds form up to their cutoff."""
-    shared = {key: _outline(*key) for key in {(c.shape, c.displacement) for c in case.cells}}
+    shared = {key: outline(*key) for key in {(c.shape, c.displacement) for c in case.cells}}
     outlines = [shared[c.shape, c.displacement] for c in case.cells]
     centres = np.array([c.centre for c in case.cells])
     low, high = _boxes(outlines, centres)
-    reach, measure = case.contact.cutoff if case.contact else 0.0, _Measure(outlines, centres)
+    pairing, laws = paired([c.name for c in case.cells], case.pairs)[0], [*(p.law for p in case.pairs), case.contact]
+    reach, measure = max((law.cutoff for law in laws if law), default=0.0), _Measure(outlines, centres)
     gaps = {pair: gap for pair in near(outlines, centres, reach) if (gap := measure(*pair, reach)) < reach}
     least = min(gaps.items(), key=lambda item: item[1], default=None) or _nearest(outlines, centres, measure)
-    group, floating = _groups(list(gaps), len(outlines)), np.zeros(0, int)
+    bonds = {pair: law for pair in gaps if (law := laws[pairing.of(*pair)])}
+    ties = [pair for pair, law in bonds.items() if law.work and gaps[pair] < law.cutoff]
+    pressed = [Pressed(gaps[pair], law) for pair, law in bonds.items() if gaps[pair] < law.cap]
+    group, floating = _groups(ties, len(outlines)), np.zeros(0, int)
     if case.substrate is not None:
         floating = np.flatnonzero(~np.isin(group, group[low[:, 1] < case.substrate.cutoff]))
     return Arrangement(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
-               group, floating)
+                       min(pressed, key=lambda one: one.gap / one.law.cap, default=None), group, floating)
 
 
-def _outline(shape: Any, displacement: tuple) -> np.ndarray:
+def outline(shape: Any, displacement: tuple) -> np.ndarray:
     """Outline (n, 2) [µm] from the cell's centre, with the initial displacement."""
     points = shape.outline(OUTLINE)
     with np.errstate(all="ignore"):

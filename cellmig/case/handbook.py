@@ -8,10 +8,16 @@ from collections.abc import Iterator
 from typing import Any
 
 from . import registry, units
-from .schema import Cell, case_fields, case_path
+from .schema import Cell, Pair, case_fields, case_path
 from .values import bounds, declared, required, type_name, write
 
 _HEAD = ["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|"]
+_BESIDE = {Cell: "  Beside these stand the keys of its shape, below under *shape*.  After a repeated cell, a table "
+                 "`[cells.NAME]` holds what differs in the copy of that name.",
+           Pair: "  Beside these stand keys of the law, below under *adhesion*; those that are not given are as in "
+                 "`[adhesion.cells]`.  The name of a repeated cell stands for all its copies: `[\"R-{}\", \"R-{}\"]` "
+                 "are the pairs among them.  One cell with itself is its own outline, which repels but does not "
+                 "adhere."}
 _TYPES = {"int": "whole number", "bool": "true or false", "str": "text", "float": "number", "tuple": "list"}
 
 
@@ -48,8 +54,7 @@ def _section(f: Any) -> list[str]:
     if "section" in meta:
         return [f"## `[{path}]`", "", f"{_sentence(meta['doc'])}.", "", *_table(declared(meta["section"]).items())]
     if "items_of" in meta:
-        more = ("  Beside these stand the keys of its shape, below under *shape*.  After a repeated cell, a table "
-                "`[cells.NAME]` holds what differs in the copy of that name.") if meta["items_of"] is Cell else ""
+        more = _BESIDE.get(meta["items_of"], "")
         return [f"## `[[{path}]]`", "", f"{_sentence(meta['doc'])}.{more}", "",
                 *_table(declared(meta["items_of"]).items())]
     known = ", ".join(f"[`{name}`](#{_anchor(meta['kind'], name)})" for name in registry.laws(meta["kind"]))

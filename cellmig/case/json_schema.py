@@ -34,7 +34,9 @@ def _part(f: Any) -> dict:
     if "section" in meta:
         return _record(meta["section"], doc=meta["doc"])
     if "items_of" in meta:
-        item = _choice("shape", "shape", Cell) if meta["items_of"] is Cell else _record(meta["items_of"])
+        around = meta["items_of"]
+        key, law = next(((name, f) for name, f in declared(around).items() if f.metadata.get("inline")), (None, None))
+        item = _choice(law.metadata["kind"], key, around) if law is not None else _record(around)
         return {"type": "array", "description": meta["doc"], "items": item}
     if "kind" not in meta:
         return _value(f)
@@ -52,6 +54,7 @@ def _choice(kind: str, key: str, around: type | None = None) -> dict:
         option = _record(cls, doc=_first_sentence(cls))
         if around:
             option["properties"] |= _record(around)["properties"]
+        if around is Cell:
             option["additionalProperties"] = {"type": "object", "description": "what differs in the copy of this name"}
         option["properties"][key] = {"const": name, "description": meaning}
         options.append(option)
@@ -83,6 +86,8 @@ def _value(f: Any) -> dict:
     leaf: dict = {"type": "string" if unit or "items" in meta else _TYPES.get(type_name(f), "number")}
     if meta.get("items") == "count":
         leaf = {"type": "integer", "minimum": 1}
+    if meta.get("items") == "pair":
+        leaf = {"anyOf": [leaf, {"type": "array", "items": leaf}]}
     if unit:
         number = r"^.*\S\s+\S+$" if meta.get("formula") else r"^\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*\S+"
         leaf["pattern"] = "|".join([number, *meta.get("words", ())])
@@ -92,7 +97,7 @@ def _value(f: Any) -> dict:
         leaf["enum"] = list(meta["choices"])
     if meta.get("scaled"):
         leaf = {"anyOf": [leaf, {"type": "number"}]}
-    for n in reversed(meta.get("shape") or ((None,) if "items" in meta else ())):
+    for n in reversed(meta.get("shape") or {"pair": (2,)}.get(meta.get("items"), (None,) if "items" in meta else ())):
         leaf = {"type": "array", "items": leaf} | ({"minItems": meta.get("least", n), "maxItems": n} if n else {})
     if "reader" in meta:
         leaf = {"type": "object"}

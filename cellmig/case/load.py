@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from . import accuracy, registry, values
 from .checks import check, ordered, resolution
-from .copies import cell_names, copy_names, expand
+from .copies import copy_names, expand, named
 from .expression import Expression
 from .messages import CaseError, show, suggest
 from .outline_file import Corners
-from .schema import Case, Cell, case_fields, case_path
+from .schema import Case, Cell, Pair, case_fields, case_path
 from .source import Source, assign, read
 from .values import declared
 
@@ -77,8 +78,10 @@ class _Reader:
         materials = source.data.get("materials")
         self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that have changes, by path
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
+        self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
         if isinstance(source.data.get("cells"), list):
-            self.names["cell"] = cell_names(source.data["cells"])
+            self.cells_of = named(source.data["cells"])
+            self.names["cell"] = list(self.cells_of)
 
     def case(self) -> dict[str, Any]:
         """Values of all fields by name; None where they have mistakes."""
@@ -133,7 +136,8 @@ class _Reader:
         if meta.get("items_of") is Cell:
             return self.cells(value, path)
         if "items_of" in meta:
-            return self.items(meta["items_of"], [] if value is None else value, path)
+            read = self.pair if meta["items_of"] is Pair else partial(self.record, meta["items_of"])
+            return self.items(read, [] if value is None else value, path)
         if meta.get("many"):
             if not isinstance(value, dict | None):
                 self.reject(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
@@ -178,13 +182,28 @@ class _Reader:
                     self.changed[(*path, name)] = copy, says
         return cell
 
-    def items(self, cls: type, value: Any, path: tuple) -> list[tuple[Any, tuple]]:
-        """Items without mistakes of a list of tables, with their paths."""
+    def items(self, read: Callable[[Any, tuple], Any], value: Any, path: tuple) -> list[tuple[Any, tuple]]:
+        """Items without mistakes of a list of tables, with their paths; `read` makes one from its table and path."""
         if not isinstance(value, list):
-            self.reject(path, f"is a list of tables: write [[{path[-1]}]]")
+            self.reject(path, f"is a list of tables: write [[{'.'.join(path)}]]")
             return []
-        found = [(self.record(cls, item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
+        found = [(read(item, (*path, n)), (*path, n)) for n, item in enumerate(value)]
         return [item for item in found if item[0] is not None]
+
+    def pair(self, data: Any, path: tuple) -> Pair | None:
+        """Cells with a law of their own; keys that the table lacks are as in adhesion.cells, if that has this law."""
+        of_all = self.find(("adhesion", "cells"))
+        default = of_all.get("law", "seifert") if isinstance(of_all, dict) else "seifert"
+        cls = self.choose("adhesion", data, path, "law", default)
+        if cls is None or not isinstance(data, dict):
+            return self.record(Pair, data, path, None, law=None)
+        given = {}
+        if isinstance(of_all, dict) and cls is registry.laws("adhesion").get(default):
+            base = self.law("adhesion", of_all, ("adhesion", "cells"), "seifert")  # its mistakes are told once
+            given = {key: getattr(base, key, None) for key in declared(cls) if key not in data}
+        own = {key: value for key, value in data.items() if key not in declared(Pair)}
+        law = self.record(cls, own, path, declared(Pair), **given)
+        return self.record(Pair, data, path, None, law=law)
 
     def cell(self, data: Any, path: tuple) -> Cell | None:
         """Cell from a table, which holds the keys of the cell and those of its shape."""
@@ -271,10 +290,27 @@ class _Reader:
             self.reject(path, str(error))
             return None
         what = f.metadata.get("refers") or f.metadata.get("items")
-        for name in dict.fromkeys(found if isinstance(found, tuple) else (found,)) if what in self.names else ():
-            if name not in self.names[what] and not self.partial:
-                self.reject(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
+        if what == "pair":
+            if () in found:
+                self.reject(path, "names no cell on one side")
+            return tuple(self.copies((side,) if isinstance(side, str) else side, path) for side in found)
+        if what == "cell":
+            return self.copies(found, path)
+        if what in self.names:
+            self.known(what, found, path)
         return found
+
+    def copies(self, names: tuple[str, ...], path: tuple) -> tuple[str, ...]:
+        """Names of single cells: the name of a repeated cell stands for all its copies."""
+        if "cell" in self.names:
+            for name in dict.fromkeys(names):
+                self.known("cell", name, path)
+        return tuple(dict.fromkeys(one for name in names for one in self.cells_of.get(name, ())))
+
+    def known(self, what: str, name: str, path: tuple) -> None:
+        """Note a mistake unless there is such a material or cell."""
+        if name not in self.names[what] and not self.partial:
+            self.reject(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
 
     def missing(self, path: tuple, what: str) -> None:
         """Note a required key that is missing."""

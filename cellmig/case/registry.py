@@ -73,7 +73,7 @@ def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> 
     choices : tuple -- all allowed words.
     known : tuple -- usual words: a similar word is refused as a misspelling, any other is allowed.
     above, minimum, maximum : bounds of an int.
-    items : "cell" for a tuple of names of cells, "count" for one of counts.
+    items : "cell" for a tuple of names of cells, "pair" for two such tuples, "count" for one of counts.
     refers : "material" for a string that names a material.
     or_file : function that reads the value from a file whose name is given instead.
     scaled : whether lengths are pure numbers if the table has a `unit`.

@@ -80,6 +80,21 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Cells whose adhesion to each other differs from that of all others."""
+
+    cells: tuple = parameter("which cells with which, each a name or a list of names", items="pair")
+    law: Any = parameter("law of kind adhesion; what is not given is as in adhesion.cells", kind="adhesion",
+                         inline=True)
+
+    @property
+    def itself(self) -> bool:
+        """Whether this is one cell with itself."""
+        left, right = self.cells
+        return left == right and len(left) == 1
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnPart:
     """Base class of what acts on a part of the surface of some cells."""
 
@@ -166,8 +181,9 @@ def _section(cls: type, doc: str) -> Any:
     return field(metadata={"doc": doc, "section": cls})
 
 
-def _list(cls: type, doc: str) -> Any:
-    return field(default=(), metadata={"doc": doc, "items_of": cls})
+def _list(cls: type, doc: str, at: str = "") -> Any:
+    extra = {"at": tuple(at.split("."))} if at else {}
+    return field(default=(), metadata={"doc": doc, "items_of": cls, **extra})
 
 
 def _law(kind: str, doc: str, at: str = "", default_law: str | None = None) -> Any:
@@ -188,6 +204,8 @@ class Case:
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
     substrate: Any = _law("adhesion", "adhesion to the substrate y = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
+    pairs: tuple = _list(Pair, "exceptions: cells whose adhesion to each other differs from adhesion.cells",
+                         "adhesion.pairs")
     protrusion: Any = _law("protrusion", "push of the leading edge", default_law="edge")
     cortex: Any = _law("cortex", "tension of the cells' surfaces; by default none, as in the paper",
                        default_law="line-tension")
@@ -225,6 +243,11 @@ class Case:
                 for group in groups:
                     table = table.setdefault(group, {})
                 table[key] = _written(f, value)
+        of_all = tree.get("adhesion", {}).get("cells", {})
+        for pair in tree.get("adhesion", {}).get("pairs", ()):
+            if pair["law"] == of_all.get("law"):
+                for key in [key for key, value in pair.items() if of_all.get(key) == value and key != "law"]:
+                    del pair[key]
         return tree
 
 

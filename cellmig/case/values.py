@@ -52,7 +52,7 @@ def read(field: dataclasses.Field, value: Any) -> Any:
     if "unit" in meta:
         return _nested(meta, meta.get("shape", ()), value, _quantity)
     if "items" in meta:
-        return _nested(meta, (None,), value, _item)
+        return _nested(meta, (2 if meta["items"] == "pair" else None,), value, _item)
     return {"bool": _flag, "int": _count, "str": _word, "float": _quantity}[type_name(field)](meta, value)
 
 
@@ -77,7 +77,7 @@ def example(field: dataclasses.Field) -> str:
 
 def _example(meta: Any, shape: tuple, plain: str = "1") -> str:
     if "items" in meta:
-        return '["Cell-1"]' if meta["items"] == "cell" else "[1]"
+        return {"cell": '["Cell-1"]', "pair": '["Cell-1", "Cell-2"]'}.get(meta["items"], "[1]")
     unit = meta.get("unit", "")
     leaf = f'"{units.written("1", unit)}"' if unit else plain
     for n in reversed(shape):
@@ -147,9 +147,11 @@ def _word(meta: Any, value: Any) -> str:
 
 
 def _item(meta: Any, value: Any) -> Any:
-    """Item of a list of names or counts."""
+    """Item of a list of names or counts, or of a pair of lists of names."""
     if meta["items"] == "count":
         return _count({"minimum": 1}, value)
+    if meta["items"] == "pair" and isinstance(value, list | tuple):
+        return _nested({"items": "cell"}, (None,), value, _item)
     return _word({}, value)
 
 

@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+STRAIGHT = 1e-4  # turn of an edge [rad] that is none
 TINY = 1e-9  # lengths below this fraction of the size of an outline are rounding errors
 
 
@@ -42,6 +43,17 @@ def snapped(X: np.ndarray, bits: int = 48) -> np.ndarray:
     """Points X (n, 2) [µm] rounded to a grid of 2^-bits of their size, so that no library's last bits matter."""
     grid = 2.0 ** float(np.frexp(1.1 * float(np.abs(X).max()))[1] - bits)
     return (np.rint(X / grid) * grid).astype(float)
+
+
+def turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Angles (k,) [rad] from the directions `before` (k, 2) to those `after` (k, 2), positive to the left."""
+    return np.arctan2(cross(before, after), (before * after).sum(axis=1))
+
+
+def convex(polygon: np.ndarray) -> bool:
+    """Whether a counterclockwise `polygon` (k, 2) [µm] nowhere turns right by more than STRAIGHT."""
+    start, end = edges(polygon)
+    return bool((turn(end - start, np.roll(end - start, -1, axis=0)) > -STRAIGHT).all())
 
 
 def first_corner(polygon: np.ndarray) -> int:

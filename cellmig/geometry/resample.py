@@ -52,7 +52,7 @@ class _Curve:
         self.closed = np.concatenate([polygon, polygon[:1]])
         self.ends = np.concatenate([[0.0], np.cumsum(polygons.sides(polygon))])
         self.arc, self.length = self.ends[:-1], self.ends[-1]
-        self.turn = _turn(polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon)
+        self.turn = polygons.turn(polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon)
         step, side = self.length / max(4, round(self.length / h)), np.diff(self.ends)
         gain = sum(np.linalg.norm(self.at(self.arc + way) - polygon, axis=1) for way in (-step, step))
         seen = 0.25 * gain @ (side + np.roll(side, 1)) / (step * self.length)  # mean chord over arc, at steps of h
@@ -82,7 +82,7 @@ def _ends(curve: _Curve, h: float, fixed: list[float]) -> list[float]:
     """Arc lengths at which there has to be a particle: the `fixed` ones, and the corners, sharpest first."""
     here, reach = curve.arc[np.abs(curve.turn) > CORNER], min(2.0 * curve.reach, 0.25 * curve.length)
     middle = curve.mean(here)
-    far = np.abs(_turn(middle - curve.mean(here - reach), curve.mean(here + reach) - middle))
+    far = np.abs(polygons.turn(middle - curve.mean(here - reach), curve.mean(here + reach) - middle))
     here, far = here[far > CORNER], far[far > CORNER]
     order = np.argsort(-far, kind="stable")
     for equal in np.split(order, np.flatnonzero(np.diff(-far[order]) > EQUAL) + 1):
@@ -107,11 +107,6 @@ def _apart(arcs: np.ndarray, fixed: list[float], least: float, length: float) ->
         begin, width = s[(before + 1) % len(s)], (s[end] - s[(before + 1) % len(s)]) % length
         found += [begin, s[end]] if width > least else [(begin + 0.5 * width) % length]
     return [float(arc) for arc in found]
-
-
-def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Angles (k,) [rad] from the directions `before` (k, 2) to those `after` (k, 2), positive to the left."""
-    return np.arctan2(polygons.cross(before, after), (before * after).sum(axis=1))
 
 
 def _evenly(curve: _Curve, start: float, end: float, h: float, least: int) -> np.ndarray:

@@ -6,8 +6,13 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from ..case.gaps import outline
+from ..case.pairs import Pairing, paired
 from ..case.registry import laws
 from ..case.schema import Case, particle_count
+from ..geometry.polygons import convex
 from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, ProtrusionLaw
 from ..model.seifert import solid
 from .boundary import load_curves_of
@@ -16,12 +21,34 @@ SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in
 
 
 @dataclass(frozen=True)
+class Contacts:
+    """Laws of contact between surfaces of cells; each keeps them apart, also where there are no bonds.
+
+    Attributes
+    ----------
+    laws : tuple of Adhesion -- all that differ from each other.
+    pairing : Pairing -- for each two cells, the number of their law.
+    own : bool -- whether any cell can meet itself; its law is repulsion alone.
+    """
+
+    laws: tuple[Adhesion, ...]
+    pairing: Pairing
+    own: bool
+
+    def of_pair(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Number in `laws` of that between the cells a (k,) int and b (k,) int, in either order (k,) int."""
+        return self.pairing.of(a, b)
+
+
+@dataclass(frozen=True)
 class Terms:
     """Terms of a scene; one that is None, "none" or False is not compiled, stored or exchanged.
 
     Attributes
     ----------
-    substrate, contact, protrusion, cortex, friction : law or None -- terms of the surface.
+    substrate, contact, protrusion, cortex, friction : law or None -- terms of the surface; `contact` is that of all
+        pairs of cells without exceptions.
+    contacts : Contacts or None -- laws of all pairs of cells, and of a cell with itself.
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
     active : bool -- whether there is an active stress -ζ h⊗h.
@@ -34,6 +61,7 @@ class Terms:
 
     substrate: Adhesion | None = None
     contact: Adhesion | None = None
+    contacts: Contacts | None = None
     protrusion: ProtrusionLaw | None = None
     cortex: Cortex | None = None
     friction: Friction | None = None
@@ -73,9 +101,12 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
     between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))
-    contact = unless(why((len(case.cells) == 1, "one cell alone"),
-                         (case.static and case.contact is None, "the case has none")),
-                     "adhesion between cells", nothing if len(case.cells) == 1 or case.static else solid(between))
+    alone = len(case.cells) == 1
+    contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
+                     "adhesion between cells", nothing if alone or case.static else solid(between))
+    own = unless(why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline")),
+                 "contact of a cell with itself", True, False)
+    contacts = _contacts(case, contact, nothing if case.static else between, own) if contact or own else None
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
                             (push is not None and not push.cells, "no cell protrudes"),
@@ -104,9 +135,40 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
-    return Terms(substrate=substrate, contact=contact, protrusion=protrusion, cortex=cortex, friction=friction,
-                 director=director, director_law=law, active=active, stabilised=stabilised, bulk_damped=damped,
-                 stiffened=stiffened, acceleration=force, load_curves=outside, single=single, skipped=skipped)
+    return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
+                 friction=friction, director=director, director_law=law, active=active, stabilised=stabilised,
+                 bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=single,
+                 skipped=skipped)
+
+
+def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool) -> Contacts:
+    """Laws of all pairs of cells; `between` is that of most, and `contact` the same or None if no two cells meet."""
+    pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
+    given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
+    known: dict[Adhesion, int] = {}
+
+    def number(law: Adhesion) -> int:
+        return known.setdefault(law, len(known))
+
+    first = number(contact) if contact is not None else 0
+    others = [number(solid(law)) if contact is not None else 0 for law in given[:-1]]
+    between_kinds = np.array([*others, first])[pairing.between]
+    of_own = [number(_repulsion(given[n], case.static)) if own else 0 for n in pairing.own]
+    return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
+
+
+def _repulsion(law: Adhesion, absent: bool) -> Adhesion:
+    """Repulsion alone, up to the equilibrium distance of a law, or not even that."""
+    eps = law.equilibrium_distance
+    bare = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=eps)
+    return bare if absent else solid(bare)
+
+
+def _meet_themselves(case: Case) -> bool:
+    """Whether a cell can meet itself: fluids and what is not convex can."""
+    bodies = {(c.shape, c.displacement, c.material) for c in case.cells}
+    return any(case.materials[name].viscosity or not case.materials[name].shear_modulus
+               or not convex(outline(shape, displacement)) for shape, displacement, name in bodies)
 
 
 def _thin(case: Case) -> float:

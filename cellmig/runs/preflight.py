@@ -19,7 +19,7 @@ from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
 
-from .summary import describe_load_steps, describe_scene, describe_skipped, describe_step
+from .summary import describe_contacts, describe_load_steps, describe_scene, describe_skipped, describe_step
 from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # largest number of particles of a timed scene
@@ -245,13 +245,14 @@ def _modulus(case: Case) -> list[tuple[str, str]]:
 
 def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about lengths of the model relative to the spacing."""
-    rows = []
-    for name, term, law in (("substrate", "adhesion to the substrate", case.substrate),
-                            ("between cells", "adhesion between cells", case.contact)):
-        if term not in c.skipped:
-            eps = law.equilibrium_distance
-            rows.append((name, f"equilibrium distance {1e3 * eps:g} nm is {eps / c.spacing:.2g} of the spacing: "
-                               "integrated along the surface, not sampled at particles"))
+    terms, rows = find_terms(case), []
+    between = terms.contacts.laws if terms.contact is not None and terms.contacts is not None else ()
+    for name, laws in (("substrate", filter(None, [terms.substrate])), ("between cells", between)):
+        if distances := sorted({law.equilibrium_distance for law in laws}):
+            told = describe_contacts(case, terms) if name == "between cells" else []
+            eps = distances[0]
+            rows += [*told, ("" if told else name, f"equilibrium distance {1e3 * eps:g} nm is {eps / c.spacing:.2g} of "
+                             "the spacing: integrated along the surface, not sampled at particles")]
     if "protrusion" not in c.skipped:
         rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
                                    "spacings"))

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
+from cellmig.meshfree.terms import Terms
+from cellmig.model.protocols import Adhesion
+from cellmig.model.seifert import solid
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
 
 from .estimates import expected
 
 FLOATING = 5  # largest number of cells that a warning names
+LISTED = 4  # the same of a pair
 CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
@@ -93,15 +100,19 @@ def _floating(case: Case, found: Arrangement) -> list[tuple[str, str]]:
 def _pressed(case: Case, found: Arrangement) -> list[tuple[str, str]]:
     """Warnings of bonds that are compressed at the start, which push the cells apart."""
     rows = []
-    for law, gap, term, remedy in (
-            (case.substrate, found.heights.min(), "adhesion to the substrate",
-             "rest = true sets a cell down at equilibrium, or set the centre of the lowest cell higher by"),
-            (case.contact, found.gap, "adhesion between cells", "set the cells apart by a further")):
-        if law is not None and law.work and gap is not None and gap < law.cap:
-            eps = law.equilibrium_distance
-            rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * eps:g} nm: "
-                                    "its first steps are finer, and 1 % of the energy may be lost; "
-                                    f"{remedy} {1e3 * (eps - gap):.3g} nm"))
+    pressed = []
+    if case.substrate is not None and case.substrate.work and found.heights.min() < case.substrate.cap:
+        pressed.append((case.substrate, found.heights.min(), "adhesion to the substrate",
+                        "rest = true sets a cell down at equilibrium, or set the centre of the lowest cell higher by"))
+    if found.pressed is not None:
+        gap, law = found.pressed
+        pressed.append((law, gap, f"{'adhesion' if law.work else 'repulsion'} between cells",
+                        "set the cells apart by a further"))
+    for law, gap, term, remedy in pressed:
+        eps = law.equilibrium_distance
+        rows.append(("WARNING", f"{term} starts pressed, at a gap of {1e3 * gap:.3g} nm of its {1e3 * eps:g} nm: "
+                                "its first steps are finer, and 1 % of the energy may be lost; "
+                                f"{remedy} {1e3 * (eps - gap):.3g} nm"))
     return rows
 
 
@@ -123,17 +134,37 @@ def describe_laws(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
             text += f", bulk modulus reduced from {law.bulk_modulus / 1e6:g} to {law.reduced_bulk_modulus / 1e6:g} MPa"
         rows.append((name, text))
     t = simulation.terms
-    for name, law in (("substrate", t.substrate), ("between cells", t.contact)):
-        if law is not None and law.work:
-            rows.append((name, f"{law.law}, work of adhesion {law.work:g} pN/µm, equilibrium distance "
-                               f"{1e3 * law.equilibrium_distance:g} nm"))
-        elif law is not None and law.stiffness(0.0):
-            rows.append((name, f"no adhesion; surfaces closer than {1e3 * law.equilibrium_distance:g} nm repel each "
-                               "other"))
+    rows += [("substrate", text) for text in _law_text(t.substrate)] + describe_contacts(case, t)
     if t.protrusion is not None and case.protrusion:
         rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; ratio {t.protrusion.protrusion_ratio:g}, "
                                    f"height {t.protrusion.height:g} µm"))
     return rows
+
+
+def describe_contacts(case: Case, terms: Terms) -> list[tuple[str, str]]:
+    """Rows of the laws between cells: that of all pairs, and exceptions."""
+    rows = [("between cells", text) for text in _law_text(terms.contact)]
+    for pair in case.pairs if rows else ():
+        left, right = map(_named, pair.cells)
+        names = f"{left} with itself" if pair.itself else f"{left} with {right}"
+        if not pair.itself or (terms.contacts is not None and terms.contacts.own):
+            law = dataclasses.replace(pair.law, bond_density=0.0) if pair.itself else pair.law
+            rows += [("", f"{names}: {text}") for text in _law_text(solid(law))]
+    return rows
+
+
+def _law_text(law: Adhesion | None) -> list[str]:
+    """Text of a law of adhesion, none if it does nothing."""
+    if law is None or not law.stiffness(0.0):
+        return []
+    distance = f"{1e3 * law.equilibrium_distance:g} nm"
+    return [f"{law.law}, work of adhesion {law.work:g} pN/µm, equilibrium distance {distance}" if law.work else
+            f"no adhesion; surfaces closer than {distance} repel each other"]
+
+
+def _named(names: Sequence[str]) -> str:
+    """Names of cells, not all if there are many."""
+    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
 
 
 def span(values: list) -> str:

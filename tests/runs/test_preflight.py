@@ -133,6 +133,43 @@ def test_a_cell_floats_if_no_chain_of_bonds_ties_it_to_the_substrate() -> None:
     assert "beyond the 1 µm that its bonds reach" in warning
 
 
+def test_cells_without_bonds_between_them_do_not_hold_each_other() -> None:
+    pile = ({"centre": ["0 um"], "rest": True}, {"centre": ["0 um", "15.4 um"]})
+    bare = case("paper", 'adhesion.cells.bond_density="0 /um^2"').resolved()["adhesion"]
+    assert list(arrangement(scene(*pile)).floating) == []
+    assert list(arrangement(scene(*pile, adhesion=bare)).floating) == [1]
+    pair = {"cells": ["Cell-1", "Cell-2"], "bond_density": "0 /um^2"}
+    bare = case("paper").resolved()["adhesion"] | {"pairs": [pair]}
+    assert list(arrangement(scene(*pile, adhesion=bare)).floating) == [1]
+
+
+def test_the_pair_that_is_pressed_most_for_its_own_law_is_told() -> None:
+    wide = {"cells": ["Cell-2", "Cell-3"], "equilibrium_distance": "50 nm", "bond_density": "0 /um^2"}
+    row = [{"centre": [f"{x} um", "5.01 um"]} for x in (0, 10.01, 20.03)]
+    adhesion = case("paper").resolved()["adhesion"] | {"pairs": [wide]}
+    assert "WARNING" not in told(scene(*row))
+    warning = told(scene(*row, adhesion=adhesion))["WARNING"]
+    assert "repulsion between cells starts pressed, at a gap of 20 nm of its 50 nm" in warning
+
+
+@pytest.mark.parametrize(("sets", "rows"), [
+    ((), ["between cells  seifert, work of adhesion 24 pN/µm, equilibrium distance 10 nm"]),
+    (('adhesion.cells.bond_density="0 /um^2"',),
+     ["between cells  no adhesion; surfaces closer than 10 nm repel each other"]),
+    (('adhesion.pairs=[{cells=["Cell-{}", "Cell-3"], bond_density="0 /um^2"}]',),
+     ["between cells  seifert, work of adhesion 24 pN/µm, equilibrium distance 10 nm",
+      "Cell-1, Cell-2, Cell-3 with Cell-3: no adhesion; surfaces closer than 10 nm repel each other"])])
+def test_the_report_tells_the_laws_between_cells(sets: tuple, rows: list) -> None:
+    lines = [line.strip() for line in report(case("paper", *sets, per_cell=60)).split("\n")]
+    assert set(rows) <= set(lines)
+
+
+def test_the_report_of_cells_without_adhesion_tells_that_they_repel() -> None:
+    tree = case("paper", per_cell=60).resolved()
+    del tree["adhesion"]["cells"]
+    assert "between cells  no adhesion; surfaces closer than 10 nm repel each other" in report(from_dict(tree))
+
+
 def test_a_smaller_radius_leaves_the_cell_afloat_and_rest_sets_it_down() -> None:
     afloat = case("one_cell", "cells.Cell-1.radius=4 um")
     warning = told(afloat)["WARNING"]
