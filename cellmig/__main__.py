@@ -176,6 +176,8 @@ def _references(options: argparse.Namespace) -> int:
 
 def bench(options: argparse.Namespace) -> int:
     """Measure the cost of steps, or run time against error."""
+    if options.problem and not options.error:
+        raise UsageError("--problem belongs to --error")
     if options.modulus:
         if options.out:
             raise UsageError("--modulus writes nothing and knows no --out")
@@ -186,8 +188,11 @@ def bench(options: argparse.Namespace) -> int:
     out = options.out or Path("output") / ("bench-quick" if options.quick else "bench")
     if options.error:
         from .bench.accuracy import bench_error
+        from .bench.problems import PROBLEMS
 
-        return bench_error(out, options.quick)
+        if unknown := [name for name in options.problem if name not in PROBLEMS]:
+            raise UsageError(f"--problem: no problem '{unknown[0]}'; there are {', '.join(PROBLEMS)}")
+        return bench_error(out, options.quick, options.problem)
     if options.scaling:
         from .bench.scaling import bench_scaling
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cellmig.case.accuracy import measurements
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
@@ -20,22 +21,27 @@ from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
 from . import modulus
-from .pareto import Point, draw, gains, pareto, time_at, verdict, with_median_times
+from .pareto import Broken, Point, draw, gains, measured_problems, pareto, time_at, verdict, with_median_times
 from .problems import PROBLEMS, Problem, Series, Setting, columns
 from .speed import as_json, write_report
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
-         "cell": (150, 331, 631, 1485, 3000)}
-QUICK = {"disc": (91, 331, 631, 1485), "drop": (91, 331, 631, 1485), "cell": (91, 150, 331)}
-FINEST, QUICK_FINEST = 12000, 1485  # particles of the reference runs of the cell
-# Single changes, at two sizes.
-SINGLE = {"dilation": (1.4, 1.6, 2.0, 2.6, 3.0), "step_factor": (0.4, 0.6, 0.95), "stabilisation": (0.0, 0.5, 2.0),
-          "hourglass_modulus": (0.0, 0.25, 1.0, 2.0), "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2),
-          "integrator": ("rk", "ssp", "bdf")}
+         "cell": (150, 331, 631, 1485, 3000), "scene": (150, 331, 631, 1485, 3000)}
+QUICK = {"disc": (91, 331, 631, 1485), "drop": (91, 331, 631, 1485), "cell": (91, 150, 331), "scene": (91, 150, 331)}
+# Particles of the reference runs of problems without an exact solution, in full and with --quick.
+FINEST = {"cell": (12000, 1485), "scene": (6000, 631)}
+# Single changes, at two sizes; the scene takes 20 times as long as the cell.
+SINGLE = {"dilation": (1.4, 1.6, 2.0, 2.6, 3.0), "surface_refinement": (2.0,), "step_factor": (0.4, 0.6, 0.95),
+          "stabilisation": (0.0, 0.5, 2.0), "hourglass_modulus": (0.0, 0.25, 1.0, 2.0),
+          "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2), "integrator": ("rk", "ssp", "bdf")}
+TWO = {"disc": (331, 1485), "drop": (331, 1485), "cell": (331, 1485), "scene": (331, 631)}
 # All combinations at all sizes: choices from which an accuracy is picked, and the stabilisation, which matters most.
 CROSSED = {"dilation": (1.8, 2.2), "step_factor": (0.8, 0.95), "modulus": (1.25, 5.0)}
 ALSO = {"dilation": (1.8, 2.2), "stabilisation": (0.25, 1.0), "hourglass_modulus": (0.5, 1.0)}
-SLOW_INTEGRATORS = 400  # largest number of particles of the cell with PETSc's types, which take minutes
+ON_SCENE = ({"surface_refinement": (1.0, 2.0), "step_factor": (0.8, 0.95), "modulus": (1.25, 2.5, 5.0)},
+            {"surface_refinement": (1.0, 2.0), "stabilisation": (0.25, 0.5, 1.0)})
+GRIDS = {"disc": (CROSSED, ALSO), "drop": (CROSSED, ALSO), "cell": (CROSSED, ALSO), "scene": ON_SCENE}
+SLOW = {"cell": 400, "scene": 0}  # largest number of particles a cell with PETSc's types, which take minutes there
 PROBE = 1e6  # particle-steps of a time measurement
 
 
@@ -83,60 +89,66 @@ def measure_problem(problem: Problem, setting: Setting, stopwatch: Stopwatch) ->
         return Point(problem.name, setting, n, steps, ns, cpu, float("nan")), columns(series)
 
 
-def plan(quick: bool) -> list[tuple[Problem, Setting]]:
-    """All runs, each once, in random order, so that slow moments of the machine do not bias one setting."""
+def plan(quick: bool, names: Sequence[str]) -> list[tuple[Problem, Setting]]:
+    """All runs of some problems, each once, in random order: slow moments of the machine then do not bias a setting."""
     found: dict[tuple[str, Setting], None] = {}
-    for name, sizes in (QUICK if quick else SIZES).items():
-        problem = PROBLEMS[name]
-        two = (sizes[1],) if quick else (331, 1485)
+    for name in names:
+        problem, sizes = PROBLEMS[name], (QUICK if quick else SIZES)[name]
+        two = (sizes[1],) if quick else TWO[name]
         settings = [Setting(per_cell=n) for n in sizes]
         settings += [Setting(per_cell=n, **{key: value}) for key, values in SINGLE.items() if key not in problem.without
                      for value in values for n in two]
-        for grid in (CROSSED, ALSO):
+        for grid in GRIDS[name]:
             keys = [key for key in grid if key not in problem.without]
             settings += [Setting(n, **dict(zip(keys, values, strict=True)))
                          for values in itertools.product(*(grid[key] for key in keys)) for n in sizes]
         for s in settings:
-            if not (name == "cell" and s.integrator != "leapfrog" and s.per_cell > SLOW_INTEGRATORS):
+            if s.integrator == "leapfrog" or s.per_cell <= SLOW.get(name, s.per_cell):
                 found[name, s] = None
     listed = [(PROBLEMS[name], setting) for name, setting in found]
     random.Random(0).shuffle(listed)
     return listed
 
 
-def references(quick: bool, stopwatch: Stopwatch) -> tuple[dict[str, Series], dict[str, float]]:
+def references(quick: bool, names: Sequence[str], stopwatch: Stopwatch
+               ) -> tuple[dict[str, Series], dict[str, float]]:
     """Measurements of the finest run of problems without an exact solution, and their uncertainty [-].
 
-    Its stabilisation is a quarter of the default, whose error falls with the spacing; the uncertainty is the
-    difference from a run with the default.
+    Its stabilisation is a quarter of the default, whose error falls with the spacing; the uncertainty is the larger
+    difference from a run with the default, and from one with half of the particles.
     """
     found, uncertain = {}, {}
-    finest = QUICK_FINEST if quick else FINEST
-    for name, problem in PROBLEMS.items():
+    for name in names:
+        problem = PROBLEMS[name]
         if problem.own:
-            found[name] = measure_problem(problem, Setting(finest, stabilisation=0.25), stopwatch)[1]
-            default = measure_problem(problem, Setting(finest), stopwatch)[1]
-            uncertain[name] = problem.judge(np.array(problem.times), default, found[name])["error"]
+            finest = Setting(FINEST[name][quick], stabilisation=0.25)
+            found[name] = measure_problem(problem, finest, stopwatch)[1]
+            others = (dataclasses.replace(finest, stabilisation=1.0),
+                      dataclasses.replace(finest, per_cell=finest.per_cell // 2))
+            uncertain[name] = max(problem.judge(np.array(problem.times), measure_problem(problem, other, stopwatch)[1],
+                                                found[name])["error"] for other in others)
     return found, uncertain
 
 
-def bench_error(out: Path, quick: bool = False) -> int:
+def bench_error(out: Path, quick: bool = False, names: Sequence[str] = ()) -> int:
     """Measure all, print the Pareto sets and a verdict on the defaults; write error.json, error.md and error.png.
 
     Parameters
     ----------
     out : Path -- directory of the results.
     quick : bool -- coarse particles.
+    names : list of str -- problems, by default all.
 
     Returns
     -------
     int -- exit code: 0, or 75 after a signal to stop.
     """
-    begin, stopwatch, points, failed = perf_counter(), Stopwatch(), [], []
-    listed = plan(quick)
+    begin, stopwatch, points, broken = perf_counter(), Stopwatch(), [], []
+    names = names or list(PROBLEMS)
+    listed = plan(quick, names)
     print(f"{len(listed)} runs one after the other, as they are timed; first the finest", flush=True)
     with stop_requests() as stop_signals:
-        finest, uncertain = references(quick, stopwatch)
+        finest, uncertain = references(quick, names, stopwatch)
         due = perf_counter() + 30.0
         for count, (problem, setting) in enumerate(listed):
             if stop_signals:
@@ -145,7 +157,7 @@ def bench_error(out: Path, quick: bool = False) -> int:
             try:
                 point, series = measure_problem(problem, setting, stopwatch)
             except NumericsError as error:
-                failed.append({"problem": problem.name, **dataclasses.asdict(setting), "message": str(error)})
+                broken.append(Broken(problem.name, setting, str(error)))
                 continue
             parts = problem.judge(np.array(problem.times), series, finest.get(problem.name))
             points.append(dataclasses.replace(point, error=parts.pop("error"), parts=parts))
@@ -154,65 +166,72 @@ def bench_error(out: Path, quick: bool = False) -> int:
                 print(f"{count + 1} of {len(listed)} runs, {clock(perf_counter() - begin)}", flush=True)
     stopwatch.close()
     points = with_median_times(points)
-    reduced = modulus.continuation(quick)
-    write(out, points, failed, uncertain, reduced, quick)
+    reduced = modulus.continuation(quick, [name for name in modulus.NAMES if name in names])
+    write(out, points, broken, uncertain, reduced, quick)
     print(f"{clock(perf_counter() - begin)} in all")
     return DONE
 
 
-def write(out: Path, points: Sequence[Point], failed: list, uncertain: dict[str, float],
+def write(out: Path, points: Sequence[Point], broken: Sequence[Broken], uncertain: dict[str, float],
           reduced: Sequence[modulus.Row], quick: bool) -> None:
     """Print and write the tables, all points as JSON, the picture, and the accuracies that a case can ask for."""
-    fronts = {name: pareto([p for p in points if p.problem == name]) for name in PROBLEMS}
+    measured = measured_problems(points)
+    fronts = {name: pareto([p for p in points if p.problem == name]) for name in measured}
     rows = [{"problem": p.problem, **dataclasses.asdict(p.setting), "steps": p.steps, "ns_per_particle_step": p.ns,
              "cost_s": p.cost, "cpu_s": p.cpu, "error": p.error, "parts": p.parts, "pareto": p in fronts[p.problem]}
             for p in sorted(points, key=lambda p: (p.problem, p.cost))]
-    found = {"reference_known_to": uncertain, "failed": failed,
+    found = {"reference_known_to": uncertain,
+             "broken": [{"problem": b.problem, **dataclasses.asdict(b.setting), "message": b.message} for b in broken],
              "reduced_modulus": [dataclasses.asdict(row) for row in reduced], "points": rows}
-    command = f"cellmig bench --error{' --quick' * quick}"
+    chosen = "".join(f" --problem {name}" for name in measured) * (len(measured) < len(PROBLEMS))
+    command = f"cellmig bench --error{chosen}{' --quick' * quick}"
     origin = write_report(out / "error", "Run time against error: every Pareto set", command, found, [
-        *report(points, failed, uncertain), "", *modulus.report(reduced)])
-    replace(out / "accuracy.json", as_json({"origin": origin, "points": accuracy_table(points, uncertain)}))
+        *report(points, broken, uncertain), *(["", *modulus.report(reduced)] if reduced else [])])
+    replace(out / "accuracy.json", as_json(measurements() | {
+        kind: {"origin": origin, "points": rows} for kind, rows in accuracy_table(points, uncertain).items()}))
     draw(points, out / "error.png", uncertain)
     print(out / "error.png", out / "accuracy.json", sep="\n")
 
 
-def accuracy_table(points: Sequence[Point], uncertain: dict[str, float]) -> list[dict[str, Any]]:
+def accuracy_table(points: Sequence[Point], uncertain: dict[str, float]) -> dict[str, list[dict[str, Any]]]:
     """Accuracies that a case can ask for: by kind of problem, the Pareto set of the points with permitted changes only.
 
     Errors are at least the uncertainty of the reference.  Cells keep the default dilation, as protruding ones fail with
     a smaller one, which this problem does not show.
     """
-    rows = []
-    for name, problem in PROBLEMS.items():
-        allowed = set(CROSSED) - ({"dilation"} if name == "cell" else set())
+    kinds = {}
+    for name in measured_problems(points):
+        problem = PROBLEMS[name]
+        allowed = set(GRIDS[name][0]) - ({"dilation"} if name == "cell" else set())
         own = [p for p in points if p.problem == name and set(p.setting.changes) <= allowed]
-        for p in pareto(own):
-            error = max(p.error, uncertain.get(name, 0.0))
-            rows.append({"kind": problem.kind, "error": float(f"{error:.3g}"), "cost_s": float(f"{p.cost:.3g}"),
-                         "per_cell": p.setting.per_cell, **{key: getattr(p.setting, key) for key in CROSSED
-                                                            if key not in problem.without}})
-    return rows
+        kinds[problem.kind] = [{
+            "error": float(f"{max(p.error, uncertain.get(name, 0.0)):.3g}"), "cost_s": float(f"{p.cost:.3g}"),
+            "per_cell": p.setting.per_cell,
+            **{key: getattr(p.setting, key) for key in GRIDS[name][0] if key not in problem.without}}
+            for p in pareto(own)]
+    return kinds
 
 
-def report(points: Sequence[Point], failed: list, uncertain: dict[str, float]) -> list[str]:
+def report(points: Sequence[Point], broken: Sequence[Broken], uncertain: dict[str, float]) -> list[str]:
     """The tables in Markdown, and the verdict on the defaults."""
-    lines = []
-    for name, problem in PROBLEMS.items():
-        own = [p for p in points if p.problem == name]
+    lines, measured = [], measured_problems(points)
+    for name in measured:
+        problem, own = PROBLEMS[name], [p for p in points if p.problem == name]
         parts = list(own[0].parts)
         known = f"; the reference is known to {100 * uncertain[name]:.2g} %" if name in uncertain else ""
         lines += [f"{problem.title} ({name}): Pareto set of {len(own)} runs{known}", "",
                   *table(["particles", "change of the defaults", "steps", "ns", "time [s]", "error [%]", *parts,
                            "defaults take [s]"],
                           [_line(p, [q for q in own if not q.setting.changes]) for p in pareto(own)]), ""]
-    best = gains(points)
+    best = gains(points, broken)
     lines += ["Time of the defaults to the same error over that of a change, median over sizes; 1 and less gains "
-              "nothing", "",
-              *table(["change", *PROBLEMS], [[Setting(**change).description, *(f"{row[name]:.2f}" for name in PROBLEMS)]
+              "nothing; 0 broke, nan was not measured", "",
+              *table(["change", *measured], [[Setting(**change).description, *(f"{row[name]:.2f}" for name in measured)]
                                               for change, row in best]), ""]
-    broken = "; ".join(f"{f['problem']} {f['message'][:60]}" for f in failed)
-    lines += [f"{len(failed)} runs broke: {broken}", ""] * bool(failed)
+    if broken:
+        lines += [f"{len(broken)} runs broke:", "", *table(
+            ["problem", "particles", "change of the defaults", "message"],
+            [[b.problem, str(b.setting.per_cell), b.setting.description, b.message] for b in broken]), ""]
     return [*lines, verdict(best)]
 
 

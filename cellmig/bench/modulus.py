@@ -43,10 +43,10 @@ class Row:
     known: float
 
 
-def continuation(quick: bool = False) -> list[Row]:
-    """Run the problems with all moduli; a row for each quantity.  Raises NumericsError."""
+def continuation(quick: bool = False, names: Sequence[str] = NAMES) -> list[Row]:
+    """Run problems with all moduli; a row for each quantity.  Raises NumericsError."""
     size = QUICK_SIZE if quick else SIZE
-    return [row for name in NAMES
+    return [row for name in names
             for row in judge(PROBLEMS[name], size, {k: measure_problem(PROBLEMS[name], Setting(size, modulus=k))
                                                     for k in (*MODULI, CHECK)})]
 

@@ -49,6 +49,23 @@ class Point:
         return 1e-9 * self.steps * self.particles * self.ns
 
 
+@dataclass(frozen=True)
+class Broken:
+    """A run that failed.
+
+    setting : numerical choices;  message : of its error.
+    """
+
+    problem: str
+    setting: Setting
+    message: str
+
+
+def measured_problems(points: Sequence[Point]) -> list[str]:
+    """Names of the problems that have points, in the order of PROBLEMS."""
+    return [name for name in PROBLEMS if any(p.problem == name for p in points)]
+
+
 def pareto(points: Sequence[Any]) -> list[Any]:
     """The points for which no other has both smaller cost and smaller error, ordered by cost."""
     best: list[Any] = []
@@ -79,33 +96,38 @@ def gain(points: Sequence[Point], changes: dict[str, Any]) -> float:
     return float(np.median(found)) if found else float("nan")
 
 
-def gains(points: Sequence[Point]) -> list[tuple[dict[str, Any], dict[str, float]]]:
+def gains(points: Sequence[Point], broken: Sequence[Broken] = ()) -> list[tuple[dict[str, Any], dict[str, float]]]:
     """Gain by problem of each change of the defaults, ordered by the smallest gain of all problems, best first.
 
-    Choices that do not apply to a problem are left out of the change there.
+    Choices that do not apply to a problem are left out of the change there.  A gain is 0 where a run with the change
+    broke at a size at which the defaults did not, and nan where it was not measured.
     """
-    changes = {repr(p.setting.changes): p.setting.changes for p in points if p.setting.changes}
+    changes = {repr(p.setting.changes): p.setting.changes for p in (*points, *broken) if p.setting.changes}
     rows = []
     for change in changes.values():
         row = {}
-        for name, problem in PROBLEMS.items():
+        for name in measured_problems(points):
             own = [p for p in points if p.problem == name]
-            left = {key: value for key, value in change.items() if key not in problem.without}
-            row[name] = gain(own, left) if left else 1.0
-        if not any(np.isnan(value) for value in row.values()):
+            left = {key: value for key, value in change.items() if key not in PROBLEMS[name].without}
+            whole = {p.setting.per_cell for p in own if not p.setting.changes}
+            failed = any(b.problem == name and b.setting.changes == left and b.setting.per_cell in whole
+                         for b in broken)
+            row[name] = 0.0 if failed else gain(own, left) if left else 1.0
+        if not all(np.isnan(value) for value in row.values()):
             rows.append((change, row))
-    return sorted(rows, key=lambda pair: -min(pair[1].values()))
+    return sorted(rows, key=lambda pair: -float(np.nanmin(list(pair[1].values()))))
 
 
 def with_median_times(points: Sequence[Point]) -> list[Point]:
     """The points, with the median time per particle-step of all points whose steps do the same work, as times scatter.
 
-    Problem, size, dilation and integrator determine the work, and terms that are absent because their factor is zero.
+    Problem, size, dilation, refinement and integrator determine the work, and terms that are absent because their
+    factor is zero.
     """
     def work(p: Point) -> tuple:
         s = p.setting
-        return (p.problem, p.particles, s.dilation, s.integrator, not s.stabilisation, not s.hourglass_modulus,
-                not s.bulk_viscosity)
+        return (p.problem, p.particles, s.dilation, s.surface_refinement, s.integrator, not s.stabilisation,
+                not s.hourglass_modulus, not s.bulk_viscosity)
 
     times: dict[tuple, list[float]] = {}
     for p in points:
@@ -115,7 +137,7 @@ def with_median_times(points: Sequence[Point]) -> list[Point]:
 
 def verdict(rows: Sequence[tuple[dict[str, Any], dict[str, float]]]) -> str:
     """Sentences that name the best setting by these numbers, and the one which should be the default."""
-    paying = [row for row in rows if min(row[1].values()) >= PAYS]
+    paying = [row for row in rows if all(value >= PAYS for value in row[1].values())]
     fit = [row for row in paying if not set(row[0]) & set(UNFIT)]
     text = "The defaults should stay: no change of them that was measured gains time on every problem."
     if fit:
@@ -136,19 +158,24 @@ def _gain_text(row: tuple[dict[str, Any], dict[str, float]]) -> str:
 def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> None:
     """Draw error against time of each problem: all points, Pareto set, defaults, other codes."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.5, 4.6), layout="constrained")
-        axes = figure.subplots(1, len(PROBLEMS))
-        for ax, (name, problem) in zip(axes, PROBLEMS.items(), strict=True):
+        measured = measured_problems(points)
+        columns, rows = min(2, len(measured)), (len(measured) + 1) // 2
+        figure = Figure(figsize=(4.2 * columns, 0.7 + 3.5 * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for ax in axes[len(measured):]:
+            ax.set_axis_off()
+        for ax, name in zip(axes, measured, strict=False):
             own = [p for p in points if p.problem == name]
-            _panel(ax, own, problem.title)
+            _panel(ax, own, PROBLEMS[name].title)
             if floor := uncertain.get(name):
                 ax.axhspan(ax.get_ylim()[0], 100.0 * floor, color="0.9", zorder=0)
                 ax.text(0.03, 0.02, "grey: the reference is not known better", transform=ax.transAxes, fontsize=7)
             if name == "disc":
                 _peers(ax, [p for p in own if not p.setting.changes])
-        axes[0].set_ylabel("error [%]")
+        for ax in axes[::columns]:
+            ax.set_ylabel("error [%]")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=3)
-        figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.88))  # room for the legend
+        figure.get_layout_engine().set(rect=(0.0, 0.12 / rows, 1.0, 1.0 - 0.12 / rows))  # room for the legend
         save(figure, path.parent, path.stem, (path.suffix[1:],))
 
 

@@ -1,4 +1,4 @@
-"""Problems whose solution is known, for measurements of run time against error: elastic, fluid, a spreading cell."""
+"""Problems for measurements of run time against error: elastic, fluid, a spreading cell, the paper's scene."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from cellmig.case.schema import Case
 from cellmig.case.values import declared
 from cellmig.laws import register
 from cellmig.runs.cases import FOLDER, fluid_drop
+from cellmig.runs.run import ENERGY_ERROR
 from cellmig.simulation import Simulation
 
 CELL = 5.0  # radius [µm]
+FLATTENED = 20.0  # time from which stresses of the scene count: until then snaps of the membrane rule them [µs]
 Series = dict[str, np.ndarray]
 
 
@@ -27,13 +29,15 @@ Series = dict[str, np.ndarray]
 class Setting:
     """Numerical choices.
 
-    per_cell : particles;  dilation : of the kernel;  integrator : "leapfrog" or a type of PETSc's TS;  step_factor :
-    step over the stable one;  stabilisation : its viscosity over the default of the law;  hourglass_modulus : of the
-    nucleus, over G;  modulus : reduced bulk modulus [MPa];  bulk_viscosity : over ρ c h.
+    per_cell : particles;  dilation : of the kernel;  surface_refinement : density of particles along surfaces over that
+    inside;  integrator : "leapfrog" or a type of PETSc's TS;  step_factor : step over the stable one;  stabilisation :
+    its viscosity over the default of the law;  hourglass_modulus : of the nucleus, over G;  modulus : reduced bulk
+    modulus [MPa];  bulk_viscosity : over ρ c h.
     """
 
     per_cell: int = 1485
     dilation: float = 2.2
+    surface_refinement: float = 1.0
     integrator: str = "leapfrog"
     step_factor: float = 0.8
     stabilisation: float = 1.0
@@ -77,7 +81,8 @@ class Problem:
         tree = self.tree()
         tree["time"] |= {"end": f"{self.times[-1]:.9g} us", "integrator": setting.integrator,
                          "step_factor": setting.step_factor}
-        tree["particles"] = {"per_cell": setting.per_cell, "dilation": setting.dilation}
+        tree["particles"] = {"per_cell": setting.per_cell, "dilation": setting.dilation,
+                             "surface_refinement": setting.surface_refinement}
         tree["numerics"] = {"bulk_viscosity": setting.bulk_viscosity}
         for material in tree["materials"].values():
             law = laws("material")[material["law"]]
@@ -125,6 +130,11 @@ def _cell() -> dict:
     return _resolved("one_cell")
 
 
+def _scene() -> dict:
+    """The paper's three cells, all of which protrude."""
+    return _resolved("all_protrude")
+
+
 def semi_axes(sim: Simulation) -> dict[str, float]:
     """Semi-axes a and b of a disc [µm], from the displacements of the points of its rim at 0 and 90 degrees."""
     m, surface = sim.mechanics, sim.scene.surface(0)
@@ -147,6 +157,31 @@ def spreading(sim: Simulation) -> dict[str, float]:
     row = sim.sample()[0][1]
     y = sim.mechanics.segments.everywhere()[:, 1]
     return {"contact": row["substrate_contact_um"], "height": float(np.ptp(y)), "centre": row["y_um"]}
+
+
+def crawling(sim: Simulation) -> dict[str, float]:
+    """Displacements and contact lengths [µm] of an aggregate, median stresses [Pa], energy error [-].
+
+    Displacements are those of the aggregate (0) and of each cell; effective stresses are medians over the particles by
+    volume, of the fluid and of the nuclei.  Raises NumericsError where the energy error would end a run.
+    """
+    rows, ledger = sim.sample()
+    if ledger["energy_error"] > ENERGY_ERROR:
+        sim.integrator.fail(f"the energy error is {100 * ledger['energy_error']:.3g} %")
+    found = {f"u{axis}{cell}": row[f"u{axis}_um"] for cell, row in enumerate(rows) for axis in "xy"}
+    found |= {name: rows[0][f"{name}_contact_um"] for name in ("substrate", "cell")}
+    stress, sampler = sim.sampler.stresses()["effective_stress"], sim.sampler
+    fluid = np.isin(sampler.material, [k for k, law in enumerate(sim.scene.materials)
+                                       if hasattr(law, "reduced_bulk_modulus")])
+    return found | {"stress": _median(stress[fluid], sampler.V[fluid]), "energy": ledger["energy_error"],
+                    "nucleus_stress": _median(stress[~fluid], sampler.V[~fluid])}
+
+
+def _median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The weighted median: half of the weight belongs to smaller values."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def ringing(t: np.ndarray) -> np.ndarray:
@@ -185,6 +220,29 @@ def judge_cell(t: np.ndarray, series: Series, finest: Series | None) -> dict[str
     return {"error": float(np.mean(list(parts.values()))), **parts}
 
 
+def judge_scene(t: np.ndarray, series: Series, finest: Series | None) -> dict[str, float]:
+    """The largest of the relative errors of the mean displacement along x and of both lengths of contact.
+
+    They, and the displacements of each cell, are root mean squares over time, over those of the reference.  Further
+    parts are errors of the median stresses, whose medians over time count, and the largest energy error of the run.
+    """
+    if finest is None:
+        return {"error": float("nan")}
+
+    def apart(*names: str) -> float:
+        found, exact = (np.concatenate([s[name] for name in names]) for s in (series, finest))
+        return rms(found - exact) / rms(exact)
+
+    def stress(name: str) -> float:
+        found, exact = (float(np.median(s[name][t >= FLATTENED])) for s in (series, finest))
+        return abs(found / exact - 1.0)
+
+    parts = {"displacement": apart("ux0"), "substrate": apart("substrate"), "cells": apart("cell")}
+    each = [name for name in finest if name[0] == "u" and name[-1] != "0"]
+    return {"error": max(parts.values()), **parts, "each": apart(*each), "stress": stress("stress"),
+            "nucleus": stress("nucleus_stress"), "energy": float(series["energy"].max())}
+
+
 def columns(rows: Sequence[dict[str, float]]) -> Series:
     """Measurements at several times, as an array for each quantity."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
@@ -197,9 +255,11 @@ def rms(x: np.ndarray) -> float:
 
 PROBLEMS = {p.name: p for p in (
     Problem("disc", "elastic", "elastic disc released, two periods", _disc, tuple(0.0881 * np.arange(1, 41)), semi_axes,
-            judge_disc, start=((0.05, 0.0), (0.0, -0.05)), without=("modulus",)),
+            judge_disc, start=((0.05, 0.0), (0.0, -0.05)), without=("modulus", "surface_refinement")),
     Problem("drop", "fluid", "viscous drop that stretches, 5 µs", _drop, (1.0, 2.0, 5.0), semi_axes, judge_drop,
-            without=("hourglass_modulus",)),
+            without=("hourglass_modulus", "surface_refinement")),
     Problem("cell", "cell on substrate", "the paper's cell spreads, 40 µs", _cell, tuple(np.arange(2.0, 41.0, 2.0)),
             spreading, judge_cell, own=True),
+    Problem("scene", "cells on a substrate", "the paper's three cells, 100 µs", _scene,
+            tuple(np.arange(2.0, 101.0, 2.0)), crawling, judge_scene, own=True),
 )}

@@ -1,4 +1,4 @@
-"""`numerics.accuracy`: the cheapest resolution whose error, measured on scenes of the same kind, is below it."""
+"""`numerics.accuracy`: the cheapest resolution whose error, measured on a scene of the same kind, is below it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from .values import declared
 
 MEASURED = Path(__file__).with_name("accuracy.json")  # written by `cellmig bench --error`
 PLACES = {"per_cell": ("particles", "per_cell"), "dilation": ("particles", "dilation"),
-          "step_factor": ("time", "step_factor")}
+          "surface_refinement": ("particles", "surface_refinement"), "step_factor": ("time", "step_factor")}
 
 
 @cache
-def _measured() -> dict[str, Any]:
+def measurements() -> dict[str, Any]:
+    """What was measured, by kind of scene: its "origin", and "points" of error [-], CPU time [s] and setting."""
     return json.loads(MEASURED.read_text(encoding="utf-8"))
 
 
@@ -50,7 +51,7 @@ def kind_of(data: dict[str, Any]) -> str | None:
     except (TypeError, KeyError, AttributeError):
         return None  # the reader reports what is wrong
     if on_substrate:
-        return "cell on substrate" if True in fluid else None
+        return ("cells on a substrate" if touching else "cell on substrate") if True in fluid else None
     return {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
 
 
@@ -58,15 +59,14 @@ def _several(cells: list) -> bool:
     return len(cells) > 1 or any(n != 1 for cell in cells for n in cell.get("repeat", [1]))
 
 
-def pick(points: list[dict[str, Any]], kind: str | None, accuracy: float) -> dict[str, Any]:
+def pick(measured: dict[str, Any], kind: str | None, accuracy: float) -> dict[str, Any]:
     """The cheapest measurement of a kind whose error is at most the accuracy [-].
 
     Raises ValueError where there is none; the message is for the user.
     """
-    own = [p for p in points if p["kind"] == kind]
-    if not own:
-        kinds = ", ".join(dict.fromkeys(p["kind"] for p in points))
-        raise ValueError(f"no scene of this kind was measured; there are: {kinds}")
+    if kind not in measured:
+        raise ValueError(f"no scene of this kind was measured; there are: {', '.join(measured)}")
+    own = measured[kind]["points"]
     good = [p for p in own if p["error"] <= accuracy]
     if not good:
         best = min(own, key=lambda p: p["error"])
@@ -85,8 +85,8 @@ def fill(source: Source) -> str:
     if wanted is None:
         return ""
     try:
-        accuracy = fraction(wanted)
-        chosen = pick(_measured()["points"], kind_of(data), accuracy)
+        accuracy, kind = fraction(wanted), kind_of(data)
+        chosen = pick(measurements(), kind, accuracy)
     except ValueError as error:
         source.reject(path, str(error))
         return ""
@@ -104,8 +104,8 @@ def fill(source: Source) -> str:
             new.append(f"{key} = {value}")
         elif not _same(given, value):
             unchanged.append(f"{key} = {given} (measured: {value})")
-    origin = _measured()["origin"]
-    text = [f"{100 * accuracy:g} %, {chosen['kind']}: measured {100 * chosen['error']:g} % ({origin['date']})"]
+    when = measurements()[kind]["origin"]["date"]
+    text = [f"{100 * accuracy:g} %, {kind}: measured {100 * chosen['error']:g} % ({when})"]
     text += [f"chosen {', '.join(new)}"] * bool(new)
     text += [f"not changed, so that the error may differ: {', '.join(unchanged)}"] * bool(unchanged)
     return "; ".join(text)
@@ -113,7 +113,7 @@ def fill(source: Source) -> str:
 
 def _choices(data: dict[str, Any], chosen: dict[str, Any]) -> list[tuple[str, tuple, Any]]:
     """Name, path in the case and value of each key that an accuracy sets."""
-    rows = [(key, place, chosen[key]) for key, place in PLACES.items()]
+    rows = [(key, place, chosen[key]) for key, place in PLACES.items() if key in chosen]
     for name, material in data["materials"].items() if "modulus" in chosen else ():
         if "reduced_bulk_modulus" in declared(registry.laws("material")[material["law"]]):
             place = ("materials", name, "reduced_bulk_modulus")

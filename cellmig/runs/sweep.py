@@ -26,6 +26,7 @@ from cellmig.case.schema import Case
 from cellmig.case.units import UnitError, number
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import OutputError, replace
+from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, further_columns, read_table
 from cellmig.plot.style import COLOURS, STYLE, save
@@ -33,6 +34,7 @@ from cellmig.plot.style import COLOURS, STYLE, save
 from .batch import Job, JobResult, run_missing, unsound, write_rows
 
 SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
+SMALL_ENERGY_ERROR = 0.005  # runs with less are counted apart [-]
 _LONGEST = 120  # largest number of letters in the name of a directory
 _SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity that may be part of a name
 _WORD, _SIGNS = re.compile(r"[\w.+^-]+"), re.compile(r"[^\w.+^-]+")
@@ -118,7 +120,10 @@ class Sweep:
             manifest, done = read_manifest(job.directory), job.is_done()
             if not done and not (manifest.get("exit_status") and job.matches(manifest)):
                 manifest = {}  # it belongs to another run
-            ended = {key: manifest.get(key) for key in _MANIFEST} | {"directory": str(job.directory)}
+            least, most = manifest.get("J") or (None, None)
+            ended = {key: manifest.get(key) for key in _MANIFEST} | {
+                "J_least": least, "J_most": most, "stretch": (manifest.get("strain") or {}).get("largest"),
+                "directory": str(job.directory)}
             if job in failed:
                 ended |= {"exit_status": failed[job].code, "cause": failed[job].message}
             if done:
@@ -127,6 +132,26 @@ class Sweep:
                     yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended}
             elif ended["exit_status"] is not None:
                 yield {**varied, "time_us": manifest.get("time_us"), **ended}
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines about all runs: how many came to their end, with which energy errors, how long they took, which broke."""
+    runs = list({row["directory"]: row for row in rows}.values())
+    done, lines = [run for run in runs if run["exit_status"] == DONE], []
+    if found := [run for run in done if run["worst_energy_error"] is not None]:
+        worst, longest = (max(found, key=lambda run: run[key]) for key in ("worst_energy_error", "wall_seconds"))
+        small = sum(run["worst_energy_error"] <= SMALL_ENERGY_ERROR for run in found)
+        lines = [f"{small} of them with an energy error of {100 * SMALL_ENERGY_ERROR:g} % or less; the largest is "
+                 f"{100 * worst['worst_energy_error']:.2g} % ({_name(worst)})",
+                 f"J from {min(run['J_least'] for run in found):.3f} to {max(run['J_most'] for run in found):.3f}; the "
+                 f"longest run took {clock(longest['wall_seconds'])} ({_name(longest)})"]
+    return [f"{len(done)} of {len(runs)} runs came to their end", *lines, *(
+        f"{_name(run)} ended with exit code {run['exit_status']}: {run['cause']}"
+        for run in runs if run["exit_status"] != DONE)]
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    return Path(row["directory"]).name
 
 
 def _check(jobs: Iterable[Job], varied: Iterable[str]) -> None:
@@ -215,7 +240,7 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN)
     failed |= unsound(job for job in jobs.values() if job.is_done())
     if rows := list(plan.rows(jobs, failed)):
         write_rows(plan.out / "sweep.csv", rows)
-        print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), sep="\n")
+        print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), *summary(rows), sep="\n")
     if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED

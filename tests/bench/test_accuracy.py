@@ -1,5 +1,6 @@
 """Run time against error: fronts and gains on made-up points, and what an accuracy picks or refuses."""
 
+import itertools
 import re
 
 import numpy as np
@@ -7,13 +8,16 @@ import pytest
 from scenes import CASES
 
 from cellmig import usage
+from cellmig.__main__ import bench
 from cellmig.bench import modulus
-from cellmig.bench.pareto import Point, gain, gains, pareto, time_at, verdict, with_median_times
-from cellmig.bench.problems import PROBLEMS, Setting, judge_disc, judge_drop, ringing
+from cellmig.bench.accuracy import plan, report
+from cellmig.bench.pareto import Broken, Point, gain, gains, pareto, time_at, verdict, with_median_times
+from cellmig.bench.problems import PROBLEMS, Setting, columns, crawling, judge_disc, judge_drop, judge_scene, ringing
 from cellmig.case import accuracy
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Numerics
+from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
 
@@ -49,6 +53,18 @@ def test_a_setting_counts_by_its_gain_on_the_worst_problem():
     assert "defaults should be: bulk viscosity 0.0" in verdict(rows) and "should stay: no change" in verdict(rows[1:])
 
 
+def test_a_change_with_which_runs_break_gains_nothing_and_one_that_was_not_measured_is_no_default():
+    points = [p for name in ("cell", "scene") for p in curve(1.0, name) + curve(2.0, name, modulus=1.25)]
+    points += curve(2.0, "cell", modulus=2.5)
+    broken = [Broken("scene", Setting(per_cell=n, modulus=1.25), "at 7 µs") for n in (150, 200)]
+    rows = {change["modulus"]: row for change, row in gains(points, broken[:1])}  # the defaults were not run at 150
+    assert rows[1.25] == pytest.approx({"cell": 2.0, "scene": 2.0}) and np.isnan(rows[2.5]["scene"])
+    assert gains(points, broken)[-1] == ({"modulus": 1.25}, pytest.approx({"cell": 2.0, "scene": 0.0}))
+    assert "defaults should be: modulus 1.25" in verdict(gains(points))
+    assert "should stay: no change" in verdict(gains(points, broken))
+    assert any("cell" not in line and "at 7 µs" in line for line in report(points, broken, {}))
+
+
 def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
     unfit, fit = (({key: value}, dict.fromkeys(PROBLEMS, gained)) for key, value, gained in (
         ("stabilisation", 0.25, 5.0), ("modulus", 1.25, 2.0)))
@@ -74,6 +90,42 @@ def test_exact_answers_have_no_error_and_wrong_ones_theirs():
     assert judge_drop(t, exact | {"a": exact["a"] + 0.0028614}, None)["error"] == pytest.approx(0.01)
 
 
+def test_the_error_of_the_scene_is_the_largest_of_its_displacement_and_contacts_and_stresses_stand_beside():
+    problem, sets = PROBLEMS["scene"], {"per_cell": 91}
+    case = problem.case(Setting(**sets, surface_refinement=2.0, modulus=1.25, step_factor=0.95))
+    assert (case.particles.surface_refinement, case.time.step_factor) == (2.0, 0.95)
+    with problem.simulation(Setting(**sets)) as sim:
+        rows = [crawling(sim)]
+        sim.go(1.0)
+        rows.append(crawling(sim))
+    assert rows[1]["uy0"] < 0.0 < rows[1]["stress"] and 0.0 < rows[1]["energy"] < 0.01  # measured 0.0036
+    t, finest = np.array([10.0, 30.0]), columns(rows[1:] * 2) | {"cell": np.ones(2)}  # they do not yet touch
+    parts = ("displacement", "substrate", "cells", "each", "stress", "nucleus")
+    assert judge_scene(t, finest, finest) == dict.fromkeys(("error", *parts), 0.0) | {"energy": rows[1]["energy"]}
+    wrong = {"ux0": 1.1, "substrate": 1.2, "cell": 1.0, "ux1": 1.0, "stress": 3.0}
+    found = judge_scene(t, {name: wrong.get(name, 1.0) * values for name, values in finest.items()}, finest)
+    assert found["error"] == found["substrate"] == pytest.approx(0.2) and found["stress"] == pytest.approx(2.0)
+    assert found["displacement"] == pytest.approx(0.1) and found["cells"] == found["each"] == 0.0
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_the_plan_holds_every_run_once_and_the_problems_that_are_asked_for(quick):
+    listed = plan(quick, ["scene"])
+    assert {problem.name for problem, _ in listed} == {"scene"} and len(set(listed)) == len(listed)
+    assert {s.integrator for _, s in listed} == {"leapfrog"}  # PETSc's types take minutes
+    assert {(s.surface_refinement, s.modulus, s.step_factor) for _, s in listed} > set(
+        itertools.product((1.0, 2.0), (1.25, 2.5, 5.0), (0.8, 0.95)))
+    assert {"rk", "bdf"} < {s.integrator for _, s in plan(quick, ["cell"])}
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--error", "--problem", "beam"], "no problem 'beam'; there are disc, drop, cell, scene"),
+    (["--problem", "disc"], "--problem belongs to --error")])
+def test_a_problem_that_there_is_not_is_refused(words, message):
+    with pytest.raises(UsageError, match=message):
+        bench(parse(["bench", *words]))
+
+
 def test_what_goes_with_one_over_the_modulus_is_extrapolated_and_what_does_not_is_told():
     t = np.linspace(0.0, 1.0, 5)
     seen = {k: {"a": t * (1.0 + 0.5 / k), "stress": t * (1.0 + 0.5 / k**2)} for k in (*modulus.MODULI, modulus.CHECK)}
@@ -93,14 +145,21 @@ def test_the_reduced_modulus_costs_a_drop_less_than_its_spacing_does():
 
 
 def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_measured():
-    points = [{"kind": "fluid", "error": e, "cost_s": c, "per_cell": n} for e, c, n in
-              ((0.04, 1.0, 91), (0.01, 9.0, 631), (0.02, 3.0, 331))]
+    points = {"fluid": {"points": [{"error": e, "cost_s": c, "per_cell": n} for e, c, n in
+                                   ((0.04, 1.0, 91), (0.01, 9.0, 631), (0.02, 3.0, 331))]}}
     assert accuracy.pick(points, "fluid", 0.03)["per_cell"] == 331
     assert accuracy.pick(points, "fluid", 0.01)["per_cell"] == 631
     with pytest.raises(ValueError, match=r"0.5 % was not measured.*the least is 1 %"):
         accuracy.pick(points, "fluid", 0.005)
     with pytest.raises(ValueError, match="no scene of this kind"):
         accuracy.pick(points, None, 0.5)
+
+
+@pytest.mark.parametrize(("name", "sets", "kind"), [
+    ("one_cell", (), "cell on substrate"), ("all_protrude", (), "cells on a substrate"), ("nucleus", (), "elastic"),
+    ("all_protrude", ("cells.0.repeat=[1]", 'protrusion.cells=["Cell-1"]'), "cell on substrate")])
+def test_cells_that_touch_each_other_on_a_substrate_are_a_kind_of_their_own(name, sets, kind):
+    assert accuracy.kind_of(load(CASES[name], sets).resolved()) == kind
 
 
 @pytest.mark.parametrize("text", ["0 %", "150 %", "fine", "1 um", True])
@@ -125,7 +184,7 @@ def test_a_case_leaves_open_what_its_accuracy_fills_and_keeps_what_it_gives(tmp_
     text = CASES["nucleus"].read_text().replace("per_cell = 1485\ndilation = 2.2\n", "")
     (tmp_path / "open.toml").write_text(text)
     case = load(tmp_path / "open.toml", ["numerics.accuracy=2%"])
-    chosen = accuracy.pick(accuracy._measured()["points"], "elastic", 0.02)
+    chosen = accuracy.pick(accuracy.measurements(), "elastic", 0.02)
     assert (case.particles.per_cell, case.particles.dilation) == (chosen["per_cell"], chosen["dilation"])
     assert f"per_cell = {chosen['per_cell']}" in case.chosen and "elastic" in case.chosen
 

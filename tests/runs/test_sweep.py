@@ -123,7 +123,7 @@ def test_a_run_that_was_stopped_goes_on_in_its_middle_if_it_is_of_the_same_case(
     assert manifest["exit_status"] == 0 and len(manifest["resumed"]) == 1 and not job.is_resumable()
 
 
-def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
+def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path, capsys):
     plan = Sweep(ONE, {"time.step": ["auto", "100 ns"]}, tmp_path, COARSE)
     assert sweep(plan, at_once=2) == 4
     *good, bad = table(tmp_path)
@@ -131,6 +131,11 @@ def test_a_run_that_fails_stops_no_other_and_gives_its_exit_code(tmp_path):
         ("auto", cell, "0", "") for cell in "01"]
     assert (bad["time.step"], bad["cell"], bad["exit_status"], bad["ux_um"]) == ("100 ns", "", "4", "")
     assert "the simulation failed at" in bad["cause"] and Path(bad["directory"]).is_dir()
+    ended, small, J, broken = capsys.readouterr().out.splitlines()[-4:]
+    assert ended == "1 of 2 runs came to their end" and broken.startswith("step=100_ns ended with exit code 4: the sim")
+    assert small.startswith("1 of them with an energy error of 0.5 % or less") and small.endswith("(step=auto)")
+    assert [float(good[0][f"J_{end}"]) for end in ("least", "most")] == pytest.approx([1.0, 1.0], abs=0.05)
+    assert J.startswith("J from ") and 1.0 < float(good[0]["stretch"]) < 1.6
     told = list(plan.rows(plan.jobs()))[-1]  # as from Python: its manifest tells
     assert told["exit_status"] == 4 and "the simulation failed at" in told["cause"]
 
