@@ -16,6 +16,7 @@ from cellmig.case.accuracy import measurements
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
+from cellmig.runs.batch import LARGEST_ENERGY_ERROR
 from cellmig.runs.run import stop_requests
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
@@ -196,19 +197,18 @@ def write(out: Path, points: Sequence[Point], broken: Sequence[Broken], uncertai
 def accuracy_table(points: Sequence[Point], uncertain: dict[str, float]) -> dict[str, list[dict[str, Any]]]:
     """Accuracies that a case can ask for: by kind of problem, the Pareto set of the points with permitted changes only.
 
-    Errors are at least the uncertainty of the reference.  Cells keep the default dilation, as protruding ones fail with
-    a smaller one, which this problem does not show.
+    Errors are at least the uncertainty of the reference, and runs count whose energy adds up.  Cells keep the default
+    dilation, as protruding ones fail with a smaller one, which this problem does not show.
     """
     kinds = {}
     for name in measured_problems(points):
         problem = PROBLEMS[name]
         allowed = set(GRIDS[name][0]) - ({"dilation"} if name == "cell" else set())
-        own = [p for p in points if p.problem == name and set(p.setting.changes) <= allowed]
-        kinds[problem.kind] = [{
-            "error": float(f"{max(p.error, uncertain.get(name, 0.0)):.3g}"), "cost_s": float(f"{p.cost:.3g}"),
-            "per_cell": p.setting.per_cell,
-            **{key: getattr(p.setting, key) for key in GRIDS[name][0] if key not in problem.without}}
-            for p in pareto(own)]
+        own = [dataclasses.replace(p, error=float(f"{max(p.error, uncertain.get(name, 0.0)):.3g}")) for p in points
+               if p.problem == name and set(p.setting.changes) <= allowed
+               and p.parts.get("energy", 0.0) <= LARGEST_ENERGY_ERROR]
+        kinds[problem.kind] = [{"error": p.error, "cost_s": float(f"{p.cost:.3g}"), "per_cell": p.setting.per_cell} | {
+            key: getattr(p.setting, key) for key in GRIDS[name][0] if key not in problem.without} for p in pareto(own)]
     return kinds
 
 

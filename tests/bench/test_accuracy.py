@@ -1,5 +1,6 @@
 """Run time against error: fronts and gains on made-up points, and what an accuracy picks or refuses."""
 
+import dataclasses
 import itertools
 import re
 
@@ -10,7 +11,7 @@ from scenes import CASES
 from cellmig import usage
 from cellmig.__main__ import bench
 from cellmig.bench import modulus
-from cellmig.bench.accuracy import plan, report
+from cellmig.bench.accuracy import accuracy_table, plan, report
 from cellmig.bench.pareto import Broken, Point, gain, gains, pareto, time_at, verdict, with_median_times
 from cellmig.bench.problems import PROBLEMS, Setting, columns, crawling, judge_disc, judge_drop, judge_scene, ringing
 from cellmig.case import accuracy
@@ -160,6 +161,15 @@ def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_m
     ("all_protrude", ("cells.0.repeat=[1]", 'protrusion.cells=["Cell-1"]'), "cell on substrate")])
 def test_cells_that_touch_each_other_on_a_substrate_are_a_kind_of_their_own(name, sets, kind):
     assert accuracy.kind_of(load(CASES[name], sets).resolved()) == kind
+
+
+def test_an_accuracy_is_not_below_what_the_reference_is_known_to_and_its_energy_adds_up():
+    points = [point(1.0, 0.2, "scene", per_cell=150), point(2.0, 0.03, "scene", modulus=1.25),
+              point(3.0, 0.02, "scene"), point(0.5, 0.01, "scene", stabilisation=0.25),
+              dataclasses.replace(point(0.5, 0.01, "scene", step_factor=0.95), parts={"energy": 0.011})]
+    (kind, rows), = accuracy_table(points, {"scene": 0.05}).items()
+    assert kind == "cells on a substrate"
+    assert [(row["per_cell"], row["error"], row["modulus"]) for row in rows] == [(150, 0.2, 5.0), (1485, 0.05, 1.25)]
 
 
 @pytest.mark.parametrize("text", ["0 %", "150 %", "fine", "1 um", True])
