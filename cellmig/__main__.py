@@ -117,6 +117,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 def paper(options: argparse.Namespace) -> int:
     """Judge the paper's claims by runs."""
+    from .case.units import UnitError, number
     from .paper.claims import CLAIMS
     from .paper.paper import paper
 
@@ -125,9 +126,15 @@ def paper(options: argparse.Namespace) -> int:
         raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
     if any(text.split("=")[0].strip() == "time.end" for text in options.sets):
         raise UsageError("--set time.end: the claims are of 400 us")
+    try:
+        tension = None if options.tension is None else number(options.tension, "pN/um")
+    except UnitError as error:
+        raise UsageError(f"--tension: {error}") from error
+    if tension is not None and not tension > 0.0:
+        raise UsageError(f"--tension: '{options.tension}' is no tension")
     name = "-".join(["paper-quick" if options.quick else "paper", *map(_in_a_name, options.sets)])
     return paper(options.out or Path("output") / name, options.seeds or (3 if options.quick else 8), options.jobs,
-                 options.quick, only, options.sets)
+                 options.quick, only, options.sets, tension)
 
 
 def _in_a_name(text: str) -> str:

@@ -14,6 +14,7 @@ from .parallel.launch import launcher_rank, launcher_size
 from .version import __version__
 
 WIDTH = 80  # largest number of letters in a line of help
+TENSION = "30 pN/um"  # cortical tension of neutrophils, Hochmuth (2000), J. Biomech. 33:15-22
 RANK, RANKS = launcher_rank(), launcher_size()[1]
 
 
@@ -153,6 +154,9 @@ def _others(commands: Any) -> None:
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse particles: takes minutes")
     paper.add_argument("--only", metavar="R3,R4", help="these claims only, with the runs that they need")
+    paper.add_argument("--tension", nargs="?", const=TENSION, metavar='"30 pN/um"', help="all of it as printed and "
+                       f"again with this tension of the cells' surfaces, side by side (without a value: {TENSION}, as "
+                       "measured of neutrophils)")
     _sets(paper)
     verify = commands.add_parser("verify", help="compare with known solutions; other checks of correctness",
                                  description="References against exact and published solutions at three resolutions or "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ CONFIGURATIONS = {
 
 
 def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = (),
-          given: Sequence[str] = ()) -> int:
+          given: Sequence[str] = (), tension: float | None = None) -> int:
     """Run what is missing, judge the claims, draw the figures, write the numbers to files.
 
     Parameters
@@ -68,26 +68,49 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     only : list of str -- keys of the claims to run for and to print, by default all.  Figures and files of numbers also
         have runs of other claims that exist.
     given : list of str -- "KEY=VALUE", changes of all cases, made before strengths are multiplied.
+    tension : float -- tension of the cells' surfaces [pN/µm], which the paper has not: all is done with it, too, in a
+        directory of its own below `out`, and the verdicts are compared.
 
     Returns
     -------
     int -- exit code: 0, that of the first run that failed, or 75 after a signal to stop.
     """
     claims = list(dict.fromkeys(only)) or list(CLAIMS)
+    variants = {"as printed": (out, tuple(given))}
+    if tension is not None:
+        sets = (*given, f'cortex.line_tension="{tension} pN/um"')
+        variants[f"with {tension:g} pN/um"] = out / f"tension-{tension:g}", sets
+    codes, judged = [], {}
+    for label, (place, sets) in variants.items():
+        if tension is not None:
+            print(f"\nthe model {label}")
+        code, judged[label] = _variant(place, seeds, at_once, quick, claims, sets)
+        if code == STOPPED:
+            return STOPPED
+        codes.append(code)
+    if tension is not None:
+        print("", *compared(judged), sep="\n")
+    return next(filter(None, codes), DONE)
+
+
+def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Sequence[str], given: Sequence[str]
+             ) -> tuple[int, list[Claim]]:
+    """All of `paper` for one model: the exit code, and the `claims` that were asked for."""
     jobs = plan(out, seeds, quick, given)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     failed, stopped = run_missing(out, wanted, at_once)
     if stopped:
         print("stopped; the same command goes on from here")
-        return STOPPED
+        return STOPPED, []
     sound, bad = sound_and_unsound(jobs)
     results = collect(sound)
     judged = judge(results)
-    print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
+    asked = [claim for claim in judged if claim.key in claims]
+    print("", *table(asked, seeds), sep="\n", flush=True)
     _write_claims(out / "claims.csv", judged)
     _write_runs(out / "runs.csv", jobs, results, failed | bad)
     print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
-    return next((ended.code for ended in (failed | bad).values()), DONE)
+    return next((ended.code for ended in (failed | bad).values()), DONE), asked
 
 
 def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[tuple[str, int], Job]:
@@ -120,6 +143,21 @@ def table(claims: list[Claim], seeds: int) -> list[str]:
             lines += textwrap.wrap(text, 134, initial_indent=" " * 6, subsequent_indent=" " * 8)
         if missing := seeds - len(claim.seeds):
             lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed or do not count")
+    return lines
+
+
+def compared(judged: Mapping[str, list[Claim]]) -> list[str]:
+    """Lines of the claims and their parts, with a column of verdicts or numbers for each model."""
+    def line(text: str, columns: Iterable[str]) -> str:
+        return f"{text:<80}{''.join(f'{column:<27}' for column in columns)}".rstrip()
+
+    lines = [line("claim", judged), "-" * 134]
+    for claims in zip(*judged.values(), strict=True):
+        lines.append(line(f"{claims[0].key}  {claims[0].text}"[:78], (
+            f"{c.verdict}, {len(c.held)} of {len(c.seeds)}" for c in claims)))
+        lines += [line(f"      {parts[0].text}"[:78], (
+            f"{text_of(p.values.values()) if p.values else '-'}, {len(p.held)} of {len(p.values)}" for p in parts))
+            for parts in zip(*(c.parts for c in claims), strict=True)]
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import matplotlib.image
 import numpy as np
@@ -11,11 +11,15 @@ import pytest
 
 import cellmig.paper.paper as study_paper
 from cellmig.__main__ import paper as command
+from cellmig.case.load import load
+from cellmig.case.units import number
+from cellmig.output.manifest import read_manifest
 from cellmig.paper.claims import AVERAGE, CASES, CLAIMS, FAILS, HOLDS, UNKNOWN, Part
 from cellmig.paper.paper import CONFIGURATIONS, paper, plan, table
 from cellmig.runs import batch
+from cellmig.runs.cases import FOLDER
 from cellmig.runs.outcome import Outcome, gap
-from cellmig.usage import UsageError, parse
+from cellmig.usage import TENSION, UsageError, parse
 
 pytestmark = pytest.mark.serial
 
@@ -150,7 +154,7 @@ def test_runs_with_something_set_are_kept_apart_by_its_name(monkeypatch):
     tension = 'cortex.line_tension="20 pN/um"'
     assert command(parse(["paper", "--quick", "--set", tension])) == command(parse(["paper"])) == 0
     assert [str(out) for out, *_ in asked] == ["output/paper-quick-cortex.line_tension=20_pN_um", "output/paper"]
-    assert [given for *_, given in asked] == [[tension], []]
+    assert [given for *_, given, _ in asked] == [[tension], []]
     with pytest.raises(UsageError, match="the claims are of 400 us"):
         command(parse(["paper", "--set", "time.end=20 us"]))
 
@@ -173,6 +177,38 @@ def test_the_study_runs_once_and_leaves_figures_and_numbers(tmp_path, monkeypatc
     monkeypatch.setattr(batch.Job, "start", lambda *_: pytest.fail("a run that is there was started again"))
     assert paper(tmp_path, 1, 2, quick=True, only=only) == 0
     assert text.split("\n\n")[1:] == capsys.readouterr().out.split("\n\n")[1:]
+
+
+def test_a_tension_is_read_with_its_unit_and_is_the_measured_one_without_a_value(monkeypatch):
+    asked = []
+    monkeypatch.setattr(study_paper, "paper", lambda *arguments: asked.append(arguments[-1]) or 0)
+    for words in ([], ["--tension"], ["--tension", "20 pN/um"], ["--tension", "0.01 mN/m"]):
+        command(parse(["paper", *words]))
+    assert asked == [None, 30.0, 20.0, pytest.approx(10.0)]
+    for text, told in (("3", "has no unit"), ("1 kg", "wrong dimension"), ("0 pN/um", "is no tension")):
+        with pytest.raises(UsageError, match=f"--tension: .*{told}"):
+            command(parse(["paper", "--tension", text]))
+
+
+def test_with_a_tension_all_is_done_as_printed_too_and_told_side_by_side(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(study_paper, "_QUICK", ("particles.per_cell=61", "time.samples=40"))
+    assert paper(tmp_path, 1, 2, quick=True, only=["R4"], tension=30.0) == 0
+    text = capsys.readouterr().out
+    assert text.index("the model as printed") < text.index("the model with 30 pN/um")
+    table = text[text.rindex("claim "):].splitlines()
+    assert table[0].split() == ["claim", "as", "printed", "with", "30", "pN/um"]
+    assert table[2].startswith("R4  ") and table[2].count(" of 1") == 2 and len(table) == 2 + 1 + 5
+    tensions = [read_manifest(place / "runs/one_three/seed2019")["case"].get("cortex", {}).get("line_tension")
+                for place in (tmp_path, tmp_path / "tension-30")]
+    assert tensions == [None, "30 pN/um"]
+    assert (tmp_path / "claims.csv").exists() and (tmp_path / "tension-30/claims.csv").exists()
+
+
+def test_the_cases_with_tension_are_the_papers_but_for_that():
+    for name in CASES:
+        printed, tense = (load(FOLDER / f"{name}{what}.toml") for what in ("", "_tension"))
+        assert tense.cortex.line_tension == number(TENSION, "pN/um") and tense.title.startswith(printed.title)
+        assert replace(tense, cortex=None, title=printed.title) == printed and printed.cortex is None
 
 
 def test_a_claim_that_there_is_not_is_refused():
