@@ -9,6 +9,7 @@ from scenes import CASES, built
 from cellmig.case.expression import Expression
 from cellmig.case.load import load
 from cellmig.simulation import Simulation
+from cellmig.verify.exact import released_disc, without_sound
 from cellmig.verify.references.static import STRETCH, patch, squeezed_disc
 from cellmig.verify.specimens import Cantilever, Column, Flexure, Kirsch, piece, principal, rectangle
 
@@ -92,6 +93,14 @@ def test_patch_and_disc_at_a_coarse_resolution() -> None:
     assert max(found.errors.values()) < 1e-9  # measured 1e-13
     assert np.linalg.det(STRETCH) > 1.0
     assert max(squeezed_disc(320).errors.values()) < 0.006  # measured 0.004
+
+
+def test_a_disc_released_moves_as_public_finite_elements_say() -> None:
+    step, parts = 2.0 * np.pi / 44.413823 / 10, 10
+    a2 = released_disc(NUCLEUS, 1.415, 0.05, step, 90, degree=10)
+    times = step * np.arange(len(a2))
+    right = 3.8e-5 + np.array([0.06368, 0.00637, 3.4e-4]) @ np.cos(np.outer([3.5659, 7.2372, 12.32], times))
+    assert np.abs(without_sound(a2 - right, parts)).max() < 0.004 * a2[0]  # measured 0.003
 
 
 @pytest.mark.parametrize("name", [name for name, path in CASES.items() if load(path).static])

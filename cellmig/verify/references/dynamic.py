@@ -37,8 +37,8 @@ def elastic(width: float, height: float, count: int, modulus: str, *held: dict, 
 
 
 @reference("standing-wave", shows="compression wave that stands in a block of 4 x 1 µm, two periods, L2",
-           source="u = A cos(π x/L) sin ωt, ω = (π/L) sqrt((λ + 2G)/ρ)", at=(300, 1250, 5000), quick=(300, 600, 1250),
-           seconds=15.0, coarse={"soft across": 7.5e-5},
+           source="u = A cos(π x/L) sin ωt, ω = (π/L) sqrt((λ + 2G)/ρ)", at=(300, 1250, 5000, 20000),
+           quick=(300, 600, 1250), seconds=60.0, coarse={"soft across": 7.5e-5},
            expected={name + part: converges(2, why, ELASTIC)
                      for part, why in (("", SMOOTH), (" across", "a plane wave has none; at most, over A"),
                                        (" across, L2", "the same; over that of the displacement"))

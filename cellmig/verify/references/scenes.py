@@ -112,3 +112,17 @@ def on_the_rim(sim: Simulation, angles: Sequence[float]) -> np.ndarray:
 
     x = X + displacement(sim)[rim]
     return series(np.asarray(angles)) @ np.linalg.lstsq(series(np.arctan2(X[:, 1], X[:, 0])), x, rcond=None)[0]
+
+
+def on_a_pressed_rim(sim: Simulation, angles: Sequence[float]) -> np.ndarray:
+    """Positions (k, 2) [µm] of points of a rim whose curvature jumps where a contact ends; `angles` [rad] as above.
+
+    They are those of quartics through the nine particles nearest to each: a Fourier series would converge slowly.
+    """
+    rim, out = sim.scene.surface(0), []
+    X, x = sim.scene.X[rim], sim.scene.X[rim] + displacement(sim)[rim]
+    for angle in angles:
+        away = np.angle(np.exp(1j * (np.arctan2(X[:, 1], X[:, 0]) - angle)))
+        near = np.argsort(np.abs(away), kind="stable")[:9]
+        out.append(np.linalg.lstsq(np.vander(away[near], 5, increasing=True), x[near], rcond=None)[0][0])
+    return np.array(out)
