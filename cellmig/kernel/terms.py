@@ -8,7 +8,7 @@ from typing import Any
 
 from ..meshfree.stabilisation import BulkDamping
 from ..meshfree.terms import Terms
-from ..model.adhesion import CellAdhesion, SegmentBonds, SubstrateAdhesion
+from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
 from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
@@ -31,16 +31,16 @@ class SurfaceTerm:
 
 # In the order in which forces are added up.
 SURFACE_TERMS = (
-    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(SegmentBonds(t.substrate)),
+    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(bonds_of(t.substrate)),
                 {"segment": ("force", "energy", "impulse")}),
-    SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(SegmentBonds(t.contact)),
-                {"closest": ("share", "away", "square"), "gap": ("gap", "normal"), "segment": ("force", "energy"),
-                 "spread": ()}),
+    SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(bonds_of(t.contact)),
+                {"beside": ("share", "gap"), "part": ("from", "to"), "edge": ("force", "energy"),
+                 "edge_stiffness": (), "vertex": ("force", "energy"), "vertex_stiffness": ()}),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
-        t.friction, SegmentBonds(t.substrate)), {"force": ()}),
+        t.friction, bonds_of(t.substrate)), {"force": ()}),
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and ProtrusionForce(
-        t.protrusion, SegmentBonds(t.substrate)),
+        t.protrusion, bonds_of(t.substrate)),
                 {"grip": (), "hold": (), "force": ()}),
     SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
 )

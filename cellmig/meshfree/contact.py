@@ -1,4 +1,4 @@
-"""Surfaces of all cells, and the search for particles that are near the surface of another cell."""
+"""Surfaces of all cells, and the search for segments that are near the surface of another cell."""
 
 from __future__ import annotations
 
@@ -45,79 +45,74 @@ class Surfaces:
 
 @dataclass(frozen=True)
 class ContactLists:
-    """Particles near the surface of another cell, sorted by pair of cells; indices are those of `Surfaces`.
+    """Pairs of a segment and an edge of another outline, or of its own, that are near each other.
+
+    Pairs are sorted by the first ends of segment and edge, so that sums over them are the same on any number of ranks.
+    A node is a particle near one other cell, or near its own; segments, edges and the particles behind edges have nodes.
 
     Attributes
     ----------
-    node : (n,) int -- the particles, once for each cell that they are near.
-    first : (n + 1,) int -- where the candidates of each begin.
-    candidate : (k,) int -- segments of the other cell that may be the closest one.
-    segment : (e, 2) int -- indices in `node` of both ends of the segments whose ends are near the same cell.
+    node : (n,) int -- particles, as indices of `Surfaces`, sorted by cell, other cell, particle.
+    other : (n,) int -- the cells that they are near.
+    segment : (s, 2) int -- nodes at both ends of the segments, once for each cell that they are near.
+    source : (s,) int -- these segments, by their first ends in `Surfaces`.
+    first : (s + 1,) int -- where the edges near each begin.
+    edge : (p, 3) int -- nodes at both ends of the edges, and at the end of the next ones.
     """
 
     node: np.ndarray
-    first: np.ndarray
-    candidate: np.ndarray
+    other: np.ndarray
     segment: np.ndarray
+    source: np.ndarray
+    first: np.ndarray
+    edge: np.ndarray
 
-    def needed(self, surfaces: Surfaces, own: np.ndarray) -> ContactLists:
-        """The part of the lists that exerts forces on particles in `own` (m,) bool, in the same order.
-
-        Nodes whose gaps the segments of such particles need are included.
-        """
-        count = np.diff(self.first)
-        touched = own[self.candidate] | own[surfaces.after[self.candidate]]
-        matters = own[self.node] | (np.bincount(np.repeat(np.arange(len(count)), count), touched, len(count)) > 0)
-        segment = self.segment[matters[self.segment].any(axis=1)]
-        included = matters.copy()
-        included[segment] = True
-        number = np.cumsum(included) - 1
-        return ContactLists(self.node[included], np.append(0, np.cumsum(count[included])),
-                            self.candidate[np.repeat(included, count)], number[segment])
-
-    def involved(self, surfaces: Surfaces) -> np.ndarray:
-        """Surface particles that the contact forces depend or act on (k,) int, with repetitions."""
-        ends = self.candidate, surfaces.after[self.candidate]
-        return np.concatenate([self.node, *ends, surfaces.before[ends[0]], surfaces.after[ends[1]]])
+    @classmethod
+    def of(cls, surfaces: Surfaces, pairs: np.ndarray) -> ContactLists:
+        """The lists of `pairs` (p, 2) int: segments and edges by their first ends, sorted."""
+        after, cell = surfaces.after, surfaces.cell
+        source, edge = pairs.T
+        ends = np.column_stack([source, after[source], edge, after[edge], after[after[edge]]])
+        near = np.column_stack([cell[edge], cell[edge], cell[source], cell[source], cell[source]])
+        n_cells, m = int(cell.max()) + 1, len(cell)
+        key, number = np.unique(((cell[ends] * n_cells + near) * m + ends).ravel(), return_inverse=True)
+        number = number.reshape(-1, 5)
+        begin = np.append(True, (source[1:] != source[:-1]) | (near[1:, 0] != near[:-1, 0]))[: len(pairs)]
+        first = np.append(np.flatnonzero(begin), len(pairs))
+        return cls(key % m, key // m % n_cells, number[first[:-1], :2], source[first[:-1]], first, number[:, 2:])
 
 
-def contact_lists(surfaces: Surfaces, x: np.ndarray, reach: float, change: float, among: np.ndarray) -> ContactLists:
-    """Contact lists that remain valid until a distance changes by `change`.
-
-    A segment that is further away than the closest one by more than twice `change` cannot become the closest before.
+def contact_pairs(surfaces: Surfaces, x: np.ndarray, reach: float, own: float, among: np.ndarray) -> np.ndarray:
+    """Pairs of a segment and an edge that are nearer to each other than a reach (p, 2) int, sorted, in both orders.
 
     Parameters
     ----------
     x : (m, 2) -- positions of the surface particles [µm].
-    reach : float -- distance up to which particles are paired [µm]: that of the closest points to find, plus half of
-        the longest segment.
-    change : float -- of any distance, up to which the lists are valid [µm].
+    reach : float -- of different cells [µm].
+    own : float -- of an outline to itself, but for neighbours along it; 0 where it does not act on itself [µm].
     among : (k,) int -- particles of the cells to consider, ascending.
     """
     among = among[surfaces.outer[among]]
-    pairs = among[cKDTree(x[among]).query_pairs(reach, output_type="ndarray")]
-    pairs = pairs[surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]]
-    near = np.concatenate([pairs, pairs[:, ::-1]])  # (particle, particle of another cell)
-    segments = np.concatenate([near, np.column_stack([near[:, 0], surfaces.before[near[:, 1]]])])
-    n_cells = surfaces.cell.max() + 1
-    own, other = surfaces.cell[segments[:, 0]], surfaces.cell[segments[:, 1]]
-    unique = np.column_stack([own * n_cells + other, segments])
-    unique = unique[np.lexsort(unique.T[::-1])]
-    unique = unique[_distinct(unique)]
-    away = _distances(x[unique[:, 1]], x[unique[:, 2]], x[surfaces.after[unique[:, 2]]])
-    start = np.flatnonzero(_distinct(unique[:, :2]))
-    least = np.minimum.reduceat(away, start) if len(start) else away
-    unique = unique[away <= np.repeat(least, np.diff(np.append(start, len(unique)))) + 2.0 * change]
-    directed, node, candidate = unique.T
-    start = np.flatnonzero(_distinct(unique[:, :2]))
-    first = np.append(start, len(unique))
-    directed, node = directed[start], node[start]
-    key = directed * len(x) + node  # ascending
-    following = directed * len(x) + surfaces.after[node]
-    at = np.minimum(np.searchsorted(key, following), max(len(key) - 1, 0))
-    listed = key[at] == following if len(key) else np.zeros(0, bool)
-    segment = np.column_stack([np.flatnonzero(listed), at[listed]])
-    return ContactLists(node, first, candidate, segment)
+    a, b = x[among], x[surfaces.after[among]]
+    half = 0.5 * np.linalg.norm(b - a, axis=1)
+    pairs = cKDTree(0.5 * (a + b)).query_pairs((reach + 2.0 * half.max(initial=0.0)) * (1.0 + 1e-9),
+                                               output_type="ndarray")
+    i, j = pairs.T
+    same = surfaces.cell[among[i]] == surfaces.cell[among[j]]
+    within = np.where(same, own, reach)
+    near = np.linalg.norm(0.5 * (a + b)[i] - 0.5 * (a + b)[j], axis=1) <= within + half[i] + half[j]
+    near &= ~same | ((surfaces.after[among[i]] != among[j]) & (surfaces.after[among[j]] != among[i]))
+    near &= ~same | (own > 0.0)
+    i, j, within = i[near], j[near], within[near]
+    near = _apart(a[i], b[i], a[j], b[j]) <= within
+    pairs = np.column_stack([among[i[near]], among[j[near]]])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def acting(surfaces: Surfaces, pairs: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Those of `pairs` (p, 2) int that exert forces on particles in `own` (m,) bool, in the same order (q, 2) int."""
+    return pairs[(own[pairs] | own[surfaces.after[pairs]]).any(axis=1)]
 
 
 def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: float) -> np.ndarray:
@@ -132,9 +127,10 @@ def cells_around(low: np.ndarray, high: np.ndarray, mine: np.ndarray, reach: flo
     return np.flatnonzero(np.isfinite(away))
 
 
-def _distinct(listed: np.ndarray) -> np.ndarray:
-    """Whether each of the sorted rows (k, …) differs from the previous one (k,) bool."""
-    return np.append(True, (np.diff(listed, axis=0) != 0).any(axis=1))[: len(listed)]
+def _apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Distances (k,) [µm] of segments from a to b and from c to d, (k, 2) [µm] each, that do not cross."""
+    return np.minimum(np.minimum(_distances(a, c, d), _distances(b, c, d)),
+                      np.minimum(_distances(c, a, b), _distances(d, a, b)))
 
 
 def _distances(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

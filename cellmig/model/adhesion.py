@@ -10,7 +10,11 @@ from ..case.pointwise import Vector, either
 from .protocols import Adhesion
 
 GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))  # of order 5, on 0 to 1
+GAUSS_OF_CORNER = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
+                   (0.6699905217924281, 0.32607257743127307), (0.9305681557970263, 0.17392742256872693))  # of order 7
 SLOPED = 0.05  # change of the gap over the gap itself, above which the primitive of the potential is exact enough
+SOFT = 1.29  # gap over ε, beyond which bonds pull each other closed: U'' < 0
+NARROW = 0.01  # least change of a gap over which a curvature is a difference of slopes, over the gap [-]
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,10 @@ class SegmentBonds:
 
     def mean(self, gap1, gap2):
         """Mean energy of a bond [pN µm] and its derivatives by both gaps [pN]."""
+        return self.of_any(gap1, gap2)
+
+    def of_any(self, gap1, gap2):
+        """The mean for any potential and gaps [pN µm], [pN]."""
         least = where(gap1 < gap2, gap1, gap2)
         sloped = abs(gap2 - gap1) > SLOPED * where(least > self.law.cap, least, self.law.cap)
         return either(sloped, self.by_primitive(gap1, where(sloped, gap2, gap1 + 1.0)), self.by_quadrature(gap1, gap2))
@@ -46,6 +54,13 @@ class SegmentBonds:
             by_gap2 = by_gap2 + slope * at
         return mean, by_gap1, by_gap2
 
+    def curvature(self, gap1, gap2):
+        """Mean of U'' over the segment, where it is positive [pN/µm]."""
+        least, most = minimum(gap1, gap2), maximum(gap1, gap2)
+        top, wide = minimum(most, SOFT * self.law.equilibrium_distance), NARROW * abs(least)
+        change = self.law.slope(top + 0.5 * wide) - self.law.slope(least - 0.5 * wide)
+        return where(least < top, change / maximum(most - least, top - least + wide), 0.0)
+
     def closed(self, gap1, gap2):
         """Mean energy over the depth of the well [-]: 1 where all bonds are closed, 0 or less where none is."""
         mean, _, _ = self.mean(gap1, gap2)
@@ -55,6 +70,23 @@ class SegmentBonds:
     def depth(self) -> float:
         """Energy of a closed bond [pN µm]; infinite where there are none, so that none is closed."""
         return self.law.work / self.law.bond_density if self.law.work else float("inf")
+
+
+@dataclass(frozen=True)
+class ClosedBonds(SegmentBonds):
+    """The same for a law that has the mean in closed form for some gaps."""
+
+    def mean(self, gap1, gap2):
+        """Mean energy of a bond [pN µm] and its derivatives by both gaps [pN]."""
+        closed = self.law.closed_form(gap1, gap2) > 0.0
+        return either(closed, self.law.mean(where(closed, gap1, self.law.equilibrium_distance),
+                                            where(closed, gap2, self.law.equilibrium_distance)),
+                      self.of_any(gap1, gap2))
+
+
+def bonds_of(law: Adhesion) -> SegmentBonds:
+    """The averages of a law of adhesion."""
+    return ClosedBonds(law) if hasattr(law, "closed_form") else SegmentBonds(law)
 
 
 @dataclass(frozen=True)
@@ -80,48 +112,106 @@ class SubstrateAdhesion:
 
 @dataclass(frozen=True)
 class CellAdhesion:
-    """F_cc of equation (2): bonds of a segment to another cell's surface, half of them from either side.
+    r"""F_cc of equation (2): bonds of a segment S to the outside of another outline B, half of them from either side.
+
+    The energy is ½ N L ∫ Φ dξ along S, x(ξ) = x1 + ξ (x2 - x1), L its reference length, with
+
+        Φ(x) = Σ_edges U(g) + Σ_vertices ± U(|x - v|).
+
+    An edge counts where x is beside it, on its outer side at the gap g.  A convex vertex adds the wedge between the
+    normals of its edges; a reflex one subtracts the wedge in which both edges count.  Φ and its gradient are continuous
+    outside of B, so that no closest feature has to be found, and none jumps.  Derivatives of the limits of pieces
+    cancel between an edge and its vertices.
+
+    Source: inclusion and exclusion of edges and vertices, derived here; in the spirit of the convergent potentials of
+    Li et al. (2023).
 
     bonds : SegmentBonds.
     """
 
     bonds: SegmentBonds
 
-    def closest(self, point: Vector, start: Vector, end: Vector):
-        """Of the segment from start to end [µm] the place nearest to a point: its share of the way [-], the vector from
-        there to the point [µm] and its square [µm²].
-        """
-        x, y = point
-        (x1, y1), (x2, y2) = start, end
+    def beside(self, point: Vector, start: Vector, end: Vector):
+        """Of a point [µm] the place beside an edge, as a share of the way from start to end [-], and its gap [µm]."""
+        (x, y), (x1, y1), (x2, y2) = point, start, end
         ex, ey, px, py = x2 - x1, y2 - y1, x - x1, y - y1
-        share = minimum(maximum((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
-        dx, dy = px - share * ex, py - share * ey
-        return share, (dx, dy), dx * dx + dy * dy
+        square = ex * ex + ey * ey
+        return (px * ex + py * ey) / square, (px * ey - py * ex) / sqrt(square)
 
-    def gap(self, side, away: Vector, square):
-        """Gap [µm], < 0 inside the other cell, where `side` is -1 instead of 1; its gradient, the unit normal [-]."""
-        (dx, dy), distance = away, sqrt(square)
-        return side * distance, (side * dx / distance, side * dy / distance)
+    def part(self, low, high, value1, value2):
+        """The part of a range [low, high] in which a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
+        change = value1 - value2
+        zero = value1 / where(abs(change) > 0.0, change, 1.0)
+        return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
+                where(value2 < 0.0, where(value1 < 0.0, 0.0, minimum(high, zero)), high))
 
-    def segment(self, length, gap1, gap2):
-        """Forces on both ends along their normals [pN/µm], and energy [pN]; length in µm."""
-        mean, by_gap1, by_gap2 = self.bonds.mean(gap1, gap2)
-        size = 0.5 * self.bonds.law.bond_density * length
-        return (-(size * by_gap1), -(size * by_gap2)), size * mean
+    def edge(self, length, low, high, share1, share2, gap1, gap2, normal: Vector):
+        """Sizes along the normal of the forces on both ends of S, and of the edge [pN/µm], and energy [pN].
 
-    def spread(self, size, normal: Vector, share):
-        """A force along the normal on a particle, and its opposite on the ends of the segment closest to it [pN/µm]."""
-        nx, ny = normal
-        x, y = size * nx, size * ny
-        return (x, y), ((share - 1.0) * x, (share - 1.0) * y), (-share * x, -share * y)
-
-    def force(self, length, side1, side2, x: tuple):
-        """Forces [pN/µm] on six particles at x [µm]: an end of a segment, both ends of that closest to it; the same of
-        the other end.
+        The piece is from ξ = low to high; `share` and `gap` are the places beside the edge [-] and gaps [µm] there.
         """
-        share1, away1, square1 = self.closest(*x[:3])
-        share2, away2, square2 = self.closest(*x[3:])
-        gap1, normal1 = self.gap(side1, away1, square1)
-        gap2, normal2 = self.gap(side2, away2, square2)
-        (size1, size2), _ = self.segment(length, gap1, gap2)
-        return (*self.spread(size1, normal1, share1), *self.spread(size2, normal2, share2))
+        mean, by_gap1, by_gap2 = self.bonds.mean(gap1, gap2)
+        size = 0.5 * self.bonds.law.bond_density * length * (high - low)
+        f1, f2 = size * by_gap1, size * by_gap2
+        nx, ny = normal
+        end1, end2 = -(1.0 - low) * f1 - (1.0 - high) * f2, -low * f1 - high * f2
+        start, end = (1.0 - share1) * f1 + (1.0 - share2) * f2, share1 * f1 + share2 * f2
+        return ((end1 * nx, end1 * ny), (end2 * nx, end2 * ny), (start * nx, start * ny), (end * nx, end * ny)), size * mean
+
+    def edge_stiffness(self, length, low, high, gap1, gap2):
+        """A bound of the row sums of the tangent of the piece, if both levers are 1 [Pa]."""
+        return self.bonds.law.bond_density * length * (high - low) * self.bonds.curvature(gap1, gap2)
+
+    def vertex(self, length, low, high, end1: Vector, end2: Vector):
+        """Forces on both ends of S and on the vertex [pN/µm], and energy [pN].
+
+        The piece is from ξ = low to high, by four Gauss points; `end1`, `end2` are the ends of S from the vertex [µm],
+        `length` [µm] has the sign of the vertex.
+        """
+        (x1, y1), (x2, y2) = end1, end2
+        size = 0.5 * self.bonds.law.bond_density * length
+        energy, fx1, fy1, fx2, fy2 = 0.0, 0.0, 0.0, 0.0, 0.0
+        for at, weight in GAUSS_OF_CORNER:
+            share = low + at * (high - low)
+            x, y = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
+            r = sqrt(x * x + y * y)
+            pull = -(size * weight * (high - low)) * self.bonds.law.slope(r) / r
+            energy = energy + size * weight * (high - low) * self.bonds.law.potential(r)
+            fx1, fy1 = fx1 + (1.0 - share) * pull * x, fy1 + (1.0 - share) * pull * y
+            fx2, fy2 = fx2 + share * pull * x, fy2 + share * pull * y
+        return ((fx1, fy1), (fx2, fy2), (-fx1 - fx2, -fy1 - fy2)), energy
+
+    def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
+        """A bound of the row sums of the tangent of the piece, if all levers are 1 [Pa]."""
+        (x1, y1), (x2, y2) = end1, end2
+        x, y = x1 + low * (x2 - x1), y1 + low * (y2 - y1)
+        first = sqrt(x * x + y * y)
+        x, y = x1 + high * (x2 - x1), y1 + high * (y2 - y1)
+        last = sqrt(x * x + y * y)
+        return self.bonds.law.bond_density * maximum(length, 0.0) * (high - low) * self.bonds.curvature(first, last)
+
+    def limits(self, x: tuple, within: float) -> tuple:
+        """Limits of the pieces of pairs of a segment and an edge that are nearer than a distance `within` [µm].
+
+        x : places of both ends of S, both ends of the edge and the end of the next edge, two numbers or arrays each
+            [µm].
+
+        Returns
+        -------
+        low, high of the edge's piece, low, high and sign of the vertex's piece at the end of the edge [-]; a piece is
+        empty if low ≥ high.
+        """
+        s1, s2, a, b, c = x
+        (share1, gap1), (share2, gap2), (next1, _), (next2, _) = (
+            self.beside(s1, a, b), self.beside(s2, a, b), self.beside(s1, b, c), self.beside(s2, b, c))
+        low, high = self.part(*self.part(0.0, 1.0, share1, share2), 1.0 - share1, 1.0 - share2)
+        low, high = self.part(*self.part(low, high, gap1, gap2), within - gap1, within - gap2)
+        turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+        sign = where(turn < 0.0, -1.0, 1.0)
+        first, last = self.part(*self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0)),
+                                -sign * next1, -sign * next2)
+        dx, dy, x1, y1 = s2[0] - s1[0], s2[1] - s1[1], s1[0] - b[0], s1[1] - b[1]
+        square = dx * dx + dy * dy
+        foot, away = -(x1 * dx + y1 * dy) / square, (x1 * dy - y1 * dx) / square
+        reach = sqrt(maximum(within * within / square - away * away, 0.0))
+        return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from numpy import where
+from numpy import maximum, minimum, where
 
 from ..case.registry import law, laws, quantity
 from .protocols import Adhesion
 
+CAP = 0.3  # length over ε below which the potential is quadratic [-]
 WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if they have fewer bonds or none
 
 
@@ -17,7 +18,7 @@ WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if th
 class Seifert:
     r"""Bonds of length r with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] [pN µm], -σ at r = ε; N per reference area.
 
-    There are three additions.  Below 0.8 ε the potential continues as its quadratic Taylor polynomial, with continuous
+    There are three additions.  Below 0.3 ε the potential continues as its quadratic Taylor polynomial, with continuous
     second derivative, so that its stiffness is bounded.  A linear function makes it reach zero with zero slope at the
     cutoff.  For bodies that repel but do not adhere, the attraction beyond ε is multiplied by a, from 1 (the original
     bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
@@ -45,11 +46,11 @@ class Seifert:
 
     @property
     def cap(self) -> float:
-        """Length below which the potential is quadratic, 0.8 ε [µm]."""
-        return 0.8 * self.equilibrium_distance
+        """Length below which the potential is quadratic, 0.3 ε [µm]."""
+        return CAP * self.equilibrium_distance
 
     def stiffness(self, least: float) -> float:
-        """Largest stiffness N U'' [Pa/µm] for gaps of at least `least` [µm]; 47 N σ/ε² below 0.8 ε."""
+        """Largest stiffness N U'' [Pa/µm] for gaps of at least `least` [µm]."""
         eps = self.equilibrium_distance
         q = (eps / max(least, self.cap)) ** 2
         share = 1.0 if least < eps else self.attraction
@@ -84,7 +85,7 @@ class Seifert:
     @property
     def cap_curvature(self) -> float:
         """U'' at the cap [pN/µm]."""
-        return self.well_depth / self.equilibrium_distance**2 * (20.0 / 0.8**6 - 12.0 / 0.8**4)
+        return self.well_depth / self.equilibrium_distance**2 * (20.0 / CAP**6 - 12.0 / CAP**4)
 
     @property
     def cut_potential(self) -> float:
@@ -136,6 +137,29 @@ class Seifert:
         uncut = where(r < self.cap, inner, self.pair_slope(where(r < self.cap, self.cap, r)))
         shared = where(r < self.equilibrium_distance, uncut, self.attraction * uncut)
         return where(r < self.cutoff, shared - self.shift, 0.0)
+
+    def closed_form(self, gap1, gap2):
+        """Positive [µm] where `mean` holds: between cap and cutoff, with weaker attraction on one side of ε."""
+        least, most, eps = minimum(gap1, gap2), maximum(gap1, gap2), self.equilibrium_distance
+        one_side = where(self.attraction < 1.0, maximum(least - eps, eps - most), 1.0)
+        return minimum(minimum(least - self.cap, self.cutoff - most), one_side)
+
+    def mean(self, gap1, gap2):
+        """Mean of the potential [pN µm] over gaps that go linearly from gap1 to gap2, and its derivatives [pN].
+
+        Source: ∫ r⁻² dr and ∫ r⁻⁴ dr, divided by the change of r without cancellation.
+        """
+        p, q, eps = 1.0 / gap1, 1.0 / gap2, self.equilibrium_distance
+        pq, near = p * q, gap1 + gap2 < 2.0 * eps
+        share = where(near, 1.0, self.attraction)
+        e2, size = eps * eps, share * self.well_depth * pq
+        third = e2 * e2 / 3.0
+        mean = size * (third * (p * p + pq + q * q) - 2.0 * e2)
+        by_gap1 = -size * p * (third * (3.0 * p * p + 2.0 * pq + q * q) - 2.0 * e2)
+        by_gap2 = -size * q * (third * (3.0 * q * q + 2.0 * pq + p * p) - 2.0 * e2)
+        offset = where(near, self.lift, 0.0) - self.attraction * self.cut_potential
+        return (mean + offset - self.shift * (0.5 * (gap1 + gap2) - self.cutoff), by_gap1 - 0.5 * self.shift,
+                by_gap2 - 0.5 * self.shift)
 
     def primitive(self, r):
         """Primitive Ψ of the potential, zero beyond the cutoff [pN µm²], for its exact integral along a segment."""

@@ -179,11 +179,9 @@ class Sampler:
         if terms.substrate is not None:
             substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None:
-            near, x, gap = m.segments.in_contact()
-            share = _share_below(gap[:, 0], gap[:, 1], TOUCHING * terms.contact.equilibrium_distance)
-            touched = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) * share
-            mine = near[:, 0] < m.n_owned
-            np.add.at(contact, near[mine, 0], touched[mine])
+            first, touching = m.segments.touching(TOUCHING * terms.contact.equilibrium_distance)
+            mine = first < m.n_owned
+            np.add.at(contact, first[mine], touching[mine])
         values = np.zeros((m.n_owned, 4))
         values[ends[:, 0], :3] = np.column_stack([area, length, substrate])
         values[:, 3] = contact

@@ -116,9 +116,8 @@ class Impulses:
 
     def follow(self, lists: ContactLists) -> None:
         """Assign slots to the particles of new search lists and the cells that they touch; impulses stay."""
-        other = self._surfaces.cell[lists.candidate[lists.first[:-1]]]
         self._kernel["contact_slot"] = self._slots(np.where(self._is_mine[lists.node],
-                                                            lists.node * self.cells + other, -1))
+                                                            lists.node * self.cells + lists.other, -1))
 
     def _slots(self, key: np.ndarray) -> np.ndarray:
         """Slots of keys (k,), which are created if they are new."""

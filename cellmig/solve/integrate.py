@@ -17,6 +17,7 @@ from .step import NO_EXTREMES, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
+CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
 _COUNTED = ("dt", "mechanism", "stable", "count", "redone", "extremes")
@@ -59,8 +60,8 @@ class Integrator:
         self.ts = self._ts(kind)
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         self._connect()
-        # PETSc's types cannot repeat a batch: they assume that any gap may close entirely
-        self.gaps = control.typical if self.leapfrog else 0.0 * control.typical
+        # PETSc's types cannot repeat a batch: they assume that any gap may close this far
+        self.gaps = control.typical if self.leapfrog else CLOSED * control.eps
         self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:
@@ -213,7 +214,7 @@ class Integrator:
             self.fail(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
         if not self.touches:
             return BATCH
-        m.state.forget_gaps()
+        m.state.forget_contacts()
         room = 0.5 * m.segments.skin - limits["displaced"]
         most = SHORT if self._compression(self.gaps) > 0.5 else BATCH
         return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
@@ -366,7 +367,7 @@ class Leapfrog:
             m.advance(n, dt)
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin
-            if not run.touches or (run.was_stable(dt, seen.gaps) and not (late and n > 1)):
+            if not run.touches or (run.was_stable(dt, run.control.gaps(seen.gap, seen.contact)) and not (late and n > 1)):
                 break
             m.go_back()
             run.choose()

@@ -27,12 +27,14 @@ from .undo import Times, Undo
 class Extremes(NamedTuple):
     """Extremes over some steps and all ranks.
 
-    displaced : largest displacement of surface particles since the lists were made [µm];  gaps : (2,) float -- smallest
-    gaps to the substrate and between cells [µm];  J_min, J_max : [-].
+    displaced : largest displacement of surface particles since the lists were made [µm];  gap : least to the substrate
+    [µm];  contact : largest stiffness over the mass of contacts between cells [1/µs²], infinite where surfaces cross;
+    J_min, J_max : [-].
     """
 
     displaced: float
-    gaps: np.ndarray
+    gap: float
+    contact: float
     J_min: float
     J_max: float
 
@@ -177,9 +179,9 @@ class Mechanics:
     # ------------------------------------------------------------ step control
 
     def extremes(self) -> Extremes:
-        """Extremes since the last call, of gaps since they were forgotten; collective."""
-        top = global_maximum(self.comm, np.array([self.segments.displaced(), *self.state.extremes()]))
-        return Extremes(float(top[0]), -top[1:3], -float(top[3]), float(top[4]))
+        """Extremes since the last call, of contacts since they were forgotten; collective."""
+        top = global_maximum(self.comm, np.array([self.segments.displaced(), *self.state.extremes()])).tolist()
+        return Extremes(top[0], -top[1], top[2], -top[3], top[4])
 
     def limits(self) -> dict[str, float]:
         """Limits of the step over all ranks; collective.

@@ -8,9 +8,11 @@ import numpy as np
 
 from mpi4py import MPI
 
+from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
-from ..meshfree.contact import ContactLists, contact_lists
+from ..meshfree.contact import ContactLists, acting, contact_pairs
+from ..model.adhesion import CellAdhesion, bonds_of
 from ..parallel.reduce import global_maximum
 from .state import State
 from .subdomain import Subdomain
@@ -18,7 +20,6 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
-CLOSEST_POINT = np.dtype([("gap", float), ("n", float, 2), ("t", float), ("a", np.int64), ("b", np.int64)])
 
 
 class Segments:
@@ -29,8 +30,7 @@ class Segments:
     number : (e,) int -- the segments, by their first ends in `Surfaces`.
     acts : (e,) bool -- whether one end is this rank's.
     low : (e,) bool -- whether the substrate may act on it.
-    lists : ContactLists -- particles near other cells; None without contact.
-    closest_point : (nodes of `lists`,) CLOSEST_POINT -- on the other cell, as the last evaluation of forces found them.
+    lists : ContactLists -- segments near other cells; None without contact.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
     renewals : int -- number of renewals.
     """
@@ -41,15 +41,18 @@ class Segments:
         Field("length", "double *", "(n_segments,)", "µm", "reference lengths"),
         Field("n_near", "long", doc="segments near the substrate"),
         Field("near", "int32_t *", "(n_near,)", "", "their numbers"),
-        Field("n_contact_nodes", "long", doc="particles near another cell: by particle and cell"),
+        Field("n_contact_nodes", "long", doc="particles near another cell, see `ContactLists`"),
         Field("contact_node", "int32_t *", "(n_contact_nodes,)", "", "these particles"),
-        Field("first_candidate", "long *", "(n_contact_nodes + 1,)", "", "their segments in `candidate`"),
-        Field("candidate", "int32_t *", "(…, 4)", "", "segments that may be closest, with the particles beside"),
-        Field("n_contact_segments", "long", doc="segments between such particles"),
+        Field("contact_x", "double *", "(n_contact_nodes, 2)", "µm", "their current positions"),
+        Field("contact_force", "double *", "(n_contact_nodes, 2)", "pN/µm", "the forces on them"),
+        Field("contact_stiffness", "double *", "(n_contact_nodes,)", "Pa", "bounds of their rows of the tangent"),
+        Field("n_contact_segments", "long", doc="segments near another cell"),
         Field("contact_segment", "int32_t *", "(n_contact_segments, 2)", "", "their ends in `contact_node`"),
         Field("contact_length", "double *", "(n_contact_segments,)", "µm", "reference lengths"),
-        Field("contact_pull", "double *", "(n_contact_nodes,)", "pN/µm", "force of the bonds along the normal"),
-        Field("closest_point", "void *", "(n_contact_nodes,)", "", "closest points on the other cell"),
+        Field("first_edge", "long *", "(n_contact_segments + 1,)", "", "their edges in `contact_edge`"),
+        Field("contact_edge", "int32_t *", "(…, 3)", "", "ends of edges of other cells, end of the next edge"),
+        Field("stiffness_of_contact", "double *", "(n_local,)", "1/µs²", "the bounds over the mass"),
+        Field("stiffest_contact", "double *", "(1,)", "1/µs²", "largest of them; infinite where surfaces cross"),
         Field("contact_cutoff", "double", "", "µm", "distance beyond which they do not act"),
     )
 
@@ -63,7 +66,6 @@ class Segments:
         self.acts = acts[self.number]
         self.low = np.zeros(len(self.number), bool)
         self.lists: ContactLists | None = None
-        self.closest_point = np.zeros(0, CLOSEST_POINT)
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
         self.renewed_at = np.zeros((len(part.own_surface), 2))
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
@@ -71,6 +73,7 @@ class Segments:
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
         if part.terms.contact is not None:
             k["contact_cutoff"] = part.terms.contact.cutoff
+            k["stiffness_of_contact"] = np.zeros(part.capacity)
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -91,11 +94,22 @@ class Segments:
         ends = ends[ends[:, 0] < self._part.n_owned]
         return ends, self._state.x(ends)
 
-    def in_contact(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Segments near other cells: local ends (e, 2) int, current ends (e, 2, 2) and gaps of the ends (e, 2) [µm]."""
-        segment = self.lists.segment if self.lists is not None else np.zeros((0, 2), np.int64)
-        ends = self._kernel["contact_node"][segment] if len(segment) else segment
-        return ends, self._state.x(ends), self.closest_point["gap"][segment]
+    def touching(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """Segments near other cells: local first ends (s,) int, and current lengths (s,) [µm] nearer than a `height`.
+
+        A length is counted as the energy is, edge by edge and vertex by vertex (see `CellAdhesion`).
+        """
+        if self.lists is None or not len(self.lists.source):
+            return np.zeros(0, np.int64), np.zeros(0)
+        k, x = self._kernel, self._state.x(self._kernel["contact_node"])
+        ends = x[self.lists.segment]
+        source = np.repeat(ends, np.diff(self.lists.first), axis=0)
+        pair = np.concatenate([source, x[self.lists.edge]], axis=1)
+        low, high, first, last, sign = CellAdhesion(bonds_of(self._part.terms.contact)).limits(pair.transpose(1, 2, 0), height)
+        beside = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
+        share = np.minimum(np.add.reduceat(beside, self.lists.first[:-1]), 1.0)
+        apart = self._part.surfaces.cell[self.lists.source] != self.lists.other[self.lists.segment[:, 0]]
+        return k["contact_node"][self.lists.segment[:, 0]], np.where(apart, share, 0.0) * polygons.sides(ends)
 
     # ------------------------------------------------------------ search lists
 
@@ -117,29 +131,21 @@ class Segments:
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contact is not None:
-            lists = contact_lists(part.surfaces, x, reach + 0.5 * longest, self.skin, around)
-            self._set_contact(lists.needed(part.surfaces, part.on_surface))
+            pairs = contact_pairs(part.surfaces, x, t.contact.cutoff + self.skin, 0.0, around)
+            self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
         s, k, state = self._part.surfaces, self._kernel, self._state
-        numbering = self._part.numbering.extended(s.ids[lists.involved(s)])
+        numbering = self._part.numbering.extended(s.ids[lists.node])
         same = np.array_equal(numbering.ids, state.numbering.ids)
         if not self._part.comm.allreduce(same, MPI.LAND):
             state.renumber(numbering)
-
-        def local(surface: np.ndarray) -> np.ndarray:
-            return numbering.local(s.ids[surface])
-
-        c = lists.candidate
-        k["n_contact_nodes"], k["contact_node"] = len(lists.node), local(lists.node)
-        k["first_candidate"] = lists.first
-        k["candidate"] = local(np.column_stack([s.before[c], c, s.after[c], s.after[s.after[c]]]))
+        k["n_contact_nodes"], k["contact_node"] = len(lists.node), numbering.local(s.ids[lists.node])
+        k["contact_x"], k["contact_force"] = (np.zeros((len(lists.node), 2)) for _ in range(2))
+        k["contact_stiffness"] = np.zeros(len(lists.node))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
-        k["contact_length"] = s.length[lists.node[lists.segment[:, 0]]]
-        k["contact_pull"] = np.zeros(len(lists.node))
-        self.closest_point = np.zeros(len(lists.node), CLOSEST_POINT)
-        k["closest_point"] = self.closest_point.ctypes.data
+        k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
         self.lists = lists
 
     def displaced(self) -> float:

@@ -55,7 +55,7 @@ class State(GhostedField):
                         Field(f"column_{name}", "uint32_t *", "(groups, 4)", "", f"neighbours in `{name}`"),
                         Field(name, "coefficient *", "(groups, 4)", unit, doc))),
         # step control
-        Field("least_gap", "double *", "(2,)", "µm", "least gaps to the substrate and between cells"),
+        Field("least_gap", "double *", "(1,)", "µm", "least gap to the substrate"),
         Field("J_range", "double *", "(2, 4)", "-", "least and largest J, by lanes"),
         Field("bound", "double *", "(n_owned, 3)", "1/(µm fg)", "local bound of the stiffness: Σ_J G⊗G/m_J"),
         Field("viscous_weight", "double *", "(n_owned,)", "Pa µs", "modulus of that bound, viscous"),
@@ -95,7 +95,7 @@ class State(GhostedField):
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
         k["force"] = np.zeros((part.capacity, 2))
-        k["least_gap"], k["J_range"] = np.full(2, np.inf), NO_J.copy()
+        k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
         for name in ("bound", "viscous_weight", "elastic_weight"):
             k[name] = scene.field(name)[part.ids]
         k["acceleration"] = part.terms.acceleration or (0.0, 0.0)
@@ -138,16 +138,19 @@ class State(GhostedField):
         return self.by_row(self._kernel["F"])
 
     def extremes(self) -> np.ndarray:
-        """Extremes of this rank since the last call (4,): minus smallest gaps [µm], minus smallest J, largest J [-]."""
-        gap, J = self._kernel["least_gap"], self._kernel["J_range"].reshape(2, 4)
-        found = np.array([*-gap, -J[0].min(), J[1].max()])
-        self.forget_gaps()
-        self._kernel["J_range"][:] = NO_J
+        """Extremes of this rank (4,): minus the least gap [µm] and the largest stiffness of contacts [1/µs²] since they
+        were forgotten, minus smallest J, largest J [-] since the last call.
+        """
+        k = self._kernel
+        J = k["J_range"].reshape(2, 4)
+        found = np.array([-k["least_gap"][0], k["stiffest_contact"][0], -J[0].min(), J[1].max()])
+        self.forget_contacts()
+        k["J_range"][:] = NO_J
         return found
 
-    def forget_gaps(self) -> None:
-        """Begin the minimum of gaps again."""
-        self._kernel["least_gap"][:] = np.inf
+    def forget_contacts(self) -> None:
+        """Begin the extremes of gaps and contacts again."""
+        self._kernel["least_gap"][:], self._kernel["stiffest_contact"][:] = np.inf, 0.0
 
     def x(self, numbers: np.ndarray) -> np.ndarray:
         """Current positions (..., 2) [µm] of the particles with local `numbers` (...) int."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..meshfree.body import Scene, Template
 from ..meshfree.terms import Terms
 
+BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
 TYPICAL = 0.94  # smallest gap of a contact over ε of its bonds, measured at 600 to 1,500 particles a cell [-]
 
 
@@ -73,6 +74,20 @@ class StepControl:
         law = terms.director_law if terms.director == "relaxing" else None
         mobility = law.mobility if law is not None else 0.0
         self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
+
+    def gaps(self, gap: float, contact: float) -> np.ndarray:
+        """Gaps (2,) [µm]: the least `gap` [µm] to the substrate, and that of flat contacts between cells which are as
+        stiff, over the mass, as the stiffest one, `contact` [1/µs²].
+        """
+        law, sides = self._contacts[1]
+        if law is None or not contact > 0.0:
+            return np.array([gap, np.inf])
+        low, high = 0.0, 2.0 * law.equilibrium_distance
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            softer = sides * law.stiffness(middle) * self._length_per_mass < contact
+            low, high = (low, middle) if softer else (middle, high)
+        return np.array([gap, low])
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
         """Stable step by mechanism: "viscosity", "sound", and where they apply "contact" and "director" [µs].
