@@ -145,22 +145,26 @@ class CellAdhesion:
         return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
                 where(value2 < 0.0, where(value1 < 0.0, 0.0, minimum(high, zero)), high))
 
-    def edge(self, length, low, high, share1, share2, gap1, gap2, normal: Vector):
-        """Sizes along the normal of the forces on both ends of S, and of the edge [pN/µm], and energy [pN].
+    def edge(self, length, low, high, share1, share2, gap1, gap2, start: Vector, end: Vector):
+        """Forces on both ends of S and of the edge [pN/µm], and energy [pN], of the piece from ξ = low to high.
 
-        The piece is from ξ = low to high; `share` and `gap` are the places beside the edge [-] and gaps [µm] there.
+        `share` and `gap` are places beside the edge [-] and gaps [µm] of the ends of S; `start`, `end` in µm.
         """
-        mean, by_gap1, by_gap2 = self.bonds.mean(gap1, gap2)
+        (x1, y1), (x2, y2) = start, end
+        ex, ey = x2 - x1, y2 - y1
+        span = 1.0 / sqrt(ex * ex + ey * ey)
+        at1, at2 = share1 + low * (share2 - share1), share1 + high * (share2 - share1)
+        mean, by_gap1, by_gap2 = self.bonds.mean(gap1 + low * (gap2 - gap1), gap1 + high * (gap2 - gap1))
         size = 0.5 * self.bonds.law.bond_density * length * (high - low)
-        f1, f2 = size * by_gap1, size * by_gap2
-        nx, ny = normal
-        end1, end2 = -(1.0 - low) * f1 - (1.0 - high) * f2, -low * f1 - high * f2
-        start, end = (1.0 - share1) * f1 + (1.0 - share2) * f2, share1 * f1 + share2 * f2
-        return ((end1 * nx, end1 * ny), (end2 * nx, end2 * ny), (start * nx, start * ny), (end * nx, end * ny)), size * mean
+        f1, f2 = size * by_gap1 * span, size * by_gap2 * span
+        s1, s2 = (low - 1.0) * f1 + (high - 1.0) * f2, -low * f1 - high * f2
+        e1, e2 = (1.0 - at1) * f1 + (1.0 - at2) * f2, at1 * f1 + at2 * f2
+        return ((s1 * ey, -s1 * ex), (s2 * ey, -s2 * ex), (e1 * ey, -e1 * ex), (e2 * ey, -e2 * ex)), size * mean
 
     def edge_stiffness(self, length, low, high, gap1, gap2):
-        """A bound of the row sums of the tangent of the piece, if both levers are 1 [Pa]."""
-        return self.bonds.law.bond_density * length * (high - low) * self.bonds.curvature(gap1, gap2)
+        """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
+        curvature = self.bonds.curvature(gap1 + low * (gap2 - gap1), gap1 + high * (gap2 - gap1))
+        return self.bonds.law.bond_density * length * (high - low) * curvature
 
     def vertex(self, length, low, high, end1: Vector, end2: Vector):
         """Forces on both ends of S and on the vertex [pN/µm], and energy [pN].
@@ -182,7 +186,7 @@ class CellAdhesion:
         return ((fx1, fy1), (fx2, fy2), (-fx1 - fx2, -fy1 - fy2)), energy
 
     def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
-        """A bound of the row sums of the tangent of the piece, if all levers are 1 [Pa]."""
+        """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
         (x1, y1), (x2, y2) = end1, end2
         x, y = x1 + low * (x2 - x1), y1 + low * (y2 - y1)
         first = sqrt(x * x + y * y)
@@ -190,28 +194,34 @@ class CellAdhesion:
         last = sqrt(x * x + y * y)
         return self.bonds.law.bond_density * maximum(length, 0.0) * (high - low) * self.bonds.curvature(first, last)
 
-    def limits(self, x: tuple, within: float) -> tuple:
+    def pieces(self, x: tuple, within: float):
         """Limits of the pieces of pairs of a segment and an edge that are nearer than a distance `within` [µm].
 
-        x : places of both ends of S, both ends of the edge and the end of the next edge, two numbers or arrays each
-            [µm].
+        x : places of both ends of S, both ends of the edge and the end of the next edge, two arrays each [µm].
 
         Returns
         -------
-        low, high of the edge's piece, low, high and sign of the vertex's piece at the end of the edge [-]; a piece is
-        empty if low ≥ high.
+        low, high of the piece of the edge, low, high and sign of that of the vertex at its end [-]; a piece is empty if
+        low ≥ high.
         """
         s1, s2, a, b, c = x
         (share1, gap1), (share2, gap2), (next1, _), (next2, _) = (
             self.beside(s1, a, b), self.beside(s2, a, b), self.beside(s1, b, c), self.beside(s2, b, c))
-        low, high = self.part(*self.part(0.0, 1.0, share1, share2), 1.0 - share1, 1.0 - share2)
-        low, high = self.part(*self.part(low, high, gap1, gap2), within - gap1, within - gap2)
+        low, high = self.part(0.0, 1.0, share1, share2)
+        for value1, value2 in ((1.0 - share1, 1.0 - share2), (gap1, gap2), (within - gap1, within - gap2)):
+            low, high = self.part(low, high, value1, value2)
         turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
         sign = where(turn < 0.0, -1.0, 1.0)
-        first, last = self.part(*self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0)),
-                                -sign * next1, -sign * next2)
-        dx, dy, x1, y1 = s2[0] - s1[0], s2[1] - s1[1], s1[0] - b[0], s1[1] - b[1]
-        square = dx * dx + dy * dy
-        foot, away = -(x1 * dx + y1 * dy) / square, (x1 * dy - y1 * dx) / square
-        reach = sqrt(maximum(within * within / square - away * away, 0.0))
+        first, last = self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0))
+        first, last = self.part(first, last, -sign * next1, -sign * next2)
+        foot, away = self.foot(s1, s2, b)
+        dx, dy = s2[0] - s1[0], s2[1] - s1[1]
+        reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
         return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
+
+    def foot(self, end1: Vector, end2: Vector, vertex: Vector):
+        """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
+        (x1, y1), (x2, y2), (x, y) = end1, end2, vertex
+        dx, dy, px, py = x2 - x1, y2 - y1, x - x1, y - y1
+        square = dx * dx + dy * dy
+        return (px * dx + py * dy) / square, abs(px * dy - py * dx) / square

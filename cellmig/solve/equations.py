@@ -52,15 +52,16 @@ class Equations:
 
         Returns
         -------
-        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted or surfaces are beyond the search lists.
+        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted, or surfaces cross or are beyond the search lists.
         """
         m = self.mechanics
         m.loads.set_clock(t)
         m.state.u[:], m.state.v[:] = u, v
+        m.state.forget_contacts()
         a = m.rate()[:, 2:].copy()
         self.evaluated += 1
         F = m.state.F_of_rows
-        late = self._touches and m.segments.displaced() > 0.5 * m.segments.skin
+        late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
         if (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2] <= 0.0).any() or late:
             a[:] = np.nan  # a line search shortens its step, else TS cuts the time step
         return a

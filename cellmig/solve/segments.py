@@ -72,6 +72,7 @@ class Segments:
         k["segment"] = part.numbering.local(s.ids[self.ends])
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
         if part.terms.contact is not None:
+            self._adhesion = CellAdhesion(bonds_of(part.terms.contact))
             k["contact_cutoff"] = part.terms.contact.cutoff
             k["stiffness_of_contact"] = np.zeros(part.capacity)
 
@@ -101,15 +102,15 @@ class Segments:
         """
         if self.lists is None or not len(self.lists.source):
             return np.zeros(0, np.int64), np.zeros(0)
-        k, x = self._kernel, self._state.x(self._kernel["contact_node"])
-        ends = x[self.lists.segment]
-        source = np.repeat(ends, np.diff(self.lists.first), axis=0)
-        pair = np.concatenate([source, x[self.lists.edge]], axis=1)
-        low, high, first, last, sign = CellAdhesion(bonds_of(self._part.terms.contact)).limits(pair.transpose(1, 2, 0), height)
-        beside = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
-        share = np.minimum(np.add.reduceat(beside, self.lists.first[:-1]), 1.0)
-        apart = self._part.surfaces.cell[self.lists.source] != self.lists.other[self.lists.segment[:, 0]]
-        return k["contact_node"][self.lists.segment[:, 0]], np.where(apart, share, 0.0) * polygons.sides(ends)
+        lists, node = self.lists, self._kernel["contact_node"]
+        x = self._state.x(node)
+        ends = x[lists.segment]
+        pairs = np.concatenate([np.repeat(ends, np.diff(lists.first), axis=0), x[lists.edge]], axis=1)
+        low, high, first, last, sign = self._adhesion.pieces(tuple(pairs.transpose(1, 2, 0)), height)
+        near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
+        share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)
+        other = self._part.surfaces.cell[lists.source] != lists.other[lists.segment[:, 0]]
+        return node[lists.segment[:, 0]], np.where(other, share, 0.0) * polygons.sides(ends)
 
     # ------------------------------------------------------------ search lists
 
@@ -147,6 +148,11 @@ class Segments:
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
         self.lists = lists
+
+    @property
+    def cross(self) -> bool:
+        """Whether a segment of this rank crossed another outline since contacts were forgotten."""
+        return bool(np.isinf(self._kernel["stiffest_contact"][0]))
 
     def displaced(self) -> float:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""

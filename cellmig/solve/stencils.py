@@ -108,16 +108,40 @@ def push(formula: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
 
 
 def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
-    """Segments in contact whose bonds act, with the closest points of the last evaluation of forces."""
-    k, closest = m.kernel, m.segments.closest_point
-    segment = k["contact_segment"].reshape(-1, 2)
-    gaps, cutoff = closest["gap"][segment], formula.bonds.law.cutoff
-    acts = np.flatnonzero((gaps < cutoff).any(axis=1) & np.isfinite(gaps).all(axis=1))
-    nodes = [n for end in segment[acts].T for n in (k["contact_node"][end], closest["a"][end], closest["b"][end])]
-    side = np.where(gaps[acts] < 0.0, -1.0, 1.0).T
-    length = k["contact_length"][acts]
-    yield Stencil("contact", np.array(nodes, np.int64).reshape(6, -1),
-                  lambda x, v: formula.force(length, *side, x))
+    """Pieces of segments beside edges and vertices; their limits are constants, whose derivatives cancel."""
+    k, lists = m.kernel, m.segments.lists
+    if lists is None or not len(lists.edge):
+        return
+    source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))
+    nodes = k["contact_node"][np.column_stack([lists.segment[source], lists.edge])].T
+    s1, s2, a, b, c = m.state.x(nodes).transpose(0, 2, 1)
+    low, high, first, last, sign = formula.pieces((s1, s2, a, b, c), formula.bonds.law.cutoff)
+    length = k["contact_length"][source]
+    on = np.flatnonzero(low < high)
+    yield Stencil("contact", nodes[:4, on], lambda x, v, given=(length[on], low[on], high[on]): _beside_edge(
+        formula, *given, x))
+    on = np.flatnonzero(first < last)
+    foot, away = formula.foot(s1[:, on], s2[:, on], b[:, on])
+    away = np.maximum(away, 1e-9)
+    start, end = (np.arcsinh((limit[on] - foot) / away) for limit in (first, last))
+    count = np.maximum(np.ceil((end - start) / WIDEST), 1).astype(int)
+    part = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    on, foot, away, start, wide = (np.repeat(q, count) for q in (on, foot, away, start, (end - start) / count))
+    limits = [foot + away * np.sinh(start + (part + k) * wide) for k in (0, 1)]
+    given = (sign[on] * length[on], *limits)
+    yield Stencil("contact", nodes[[0, 1, 3]][:, on], lambda x, v: formula.vertex(*given, *_from(x[2], x[:2]))[0])
 
 
+def _beside_edge(formula: Any, length: np.ndarray, low: np.ndarray, high: np.ndarray, x: tuple) -> tuple:
+    """Forces on both ends of segments and of edges at x [µm], four pairs of numbers."""
+    (share1, gap1), (share2, gap2) = (formula.beside(end, *x[2:]) for end in x[:2])
+    return formula.edge(length, low, high, share1, share2, gap1, gap2, *x[2:])[0]
+
+
+def _from(origin: tuple, places: tuple) -> list[tuple]:
+    """Places relative to an origin, pairs of numbers each."""
+    return [(x - origin[0], y - origin[1]) for x, y in places]
+
+
+WIDEST = 0.35  # piece beside a vertex, over its distance, within which quadrature is exact to 1e-9 [-]
 OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others have stencils of segments

@@ -30,13 +30,10 @@ static double add_edge(const KernelData *s, const Source *S, const long node[2],
     contact_part(S->law, low, high, gap[0], gap[1], &low, &high);
     contact_part(S->law, low, high, cutoff - gap[0], cutoff - gap[1], &low, &high);
     if (!(low < high)) return 0;
-    const double *x = s->contact_x + D * a, *y = s->contact_x + D * b;
-    const double ex = y[0] - x[0], ey = y[1] - x[1], r = 1 / sqrt(ex * ex + ey * ey), normal[D] = {ey * r, -ex * r};
-    const double t0 = share[0] + low * (share[1] - share[0]), t1 = share[0] + high * (share[1] - share[0]);
-    const double g0 = gap[0] + low * (gap[1] - gap[0]), g1 = gap[0] + high * (gap[1] - gap[0]);
-    contact_edge(S->law, S->length, low, high, t0, t1, g0, g1, normal, f, &stored);
-    const double k = contact_edge_stiffness(S->law, S->length, low, high, g0, g1);
-    const double middle = 0.5 * (low + high), t = 0.5 * (t0 + t1);
+    contact_edge(S->law, S->length, low, high, share[0], share[1], gap[0], gap[1], s->contact_x + D * a,
+                 s->contact_x + D * b, f, &stored);
+    const double k = contact_edge_stiffness(S->law, S->length, low, high, gap[0], gap[1]);
+    const double middle = 0.5 * (low + high), t = share[0] + middle * (share[1] - share[0]);
     act(s, node[0], f[0], (1 - middle) * k);
     act(s, node[1], f[1], middle * k);
     act(s, a, f[2], (1 - t) * k);
@@ -50,9 +47,10 @@ static double add_vertex(const KernelData *s, const Source *S, const long node[2
 {
     const double *v = s->contact_x + D * b;
     const double x1[D] = {S->end[0][0] - v[0], S->end[0][1] - v[1]}, x2[D] = {S->end[1][0] - v[0], S->end[1][1] - v[1]};
-    const double d[D] = {x2[0] - x1[0], x2[1] - x1[1]}, square = d[0] * d[0] + d[1] * d[1];
-    const double foot = -(x1[0] * d[0] + x1[1] * d[1]) / square; /* of the vertex on the line of S */
-    const double away = fabs(x1[0] * d[1] - x1[1] * d[0]) / square, reach = cutoff * cutoff / square - away * away;
+    const double dx = x2[0] - x1[0], dy = x2[1] - x1[1];
+    double foot, away;
+    contact_foot(S->law, S->end[0], S->end[1], v, &foot, &away);
+    const double reach = cutoff * cutoff / (dx * dx + dy * dy) - away * away;
     if (reach <= 0) return 0;
     low = d_maximum(low, foot - sqrt(reach));
     high = d_minimum(high, foot + sqrt(reach));
