@@ -16,6 +16,12 @@ def either(yes: Any, one: tuple, other: tuple) -> tuple:
                  for a, b in zip(one, other, strict=True))
 
 
+def between(start: Vector, end: Vector) -> Vector:
+    """The vector from one place to another."""
+    (x1, y1), (x2, y2) = start, end
+    return x2 - x1, y2 - y1
+
+
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
     """Result of a pointwise `method` of a law; `quantities` (..., n), in the code's units, are passed by name."""
     names = list(inspect.signature(getattr(type(law), method)).parameters)[1:]

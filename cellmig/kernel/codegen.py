@@ -1,8 +1,9 @@
 """Laws and forces in C: pointwise methods, written once in Python, as inline C functions.
 
 The subset is what a formula needs: assignments, tuples, arithmetic, powers, the functions below, calls of pointwise
-methods of the law or of laws that are its attributes, loops over a constant of the module, and one `return`.  Numbers
-among the attributes become entries of a parameter vector, so that a law is compiled once for all values.
+methods of the law or of laws that are its attributes and of functions of the module, loops over a constant of the
+module, and one `return`.  Numbers among the attributes become entries of a parameter vector, so that a law is compiled
+once for all values.
 """
 
 from __future__ import annotations
@@ -72,13 +73,16 @@ class Translator:
 
     def _method(self, law: Any, path: str, method: str, arguments: list) -> Any:
         """Result of a method of the law, or of one that is its attribute `path`, such as "bonds."."""
-        function = inspect.unwrap(getattr(type(law), method))
+        return self._result(inspect.unwrap(getattr(type(law), method)), law, path, arguments, 1)
+
+    def _result(self, function: Any, law: Any, path: str, arguments: list, first_argument: int = 0) -> Any:
+        """Result of a function, or of a method without its first argument."""
         lines, first = inspect.getsourcelines(function)
         if len(self._place) > 20:
             raise self._error(None, "calls itself")
         self._place.append((function, inspect.getsourcefile(function), first, law, path))
         tree: Any = ast.parse(textwrap.dedent("".join(lines))).body[0]
-        given = [a.arg for a in tree.args.args[1:]]
+        given = [a.arg for a in tree.args.args[first_argument:]]
         if len(given) != len(arguments):
             raise self._error(tree, f"takes {len(given)} arguments, not {len(arguments)}")
         names: dict[str, Any] = {}
@@ -172,6 +176,9 @@ class Translator:
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(value=ast.Name(id="np" | "numpy"), attr=name),
                           keywords=[]) if name in FUNCTIONS:
                 return self._call(node, name, names)
+            case ast.Call(func=ast.Name(id=name), keywords=[]) if inspect.isfunction(self._constant(name)):
+                *_, law, path = self._place[-1]
+                return self._result(self._constant(name), law, path, [self._value(a, names) for a in node.args])
         raise self._error(node, f"'{ast.unparse(node)}' is not translated to C; a formula has numbers, parameters of "
                                 f"the law, + - * / **, comparisons, other methods, {', '.join(sorted(FUNCTIONS))}")
 

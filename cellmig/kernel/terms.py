@@ -36,7 +36,7 @@ SURFACE_TERMS = (
     SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(bonds_of(t.contact)),
                 {"beside": ("share", "gap"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex": ("force", "energy"), "vertex_stiffness": (),
-                 "foot": ("foot", "away")}),
+                 "sign": (), "foot": ("foot", "away")}),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
         t.friction, bonds_of(t.substrate)), {"force": ()}),

@@ -48,7 +48,7 @@ class ContactLists:
     """Pairs of a segment and an edge of another outline, or of its own, that are near each other.
 
     Pairs are sorted by the first ends of segment and edge, so that sums over them are the same on any number of ranks.
-    A node is a particle near one other cell, or near its own; segments, edges and the particles behind edges have nodes.
+    A node is a particle near one other cell, or near its own: ends of segments, of edges and of the next edges.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from ..case.registry import laws
 from ..case.schema import Case, particle_count
 from ..geometry.polygons import convex
 from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, ProtrusionLaw
-from ..model.seifert import solid
+from ..model.seifert import BetweenCells, solid
 from .boundary import load_curves_of
 
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
@@ -103,7 +103,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))
     alone = len(case.cells) == 1
     contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
-                     "adhesion between cells", nothing if alone or case.static else solid(between))
+                     "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
     own = unless(why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline")),
                  "contact of a cell with itself", True, False)
     contacts = _contacts(case, contact, nothing if case.static else between, own) if contact or own else None

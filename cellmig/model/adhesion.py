@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from numpy import maximum, minimum, sqrt, where
 
-from ..case.pointwise import Vector, either
-from .protocols import Adhesion
+from ..case.pointwise import Vector, between, either
+from .protocols import Adhesion, ClosedAdhesion
 
 GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))  # of order 5, on 0 to 1
 GAUSS_OF_CORNER = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
@@ -76,6 +76,8 @@ class SegmentBonds:
 class ClosedBonds(SegmentBonds):
     """The same for a law that has the mean in closed form for some gaps."""
 
+    law: ClosedAdhesion
+
     def mean(self, gap1, gap2):
         """Mean energy of a bond [pN µm] and its derivatives by both gaps [pN]."""
         closed = self.law.closed_form(gap1, gap2) > 0.0
@@ -86,7 +88,7 @@ class ClosedBonds(SegmentBonds):
 
 def bonds_of(law: Adhesion) -> SegmentBonds:
     """The averages of a law of adhesion."""
-    return ClosedBonds(law) if hasattr(law, "closed_form") else SegmentBonds(law)
+    return ClosedBonds(law) if isinstance(law, ClosedAdhesion) else SegmentBonds(law)
 
 
 @dataclass(frozen=True)
@@ -133,13 +135,13 @@ class CellAdhesion:
 
     def beside(self, point: Vector, start: Vector, end: Vector):
         """Of a point [µm] the place beside an edge, as a share of the way from start to end [-], and its gap [µm]."""
-        (x, y), (x1, y1), (x2, y2) = point, start, end
-        ex, ey, px, py = x2 - x1, y2 - y1, x - x1, y - y1
+        ex, ey = between(start, end)
+        px, py = between(start, point)
         square = ex * ex + ey * ey
         return (px * ex + py * ey) / square, (px * ey - py * ex) / sqrt(square)
 
     def part(self, low, high, value1, value2):
-        """The part of a range [low, high] in which a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
+        """The part of a range [low, high] where a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
         change = value1 - value2
         zero = value1 / where(abs(change) > 0.0, change, 1.0)
         return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
@@ -150,8 +152,7 @@ class CellAdhesion:
 
         `share` and `gap` are places beside the edge [-] and gaps [µm] of the ends of S; `start`, `end` in µm.
         """
-        (x1, y1), (x2, y2) = start, end
-        ex, ey = x2 - x1, y2 - y1
+        ex, ey = between(start, end)
         span = 1.0 / sqrt(ex * ex + ey * ey)
         at1, at2 = share1 + low * (share2 - share1), share1 + high * (share2 - share1)
         mean, by_gap1, by_gap2 = self.bonds.mean(gap1 + low * (gap2 - gap1), gap1 + high * (gap2 - gap1))
@@ -172,12 +173,13 @@ class CellAdhesion:
         The piece is from ξ = low to high, by four Gauss points; `end1`, `end2` are the ends of S from the vertex [µm],
         `length` [µm] has the sign of the vertex.
         """
-        (x1, y1), (x2, y2) = end1, end2
+        x1, y1 = end1
+        dx, dy = between(end1, end2)
         size = 0.5 * self.bonds.law.bond_density * length
         energy, fx1, fy1, fx2, fy2 = 0.0, 0.0, 0.0, 0.0, 0.0
         for at, weight in GAUSS_OF_CORNER:
             share = low + at * (high - low)
-            x, y = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
+            x, y = x1 + share * dx, y1 + share * dy
             r = sqrt(x * x + y * y)
             pull = -(size * weight * (high - low)) * self.bonds.law.slope(r) / r
             energy = energy + size * weight * (high - low) * self.bonds.law.potential(r)
@@ -187,11 +189,10 @@ class CellAdhesion:
 
     def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
         """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
-        (x1, y1), (x2, y2) = end1, end2
-        x, y = x1 + low * (x2 - x1), y1 + low * (y2 - y1)
-        first = sqrt(x * x + y * y)
-        x, y = x1 + high * (x2 - x1), y1 + high * (y2 - y1)
-        last = sqrt(x * x + y * y)
+        x1, y1 = end1
+        dx, dy = between(end1, end2)
+        first = sqrt((x1 + low * dx) ** 2 + (y1 + low * dy) ** 2)
+        last = sqrt((x1 + high * dx) ** 2 + (y1 + high * dy) ** 2)
         return self.bonds.law.bond_density * maximum(length, 0.0) * (high - low) * self.bonds.curvature(first, last)
 
     def pieces(self, x: tuple, within: float):
@@ -205,23 +206,29 @@ class CellAdhesion:
         low ≥ high.
         """
         s1, s2, a, b, c = x
-        (share1, gap1), (share2, gap2), (next1, _), (next2, _) = (
-            self.beside(s1, a, b), self.beside(s2, a, b), self.beside(s1, b, c), self.beside(s2, b, c))
+        share1, gap1 = self.beside(s1, a, b)
+        share2, gap2 = self.beside(s2, a, b)
+        next1, next2 = self.beside(s1, b, c)[0], self.beside(s2, b, c)[0]
         low, high = self.part(0.0, 1.0, share1, share2)
         for value1, value2 in ((1.0 - share1, 1.0 - share2), (gap1, gap2), (within - gap1, within - gap2)):
             low, high = self.part(low, high, value1, value2)
-        turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
-        sign = where(turn < 0.0, -1.0, 1.0)
+        sign = self.sign(a, b, c)
         first, last = self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0))
         first, last = self.part(first, last, -sign * next1, -sign * next2)
         foot, away = self.foot(s1, s2, b)
-        dx, dy = s2[0] - s1[0], s2[1] - s1[1]
+        dx, dy = between(s1, s2)
         reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
         return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
 
+    def sign(self, before: Vector, vertex: Vector, after: Vector):
+        """1 of a convex vertex of an outline, -1 of a reflex one, from three points [µm]."""
+        ex, ey = between(before, vertex)
+        qx, qy = between(vertex, after)
+        return where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
+
     def foot(self, end1: Vector, end2: Vector, vertex: Vector):
         """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
-        (x1, y1), (x2, y2), (x, y) = end1, end2, vertex
-        dx, dy, px, py = x2 - x1, y2 - y1, x - x1, y - y1
+        dx, dy = between(end1, end2)
+        px, py = between(end1, vertex)
         square = dx * dx + dy * dy
         return (px * dx + py * dy) / square, abs(px * dy - py * dx) / square

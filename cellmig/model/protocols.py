@@ -6,7 +6,7 @@ translated to C.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 Value = Any  # float, array, dual number, or nested tuples of them for vectors and tensors
 
@@ -90,6 +90,17 @@ class Adhesion(Law, Protocol):
 
     def primitive(self, r: Value) -> Value:
         """Its primitive, zero from the cutoff on [pN µm²]."""
+
+
+@runtime_checkable
+class ClosedAdhesion(Adhesion, Protocol):
+    """Bonds whose mean over a segment has a closed form."""
+
+    def closed_form(self, gap1: Value, gap2: Value) -> Value:
+        """Positive where `mean` holds, for gaps [µm] of the ends."""
+
+    def mean(self, gap1: Value, gap2: Value) -> Value:
+        """Mean energy of a bond [pN µm] and its derivatives by both gaps [pN]."""
 
 
 class ProtrusionLaw(Law, Protocol):

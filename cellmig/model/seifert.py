@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import asdict, replace
+from typing import Any, ClassVar
 
 from numpy import maximum, minimum, where
 
 from ..case.registry import law, laws, quantity
 from .protocols import Adhesion
 
-CAP = 0.3  # length over ε below which the potential is quadratic [-]
 WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if they have fewer bonds or none
 
 
@@ -18,7 +17,7 @@ WALL = 24.0  # least N σ of the repulsion between surfaces [pN/µm], also if th
 class Seifert:
     r"""Bonds of length r with the energy U(r) = σ [(ε/r)⁴ - 2 (ε/r)²] [pN µm], -σ at r = ε; N per reference area.
 
-    There are three additions.  Below 0.3 ε the potential continues as its quadratic Taylor polynomial, with continuous
+    There are three additions.  Below 0.8 ε the potential continues as its quadratic Taylor polynomial, with continuous
     second derivative, so that its stiffness is bounded.  A linear function makes it reach zero with zero slope at the
     cutoff.  For bodies that repel but do not adhere, the attraction beyond ε is multiplied by a, from 1 (the original
     bonds) to 0 (repulsion alone, U = σ [(ε/r)² - 1]² below ε).
@@ -30,6 +29,8 @@ class Seifert:
     equilibrium_distance: float = quantity("um", "equilibrium distance ε", above=0, formerly="range")
     cutoff: float = quantity("um", "distance beyond which surfaces do not interact", "1 um", above=0)
     attraction: float = quantity("", "factor a of the attraction; the repulsion has none", 1, minimum=0, maximum=1)
+
+    quadratic: ClassVar[float] = 0.8  # length over ε below which the potential is quadratic [-]
 
     @property
     def work(self) -> float:
@@ -46,8 +47,8 @@ class Seifert:
 
     @property
     def cap(self) -> float:
-        """Length below which the potential is quadratic, 0.3 ε [µm]."""
-        return CAP * self.equilibrium_distance
+        """Length below which the potential is quadratic, 0.8 ε [µm]."""
+        return self.quadratic * self.equilibrium_distance
 
     def stiffness(self, least: float) -> float:
         """Largest stiffness N U'' [Pa/µm] for gaps of at least `least` [µm]."""
@@ -85,7 +86,7 @@ class Seifert:
     @property
     def cap_curvature(self) -> float:
         """U'' at the cap [pN/µm]."""
-        return self.well_depth / self.equilibrium_distance**2 * (20.0 / CAP**6 - 12.0 / CAP**4)
+        return self.well_depth / self.equilibrium_distance**2 * (20.0 / self.quadratic**6 - 12.0 / self.quadratic**4)
 
     @property
     def cut_potential(self) -> float:
@@ -173,6 +174,18 @@ class Seifert:
         t = r - self.cutoff
         cut = shared - self.attraction * (self.cut_primitive + t * self.cut_potential) - 0.5 * t * t * self.shift
         return where(r < self.cutoff, cut, 0.0)
+
+
+class BetweenCells(Seifert):
+    """The same bonds with a higher wall: the corner of a cell, on which few of them act, is pressed closer."""
+
+    quadratic = 0.3
+
+    @classmethod
+    def of(cls, law: Adhesion) -> Adhesion:
+        """The bonds of a law between cells; those of other laws stay as they are."""
+        bonds: Any = cls(**asdict(law)) if isinstance(law, Seifert) else law
+        return bonds
 
 
 def solid(law: Adhesion) -> Adhesion:

@@ -83,18 +83,12 @@ class Interval:
     def _neighbours(self, mean: np.ndarray, now: np.ndarray, cells: Rows) -> Rows:
         """Rows of forces between pairs of cells, from forces (slots, 2) [pN/µm] on particles by cells; collective."""
         m, counted = self.mechanics, self.mechanics.accounts.impulses
-        values = np.hstack([mean, now])[1:]
-        on = (values != 0.0).any(axis=1)
-        key = counted.key[1:][on]
-        pairs = np.column_stack([m.surfaces.cell[key // counted.cells], key % counted.cells])
-        keys, sums = self._sums(pairs, values[on])
-        # Forces of both cells of a pair on each other are opposite, and are added with signs.
-        forces: dict[tuple[int, int], np.ndarray] = {}
-        for (a, b), force in zip(keys.tolist(), sums, strict=True):
-            pair, sign = ((a, b), 1.0) if a < b else ((b, a), -1.0)
-            forces[pair] = forces.get(pair, 0.0) + sign * force
+        values, key = np.hstack([mean, now])[1:], counted.key[1:]
+        cell, other = m.surfaces.cell[key // counted.cells], key % counted.cells
+        on = (values != 0.0).any(axis=1) & (cell < other)  # the forces on the second cell of a pair are opposite
+        keys, sums = self._sums(np.column_stack([cell, other])[on], values[on])
         rows = []
-        for (a, b), force in sorted((pair, force.tolist()) for pair, force in forces.items()):
+        for (a, b), force in zip(keys.tolist(), sums.tolist(), strict=True):
             apart = [cells[b + 1][name] - cells[a + 1][name] for name in ("x_um", "y_um")]
             row: dict[str, float] = {"cell": a + 1, "neighbour": b + 1}
             for kind in self._kinds:

@@ -52,7 +52,7 @@ class Equations:
 
         Returns
         -------
-        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted, or surfaces cross or are beyond the search lists.
+        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted, surfaces cross or are beyond the search lists.
         """
         m = self.mechanics
         m.loads.set_clock(t)

@@ -367,7 +367,8 @@ class Leapfrog:
             m.advance(n, dt)
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin
-            if not run.touches or (run.was_stable(dt, run.control.gaps(seen.gap, seen.contact)) and not (late and n > 1)):
+            gaps = run.control.gaps(seen.gap, seen.contact)
+            if not run.touches or (run.was_stable(dt, gaps) and not (late and n > 1)):
                 break
             m.go_back()
             run.choose()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..case.pointwise import between
 from ..kernel.terms import SURFACE_TERMS
 from ..model.director import Couple
 from .mechanics import Mechanics
@@ -118,8 +119,8 @@ def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
     low, high, first, last, sign = formula.pieces((s1, s2, a, b, c), formula.bonds.law.cutoff)
     length = k["contact_length"][source]
     on = np.flatnonzero(low < high)
-    yield Stencil("contact", nodes[:4, on], lambda x, v, given=(length[on], low[on], high[on]): _beside_edge(
-        formula, *given, x))
+    piece = length[on], low[on], high[on]
+    yield Stencil("contact", nodes[:4, on], lambda x, v: _beside_edge(formula, piece, x))
     on = np.flatnonzero(first < last)
     foot, away = formula.foot(s1[:, on], s2[:, on], b[:, on])
     away = np.maximum(away, 1e-9)
@@ -129,18 +130,15 @@ def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
     on, foot, away, start, wide = (np.repeat(q, count) for q in (on, foot, away, start, (end - start) / count))
     limits = [foot + away * np.sinh(start + (part + k) * wide) for k in (0, 1)]
     given = (sign[on] * length[on], *limits)
-    yield Stencil("contact", nodes[[0, 1, 3]][:, on], lambda x, v: formula.vertex(*given, *_from(x[2], x[:2]))[0])
+    yield Stencil("contact", nodes[[0, 1, 3]][:, on], lambda x, v: formula.vertex(
+        *given, between(x[2], x[0]), between(x[2], x[1]))[0])
 
 
-def _beside_edge(formula: Any, length: np.ndarray, low: np.ndarray, high: np.ndarray, x: tuple) -> tuple:
+def _beside_edge(formula: Any, piece: tuple, x: tuple) -> tuple:
     """Forces on both ends of segments and of edges at x [µm], four pairs of numbers."""
-    (share1, gap1), (share2, gap2) = (formula.beside(end, *x[2:]) for end in x[:2])
-    return formula.edge(length, low, high, share1, share2, gap1, gap2, *x[2:])[0]
-
-
-def _from(origin: tuple, places: tuple) -> list[tuple]:
-    """Places relative to an origin, pairs of numbers each."""
-    return [(x - origin[0], y - origin[1]) for x, y in places]
+    share1, gap1 = formula.beside(x[0], *x[2:])
+    share2, gap2 = formula.beside(x[1], *x[2:])
+    return formula.edge(*piece, share1, share2, gap1, gap2, *x[2:])[0]
 
 
 WIDEST = 0.35  # piece beside a vertex, over its distance, within which quadrature is exact to 1e-9 [-]

@@ -17,7 +17,7 @@ from cellmig.case.messages import CaseError, Mistake
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.geometry import polygons
-from cellmig.meshfree.contact import Surfaces, contact_lists
+from cellmig.meshfree.contact import ContactLists, Surfaces, acting, contact_pairs
 from cellmig.parallel import shared
 from cellmig.parallel.collect import computed_on_root
 from cellmig.parallel.ghosts import GhostedField
@@ -223,13 +223,27 @@ def test_a_rank_knows_where_surfaces_near_its_own_are_and_lists_all_their_contac
     assert np.array_equal(places.everywhere(x[mine]), x)
     known, near = places.near(x[mine], 0.8)
     assert np.array_equal(known[near], x[near]) and set(places.on) <= set(near)
-    everything = contact_lists(surfaces, x, 0.8, 0.1, np.arange(len(x)))
-    found = []
-    for lists in (contact_lists(surfaces, known, 0.8, 0.1, near), everything):
-        found.append(lists.needed(surfaces, owner == comm.rank))
-    assert 20 < len(found[0].node) <= len(everything.node)
-    for name in ("node", "first", "candidate", "segment"):
-        assert np.array_equal(*(getattr(lists, name) for lists in found)), name
+    own = owner == comm.rank
+    everything = contact_pairs(surfaces, x, 0.8, 0.3, np.arange(len(x)))
+    found = [acting(surfaces, pairs, own) for pairs in (contact_pairs(surfaces, known, 0.8, 0.3, near), everything)]
+    assert 20 < len(found[0]) <= len(everything)
+    assert np.array_equal(*found)
+
+
+@pytest.mark.serial
+def test_contact_lists_have_a_node_for_each_particle_and_cell_that_it_is_near() -> None:
+    grid = 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'
+    scene = discretise(case("paper", "cells.0.repeat=[2, 2]", grid))
+    surfaces = Surfaces.of(scene)
+    pairs = contact_pairs(surfaces, scene.X[surfaces.ids], 0.8, 0.0, np.arange(len(surfaces.ids)))
+    lists = ContactLists.of(surfaces, pairs)
+    of_pair = np.repeat(np.arange(len(lists.source)), np.diff(lists.first))
+    source, edge = lists.node[lists.segment[of_pair, 0]], lists.node[lists.edge[:, 0]]
+    assert np.array_equal(np.column_stack([source, edge]), pairs)
+    for nodes in (lists.segment, lists.edge[:, :2], lists.edge[:, 1:]):
+        assert np.array_equal(surfaces.after[lists.node[nodes[:, 0]]], lists.node[nodes[:, 1]])
+    assert np.array_equal(lists.other[lists.edge[:, 0]], surfaces.cell[source])
+    assert np.array_equal(lists.other[lists.segment[of_pair, 0]], surfaces.cell[edge])
 
 
 # ------------------------------------------------------------------------------------------------------- same bits

@@ -56,7 +56,7 @@ static double add_vertex(const KernelData *s, const Source *S, const long node[2
     high = d_minimum(high, foot + sqrt(reach));
     double energy = 0;
     for (double from = low, to; from < high; from = to) {
-        /* The next piece: outwards from the foot widths grow, towards it they shrink. */
+        /* The next piece: its width goes with the distance, which is least at the closest point. */
         const double r = sqrt(away * away + (from - foot) * (from - foot));
         to = from + (from < foot ? WIDEST / (1 + WIDEST) : WIDEST) * r;
         if (from < foot && to > foot) to = foot + d_minimum(to - foot, 0.5 * WIDEST * away);
@@ -97,9 +97,7 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
             if (!negative(share[0], share[1]) && !negative(1 - share[0], 1 - share[1])
                 && !negative(cutoff - gap[0], cutoff - gap[1]))
                 stored += add_edge(s, &S, node, e[0], e[1], share, gap, cutoff);
-            const double *a = x + D * e[0], *b = x + D * e[1], *c = x + D * e[2];
-            const double turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
-            const double sign = turn < 0 ? -1 : 1;
+            const double *b = x + D * e[1], *c = x + D * e[2], sign = contact_sign(S.law, x + D * e[0], b, c);
             for (int i = 0; i < 2; i++) contact_beside(S.law, S.end[i], b, c, &next[i], &ignored);
             double low = 0, high = 1;
             contact_part(S.law, low, high, sign * (share[0] - 1), sign * (share[1] - 1), &low, &high);
