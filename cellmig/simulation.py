@@ -123,7 +123,7 @@ class Simulation:
 
     def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
         """Add means since the last sample to its rows, and return the rows of other tables; collective."""
-        touches = self.terms.substrate is not None or self.terms.contact is not None
+        touches = self.terms.substrate is not None or self.terms.contacts is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
         return self.interval.next(self.time, rows, self._half_step, powers)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from ..meshfree.terms import Terms
 from .codegen import Translator
 from .fields import Field, step_memory
-from .terms import FORMULAS, PARTS, STAGES, SURFACE_TERMS, sizes
+from .terms import FORMULAS, PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, sizes
 
 FOLDER = Path(__file__).parent / "c"
 # Stresses of materials, method by method: the quantities that they take, and the shape of the result.
@@ -75,12 +76,47 @@ def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
     functions = [Translator(formula, number).function(method, name, results)
                  for formula, number, method, name, results in FORMULAS]
     for term in SURFACE_TERMS:
-        if (formula := term.formula(terms)) is not None:
-            t = Translator(formula, "double")
-            functions += [t.function(method, f"{term.name}_{method}", results)
-                          for method, results in term.methods.items()]
+        found = term.formula(terms)
+        if isinstance(found, tuple):
+            functions.append(_of_laws(term, found, vectors))
+        elif found is not None:
+            t = Translator(found, "double")
+            functions += _functions(t, term)
             vectors[term.name] = t.vector()
     return "\n".join(functions)
+
+
+def _functions(t: Translator, term: SurfaceTerm) -> list[str]:
+    """Functions of a term's formula."""
+    return [t.function(method, f"{term.name}_{method}", results) for method, results in term.methods.items()]
+
+
+def _of_laws(term: SurfaceTerm, formulas: tuple, vectors: dict[str, list[float]]) -> str:
+    """Functions of a term of several laws, for the parameters of each in turn, before which is the kind of the law."""
+    kinds: dict[str, int] = {}
+    rows = []
+    for formula in formulas:
+        t = Translator(formula, "double")
+        kind = kinds.setdefault("\n".join(_functions(t, term)), len(kinds))
+        rows.append([float(kind), *t.vector()])
+    wide = max(map(len, rows))
+    vectors[term.name] = [number for row in rows for number in row + [0.0] * (wide - len(row))]
+    parts = [f"enum {{ {term.name.upper()}_STRIDE = {wide} }};"]
+    if len(kinds) == 1:
+        return "\n".join([*parts, *kinds])
+    parts += [re.sub(rf"\b{term.name}_\w+(?=\()", rf"\g<0>_{kind}", text) for text, kind in kinds.items()]
+    heads = re.findall(r"static inline .*(?= {\n)", next(iter(kinds)))
+    return "\n".join([*parts, *(_choice(head, len(kinds)) for head in heads)])
+
+
+def _choice(head: str, kinds: int) -> str:
+    """The function with this head, which calls that of the kind of its law."""
+    result, name, declared = re.fullmatch(r"static inline (\w+) (\w+)\((.*)\)", head).groups()
+    arguments = ", ".join(re.findall(r"(\w+)(?:\[\d+\])*(?:,|$)", declared))
+    returned = "return " if result == "double" else ""
+    calls = [f"    case {k}: {returned}{name}_{k}({arguments}); break;" for k in range(kinds)]
+    end = ["    }", "    return 0;" * bool(returned), "}\n"]
+    return "\n".join([f"{head} {{", "    switch ((int)p[-1]) {", *calls, *end])
 
 
 def _load_curves(laws: Sequence | None, vectors: dict[str, list[float]]) -> str:

@@ -20,7 +20,7 @@ from ..model.protrusion import ProtrusionForce
 class SurfaceTerm:
     """Forces on surfaces: c/NAME.c has `add_NAME`, which calls its formula's methods as NAME_method.
 
-    formula : from the terms of a scene, None where it lacks this one;
+    formula : from the terms of a scene, None where it lacks this one, a tuple where several laws may act;
     methods : of the formula, with names of their results where these have different shapes.
     """
 
@@ -33,7 +33,7 @@ class SurfaceTerm:
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(bonds_of(t.substrate)),
                 {"segment": ("force", "energy", "impulse")}),
-    SurfaceTerm("contact", lambda t: t.contact and CellAdhesion(bonds_of(t.contact)),
+    SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
                 {"beside": ("share", "gap"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex": ("force", "energy"), "vertex_stiffness": (),
                  "sign": (), "foot": ("foot", "away")}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,29 +83,30 @@ class ContactLists:
         return cls(key % m, key // m % n_cells, number[first[:-1], :2], source[first[:-1]], first, number[:, 2:])
 
 
-def contact_pairs(surfaces: Surfaces, x: np.ndarray, reach: float, own: float, among: np.ndarray) -> np.ndarray:
-    """Pairs of a segment and an edge that are nearer to each other than a reach (p, 2) int, sorted, in both orders.
+def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
+                  within: Callable[[np.ndarray, np.ndarray], np.ndarray], among: np.ndarray) -> np.ndarray:
+    """Pairs of a segment and an edge that are near each other (p, 2) int, sorted, in both orders.
+
+    Neighbours along an outline are no pair.
 
     Parameters
     ----------
     x : (m, 2) -- positions of the surface particles [µm].
-    reach : float -- of different cells [µm].
-    own : float -- of an outline to itself, but for neighbours along it; 0 where it does not act on itself [µm].
+    farthest : float -- largest distance of a pair [µm].
+    within : function -- of two cells (k,) int each, distance up to which they are near (k,) [µm], < 0 if they never
+        are.
     among : (k,) int -- particles of the cells to consider, ascending.
     """
     among = among[surfaces.outer[among]]
-    a, b = x[among], x[surfaces.after[among]]
-    half = 0.5 * np.linalg.norm(b - a, axis=1)
-    pairs = cKDTree(0.5 * (a + b)).query_pairs((reach + 2.0 * half.max(initial=0.0)) * (1.0 + 1e-9),
-                                               output_type="ndarray")
-    i, j = pairs.T
-    same = surfaces.cell[among[i]] == surfaces.cell[among[j]]
-    within = np.where(same, own, reach)
-    near = np.linalg.norm(0.5 * (a + b)[i] - 0.5 * (a + b)[j], axis=1) <= within + half[i] + half[j]
-    near &= ~same | ((surfaces.after[among[i]] != among[j]) & (surfaces.after[among[j]] != among[i]))
-    near &= ~same | (own > 0.0)
-    i, j, within = i[near], j[near], within[near]
-    near = _apart(a[i], b[i], a[j], b[j]) <= within
+    a, b, cell = x[among], x[surfaces.after[among]], surfaces.cell[among]
+    middle, half = 0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1)
+    i, j = cKDTree(middle).query_pairs((farthest + 2.0 * half.max(initial=0.0)) * (1.0 + 1e-9),
+                                       output_type="ndarray").T
+    most = within(cell[i], cell[j])
+    near = np.linalg.norm(middle[i] - middle[j], axis=1) <= most + half[i] + half[j]
+    near &= (most >= 0.0) & (surfaces.after[among[i]] != among[j]) & (surfaces.after[among[j]] != among[i])
+    i, j, most = i[near], j[near], most[near]
+    near = _apart(a[i], b[i], a[j], b[j]) <= most
     pairs = np.column_stack([among[i[near]], among[j[near]]])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     return pairs[np.lexsort(pairs.T[::-1])]

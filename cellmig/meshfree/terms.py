@@ -35,6 +35,11 @@ class Contacts:
     pairing: Pairing
     own: bool
 
+    @property
+    def reach(self) -> np.ndarray:
+        """Distances beyond which the laws do not act (laws,) [µm]: repulsion alone ends where bonds are at rest."""
+        return np.array([law.cutoff if law.work else law.equilibrium_distance for law in self.laws])
+
     def of_pair(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Number in `laws` of that between the cells a (k,) int and b (k,) int, in either order (k,) int."""
         return self.pairing.of(a, b)
@@ -151,7 +156,7 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
         return known.setdefault(law, len(known))
 
     first = number(contact) if contact is not None else 0
-    others = [number(solid(law)) if contact is not None else 0 for law in given[:-1]]
+    others = [number(BetweenCells.of(solid(law))) if contact is not None else 0 for law in given[:-1]]
     between_kinds = np.array([*others, first])[pairing.between]
     of_own = [number(_repulsion(given[n], case.static)) if own else 0 for n in pairing.own]
     return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
@@ -161,7 +166,7 @@ def _repulsion(law: Adhesion, absent: bool) -> Adhesion:
     """Repulsion alone, up to the equilibrium distance of a law, or not even that."""
     eps = law.equilibrium_distance
     bare = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=eps)
-    return bare if absent else solid(bare)
+    return bare if absent else BetweenCells.of(solid(bare))
 
 
 def _meet_themselves(case: Case) -> bool:

@@ -112,8 +112,64 @@ class SubstrateAdhesion:
         return self.segment(length, gap1, gap2, 0.0)[0]
 
 
+class Pieces:
+    """Pieces of a segment S, x(ξ) = x1 + ξ (x2 - x1), beside an edge and beside a vertex of another outline."""
+
+    def beside(self, point: Vector, start: Vector, end: Vector):
+        """Of a point [µm] the place beside an edge, as a share of the way from start to end [-], and its gap [µm]."""
+        ex, ey = between(start, end)
+        px, py = between(start, point)
+        square = ex * ex + ey * ey
+        return (px * ex + py * ey) / square, (px * ey - py * ex) / sqrt(square)
+
+    def part(self, low, high, value1, value2):
+        """The part of a range [low, high] where a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
+        change = value1 - value2
+        zero = value1 / where(abs(change) > 0.0, change, 1.0)
+        return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
+                where(value2 < 0.0, where(value1 < 0.0, 0.0, minimum(high, zero)), high))
+
+    def pieces(self, x: tuple, within: float):
+        """Limits of the pieces of pairs of a segment and an edge that are nearer than a distance `within` [µm].
+
+        x : places of both ends of S, both ends of the edge and the end of the next edge, two arrays each [µm].
+
+        Returns
+        -------
+        low, high of the piece of the edge, low, high and sign of that of the vertex at its end [-]; a piece is empty if
+        low ≥ high.
+        """
+        s1, s2, a, b, c = x
+        share1, gap1 = self.beside(s1, a, b)
+        share2, gap2 = self.beside(s2, a, b)
+        next1, next2 = self.beside(s1, b, c)[0], self.beside(s2, b, c)[0]
+        low, high = self.part(0.0, 1.0, share1, share2)
+        for value1, value2 in ((1.0 - share1, 1.0 - share2), (gap1, gap2), (within - gap1, within - gap2)):
+            low, high = self.part(low, high, value1, value2)
+        sign = self.sign(a, b, c)
+        first, last = self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0))
+        first, last = self.part(first, last, -sign * next1, -sign * next2)
+        foot, away = self.foot(s1, s2, b)
+        dx, dy = between(s1, s2)
+        reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
+        return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
+
+    def sign(self, before: Vector, vertex: Vector, after: Vector):
+        """1 of a convex vertex of an outline, -1 of a reflex one, from three points [µm]."""
+        ex, ey = between(before, vertex)
+        qx, qy = between(vertex, after)
+        return where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
+
+    def foot(self, end1: Vector, end2: Vector, vertex: Vector):
+        """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
+        dx, dy = between(end1, end2)
+        px, py = between(end1, vertex)
+        square = dx * dx + dy * dy
+        return (px * dx + py * dy) / square, abs(px * dy - py * dx) / square
+
+
 @dataclass(frozen=True)
-class CellAdhesion:
+class CellAdhesion(Pieces):
     r"""F_cc of equation (2): bonds of a segment S to the outside of another outline B, half of them from either side.
 
     The energy is ½ N L ∫ Φ dξ along S, x(ξ) = x1 + ξ (x2 - x1), L its reference length, with
@@ -132,20 +188,6 @@ class CellAdhesion:
     """
 
     bonds: SegmentBonds
-
-    def beside(self, point: Vector, start: Vector, end: Vector):
-        """Of a point [µm] the place beside an edge, as a share of the way from start to end [-], and its gap [µm]."""
-        ex, ey = between(start, end)
-        px, py = between(start, point)
-        square = ex * ex + ey * ey
-        return (px * ex + py * ey) / square, (px * ey - py * ex) / sqrt(square)
-
-    def part(self, low, high, value1, value2):
-        """The part of a range [low, high] where a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
-        change = value1 - value2
-        zero = value1 / where(abs(change) > 0.0, change, 1.0)
-        return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
-                where(value2 < 0.0, where(value1 < 0.0, 0.0, minimum(high, zero)), high))
 
     def edge(self, length, low, high, share1, share2, gap1, gap2, start: Vector, end: Vector):
         """Forces on both ends of S and of the edge [pN/µm], and energy [pN], of the piece from ξ = low to high.
@@ -194,41 +236,3 @@ class CellAdhesion:
         first = sqrt((x1 + low * dx) ** 2 + (y1 + low * dy) ** 2)
         last = sqrt((x1 + high * dx) ** 2 + (y1 + high * dy) ** 2)
         return self.bonds.law.bond_density * maximum(length, 0.0) * (high - low) * self.bonds.curvature(first, last)
-
-    def pieces(self, x: tuple, within: float):
-        """Limits of the pieces of pairs of a segment and an edge that are nearer than a distance `within` [µm].
-
-        x : places of both ends of S, both ends of the edge and the end of the next edge, two arrays each [µm].
-
-        Returns
-        -------
-        low, high of the piece of the edge, low, high and sign of that of the vertex at its end [-]; a piece is empty if
-        low ≥ high.
-        """
-        s1, s2, a, b, c = x
-        share1, gap1 = self.beside(s1, a, b)
-        share2, gap2 = self.beside(s2, a, b)
-        next1, next2 = self.beside(s1, b, c)[0], self.beside(s2, b, c)[0]
-        low, high = self.part(0.0, 1.0, share1, share2)
-        for value1, value2 in ((1.0 - share1, 1.0 - share2), (gap1, gap2), (within - gap1, within - gap2)):
-            low, high = self.part(low, high, value1, value2)
-        sign = self.sign(a, b, c)
-        first, last = self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0))
-        first, last = self.part(first, last, -sign * next1, -sign * next2)
-        foot, away = self.foot(s1, s2, b)
-        dx, dy = between(s1, s2)
-        reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
-        return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
-
-    def sign(self, before: Vector, vertex: Vector, after: Vector):
-        """1 of a convex vertex of an outline, -1 of a reflex one, from three points [µm]."""
-        ex, ey = between(before, vertex)
-        qx, qy = between(vertex, after)
-        return where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
-
-    def foot(self, end1: Vector, end2: Vector, vertex: Vector):
-        """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
-        dx, dy = between(end1, end2)
-        px, py = between(end1, vertex)
-        square = dx * dx + dy * dy
-        return (px * dx + py * dy) / square, abs(px * dy - py * dx) / square

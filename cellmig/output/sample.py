@@ -209,8 +209,9 @@ class Sampler:
                     density = np.zeros(m.n_owned)
                     density[on] = pointwise(law, method, local)
                     parts[name] = parts[name] + self.V * density
-        for name, term in (("adhesion_substrate", "substrate"), ("adhesion_cells", "contact")):
-            parts[name] = m.surface_force(term)[1] if getattr(terms, term) is not None else 0.0
+        for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
+                                ("adhesion_cells", "contact", terms.contacts)):
+            parts[name] = m.surface_force(term)[1] if law is not None else 0.0
         if terms.cortex is not None:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
         for name in ("external_work", "viscous_loss", "friction_loss", "artificial_dissipation"):

@@ -40,7 +40,7 @@ class Equations:
         self.free[m.loads.held] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self._by_v = 0.0  # 0 before there is a matrix
-        self._touches = m.terms.substrate is not None or m.terms.contact is not None
+        self._touches = m.terms.substrate is not None or m.terms.contacts is not None
 
     def acceleration(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Acceleration f/M for displacements u and velocities v at the time t; sets the state; collective.

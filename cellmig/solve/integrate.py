@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from ..parallel.options import default_options, original_errors, requested_step
 from .mechanics import Mechanics
-from .step import NO_EXTREMES, NumericsError, StepControl, binding, widen
+from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
@@ -61,7 +61,7 @@ class Integrator:
         self.leapfrog = self.ts.getType() == PETSc.TS.Type.PYTHON
         self._connect()
         # PETSc's types cannot repeat a batch: they assume that any gap may close this far
-        self.gaps = control.typical if self.leapfrog else CLOSED * control.eps
+        self.gaps = control.typical if self.leapfrog else CLOSED / TYPICAL * control.typical
         self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:

@@ -34,7 +34,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     of_segments = {name: values[number] for name, values in _of_segments(m).items()}
     arrays |= {f"surface {name}": gathered(m.comm, m.part.own_surface, values, len(m.surfaces.ids))
                for name, values in (_of_surface(m) | of_segments).items()}
-    if m.terms.contact is not None:
+    if m.terms.contacts is not None:
         arrays |= m.accounts.impulses.saved(m.comm)
     return about, {name: values for name, values in arrays.items() if values is not None}
 
@@ -53,7 +53,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         values[:] = surface[name][m.part.own_surface]
     for name, values in _of_segments(m).items():
         values[:] = surface[name][m.segments.number]
-    if m.terms.contact is not None:
+    if m.terms.contacts is not None:
         m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():
         values[:] = particle[name][m.ids]

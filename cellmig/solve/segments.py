@@ -12,7 +12,7 @@ from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import ContactLists, acting, contact_pairs
-from ..model.adhesion import CellAdhesion, bonds_of
+from ..model.adhesion import Pieces
 from ..parallel.reduce import global_maximum
 from .state import State
 from .subdomain import Subdomain
@@ -53,7 +53,8 @@ class Segments:
         Field("contact_edge", "int32_t *", "(…, 3)", "", "ends of edges of other cells, end of the next edge"),
         Field("stiffness_of_contact", "double *", "(n_local,)", "1/µs²", "the bounds over the mass"),
         Field("stiffest_contact", "double *", "(1,)", "1/µs²", "largest of them; infinite where surfaces cross"),
-        Field("contact_cutoff", "double", "", "µm", "distance beyond which they do not act"),
+        Field("contact_law", "int32_t *", "(n_contact_segments,)", "", "numbers of their laws in `Terms.contacts`"),
+        Field("contact_cutoff", "double *", "(n_contact_segments,)", "µm", "distances beyond which these do not act"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, state: State):
@@ -71,9 +72,9 @@ class Segments:
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
         k["segment"] = part.numbering.local(s.ids[self.ends])
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
-        if part.terms.contact is not None:
-            self._adhesion = CellAdhesion(bonds_of(part.terms.contact))
-            k["contact_cutoff"] = part.terms.contact.cutoff
+        self._reach = np.zeros(0)
+        if part.terms.contacts is not None:
+            self._reach = part.terms.contacts.reach
             k["stiffness_of_contact"] = np.zeros(part.capacity)
 
     @cached_property
@@ -106,7 +107,7 @@ class Segments:
         x = self._state.x(node)
         ends = x[lists.segment]
         pairs = np.concatenate([np.repeat(ends, np.diff(lists.first), axis=0), x[lists.edge]], axis=1)
-        low, high, first, last, sign = self._adhesion.pieces(tuple(pairs.transpose(1, 2, 0)), height)
+        low, high, first, last, sign = Pieces().pieces(tuple(pairs.transpose(1, 2, 0)), height)
         near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
         share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)
         other = self._part.surfaces.cell[lists.source] != lists.other[lists.segment[:, 0]]
@@ -119,21 +120,27 @@ class Segments:
         part, k, t = self._part, self._kernel, self._part.terms
         self.renewals += 1
         self.renewed_at = self._state.u[part.at_surface].copy()
-        if t.substrate is None and t.contact is None:
+        if t.substrate is None and t.contacts is None:
             return
         x2 = self.owned()[1]
         longest = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1).max(initial=0.0)
         longest = float(global_maximum(part.comm, np.array([longest]))[0])
-        reach = t.contact.cutoff + STRETCH * longest + self.skin if t.contact is not None else 0.0
+        reach = self._reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
         x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
         if t.substrate is not None:
             high = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
             self.low = (x[self.ends, 1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
-        if t.contact is not None:
-            pairs = contact_pairs(part.surfaces, x, t.contact.cutoff + self.skin, 0.0, around)
+        if t.contacts is not None:
+            pairs = contact_pairs(part.surfaces, x, self._reach.max() + self.skin, self._within, around)
             self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
+
+    def _within(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Distance (k,) [µm] up to which surfaces of the cells a and b (k,) int are paired; -1 if they never meet."""
+        contacts = self._part.terms.contacts
+        within = self._reach[contacts.of_pair(a, b)] + self.skin
+        return within if contacts.own else np.where(a == b, -1.0, within)
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
@@ -147,6 +154,9 @@ class Segments:
         k["contact_stiffness"] = np.zeros(len(lists.node))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
+        cell = s.cell[lists.source], lists.other[lists.segment[:, 0]]
+        k["contact_law"] = law = self._part.terms.contacts.of_pair(*cell)
+        k["contact_cutoff"] = self._reach[law]
         self.lists = lists
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from ..kernel.terms import SURFACE_TERMS
 from ..model.director import Couple
 from .mechanics import Mechanics
 from .tangent import mixed
+
+SHORT = 0.35  # length of a part beside a vertex over its distance, for which quadrature is exact to 1e-9 [-]
 
 
 @dataclass(frozen=True)
@@ -108,38 +111,49 @@ def push(formula: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
     return tuple((f, 0.0) for f in force)
 
 
-def _contact(m: Mechanics, formula: Any) -> Iterator[Stencil]:
+def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
     """Pieces of segments beside edges and vertices; their limits are constants, whose derivatives cancel."""
     k, lists = m.kernel, m.segments.lists
     if lists is None or not len(lists.edge):
         return
     source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))
-    nodes = k["contact_node"][np.column_stack([lists.segment[source], lists.edge])].T
-    s1, s2, a, b, c = m.state.x(nodes).transpose(0, 2, 1)
-    low, high, first, last, sign = formula.pieces((s1, s2, a, b, c), formula.bonds.law.cutoff)
-    length = k["contact_length"][source]
-    on = np.flatnonzero(low < high)
-    piece = length[on], low[on], high[on]
-    yield Stencil("contact", nodes[:4, on], lambda x, v: _beside_edge(formula, piece, x))
-    on = np.flatnonzero(first < last)
-    foot, away = formula.foot(s1[:, on], s2[:, on], b[:, on])
-    away = np.maximum(away, 1e-9)
-    start, end = (np.arcsinh((limit[on] - foot) / away) for limit in (first, last))
-    count = np.maximum(np.ceil((end - start) / WIDEST), 1).astype(int)
-    part = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    on, foot, away, start, wide = (np.repeat(q, count) for q in (on, foot, away, start, (end - start) / count))
-    limits = [foot + away * np.sinh(start + (part + k) * wide) for k in (0, 1)]
-    given = (sign[on] * length[on], *limits)
-    yield Stencil("contact", nodes[[0, 1, 3]][:, on], lambda x, v: formula.vertex(
-        *given, between(x[2], x[0]), between(x[2], x[1]))[0])
+    everything = k["contact_node"][np.column_stack([lists.segment[source], lists.edge])]
+    for number, formula in enumerate(formulas):
+        of = k["contact_law"][source] == number
+        nodes, length = everything[of].T, k["contact_length"][source[of]]
+        x = m.state.x(nodes).transpose(0, 2, 1)
+        low, high, first, last, sign = formula.pieces(tuple(x), k["contact_cutoff"][source[of]])
+        on = np.flatnonzero(low < high)
+        yield Stencil("contact", nodes[:4, on], partial(_beside_edge, formula, (length[on], low[on], high[on])))
+        on = np.flatnonzero(first < last)
+        piece, start, end = _short(first[on], last[on], *formula.foot(*x[[0, 1, 3]][..., on]))
+        on = on[piece]
+        limits = sign[on] * length[on], start, end
+        yield Stencil("contact", nodes[[0, 1, 3]][:, on], partial(_beside_vertex, formula, limits))
 
 
-def _beside_edge(formula: Any, piece: tuple, x: tuple) -> tuple:
+def _beside_edge(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
     """Forces on both ends of segments and of edges at x [µm], four pairs of numbers."""
     share1, gap1 = formula.beside(x[0], *x[2:])
     share2, gap2 = formula.beside(x[1], *x[2:])
     return formula.edge(*piece, share1, share2, gap1, gap2, *x[2:])[0]
 
 
-WIDEST = 0.35  # piece beside a vertex, over its distance, within which quadrature is exact to 1e-9 [-]
+def _beside_vertex(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
+    """Forces on both ends of segments and on vertices at x [µm], three pairs of numbers."""
+    return formula.vertex(*piece, between(x[2], x[0]), between(x[2], x[1]))[0]
+
+
+def _short(first: np.ndarray, last: np.ndarray, foot: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Parts (m,) of pieces beside vertices (k,), short beside their distance: number of the piece, limits [-]."""
+    away = np.maximum(away, 1e-9)
+    begin, end = np.arcsinh((first - foot) / away), np.arcsinh((last - foot) / away)
+    count = np.maximum(np.ceil((end - begin) / SHORT), 1.0).astype(int)
+    piece = np.repeat(np.arange(len(count)), count)
+    part = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
+    low, high = (foot[piece] + away[piece] * np.sinh(begin[piece] + (part + k) * ((end - begin) / count)[piece])
+                 for k in (0, 1))
+    return piece, low, high
+
+
 OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others have stencils of segments

@@ -61,12 +61,15 @@ class StepControl:
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
         # a gap between cells is closed from both sides
-        self._contacts = [(terms.substrate, 1.0), (terms.contact if len(scene.kind) > 1 else None, 2.0)]
+        between = terms.contact if len(scene.kind) > 1 or terms.contacts is None else terms.contacts.laws[0]
+        self._contacts = [(terms.substrate, 1.0), (between, 2.0)]
         acting = [law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts]
         self.touches = any(acting)
         self.eps = np.array([law.equilibrium_distance if law and acts else 0.0
                              for (law, _), acts in zip(self._contacts, acting, strict=True)])
         self.typical = TYPICAL * self.eps
+        if len(scene.kind) == 1:
+            self.typical[1] = math.inf  # of a cell with itself
         self._length_per_mass = max(_length_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0

@@ -85,8 +85,8 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
     }
     for (long k = 0; k < s->n_contact_segments; k++) {
         const long node[2] = {s->contact_segment[2 * k], s->contact_segment[2 * k + 1]};
-        Source S = {s->contact, s->contact_length[k], {{0}}};
-        const double cutoff = s->contact_cutoff;
+        Source S = {s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, s->contact_length[k], {{0}}};
+        const double cutoff = s->contact_cutoff[k];
         memcpy(S.end, (double[2][D]){{x[D * node[0]], x[D * node[0] + 1]}, {x[D * node[1]], x[D * node[1] + 1]}},
                sizeof S.end);
         double stored = 0;
