@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,15 +81,19 @@ def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
         if isinstance(found, tuple):
             functions.append(_of_laws(term, found, vectors))
         elif found is not None:
-            t = Translator(found, "double")
-            functions += _functions(t, term)
-            vectors[term.name] = t.vector()
+            text, vectors[term.name] = _functions(term, found)
+            functions.append(text)
     return "\n".join(functions)
 
 
-def _functions(t: Translator, term: SurfaceTerm) -> list[str]:
-    """Functions of a term's formula."""
-    return [t.function(method, f"{term.name}_{method}", results) for method, results in term.methods.items()]
+def _functions(term: SurfaceTerm, formula: Any) -> tuple[str, list[float]]:
+    """Functions of a term's formula, and its parameters."""
+    t = Translator(formula, "double")
+    text = []
+    for method, results in term.methods.items():
+        t.number = "v4" if method in term.in_fours else "double"
+        text.append(t.function(method, f"{term.name}_{method}", results))
+    return "\n".join(text), t.vector()
 
 
 def _of_laws(term: SurfaceTerm, formulas: tuple, vectors: dict[str, list[float]]) -> str:
@@ -96,9 +101,8 @@ def _of_laws(term: SurfaceTerm, formulas: tuple, vectors: dict[str, list[float]]
     kinds: dict[str, int] = {}
     rows = []
     for formula in formulas:
-        t = Translator(formula, "double")
-        kind = kinds.setdefault("\n".join(_functions(t, term)), len(kinds))
-        rows.append([float(kind), *t.vector()])
+        text, values = _functions(term, formula)
+        rows.append([float(kinds.setdefault(text, len(kinds))), *values])
     wide = max(map(len, rows))
     vectors[term.name] = [number for row in rows for number in row + [0.0] * (wide - len(row))]
     parts = [f"enum {{ {term.name.upper()}_STRIDE = {wide} }};"]
@@ -111,7 +115,7 @@ def _of_laws(term: SurfaceTerm, formulas: tuple, vectors: dict[str, list[float]]
 
 def _choice(head: str, kinds: int) -> str:
     """The function with this head, which calls that of the kind of its law."""
-    result, name, declared = re.fullmatch(r"static inline (\w+) (\w+)\((.*)\)", head).groups()
+    _, _, result, name, declared = re.split(r"[ (]", head.removesuffix(")"), maxsplit=4)
     arguments = ", ".join(re.findall(r"(\w+)(?:\[\d+\])*(?:,|$)", declared))
     returned = "return " if result == "double" else ""
     calls = [f"    case {k}: {returned}{name}_{k}({arguments}); break;" for k in range(kinds)]

@@ -21,12 +21,14 @@ class SurfaceTerm:
     """Forces on surfaces: c/NAME.c has `add_NAME`, which calls its formula's methods as NAME_method.
 
     formula : from the terms of a scene, None where it lacks this one, a tuple where several laws may act;
-    methods : of the formula, with names of their results where these have different shapes.
+    methods : of the formula, with names of their results where these have different shapes;
+    in_fours : those of them that are computed for four points at a time.
     """
 
     name: str
     formula: Callable[[Terms], Any]
     methods: dict[str, tuple[str, ...]]
+    in_fours: tuple[str, ...] = ()
 
 
 # In the order in which forces are added up.
@@ -34,9 +36,9 @@ SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(bonds_of(t.substrate)),
                 {"segment": ("force", "energy", "impulse")}),
     SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
-                {"beside": ("share", "gap"), "part": ("from", "to"), "edge": ("force", "energy"),
-                 "edge_stiffness": (), "vertex": ("force", "energy"), "vertex_stiffness": (),
-                 "sign": (), "foot": ("foot", "away")}),
+                {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
+                 "edge_stiffness": (), "vertex_point": ("fx1", "fy1", "fx2", "fy2", "energy"), "vertex_stiffness": (),
+                 "foot": ("foot", "away")}, ("vertex_point",)),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
         t.friction, bonds_of(t.substrate)), {"force": ()}),

@@ -45,6 +45,9 @@ class Contacts:
         return self.pairing.of(a, b)
 
 
+NO_CONTACTS = Contacts((), Pairing(*np.zeros((3, 0), int)), False)
+
+
 @dataclass(frozen=True)
 class Terms:
     """Terms of a scene; one that is None, "none" or False is not compiled, stored or exchanged.

@@ -10,7 +10,7 @@ from ..case.pointwise import Vector, between, either
 from .protocols import Adhesion, ClosedAdhesion
 
 GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))  # of order 5, on 0 to 1
-GAUSS_OF_CORNER = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
+GAUSS_OF_VERTEX = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
                    (0.6699905217924281, 0.32607257743127307), (0.9305681557970263, 0.17392742256872693))  # of order 7
 SLOPED = 0.05  # change of the gap over the gap itself, above which the primitive of the potential is exact enough
 SOFT = 1.29  # gap over ε, beyond which bonds pull each other closed: U'' < 0
@@ -58,8 +58,13 @@ class SegmentBonds:
         """Mean of U'' over the segment, where it is positive [pN/µm]."""
         least, most = minimum(gap1, gap2), maximum(gap1, gap2)
         top, wide = minimum(most, SOFT * self.law.equilibrium_distance), NARROW * abs(least)
+        found, = either(least < top, self.secant(least, top, most, wide), (0.0,))
+        return found
+
+    def secant(self, least, top, most, wide):
+        """Change of U' from the gap `least` to `top` over that from least to most, at least a little `wide` [pN/µm]."""
         change = self.law.slope(top + 0.5 * wide) - self.law.slope(least - 0.5 * wide)
-        return where(least < top, change / maximum(most - least, top - least + wide), 0.0)
+        return (change / maximum(most - least, top - least + wide),)
 
     def closed(self, gap1, gap2):
         """Mean energy over the depth of the well [-]: 1 where all bonds are closed, 0 or less where none is."""
@@ -113,14 +118,13 @@ class SubstrateAdhesion:
 
 
 class Pieces:
-    """Pieces of a segment S, x(ξ) = x1 + ξ (x2 - x1), beside an edge and beside a vertex of another outline."""
+    """Pieces of a segment S between two places, at ξ from 0 to 1, beside an edge and beside a vertex of an outline."""
 
     def beside(self, point: Vector, start: Vector, end: Vector):
-        """Of a point [µm] the place beside an edge, as a share of the way from start to end [-], and its gap [µm]."""
+        """Of a point the places along an edge and across it, outwards, times the length of the edge [µm²]."""
         ex, ey = between(start, end)
         px, py = between(start, point)
-        square = ex * ex + ey * ey
-        return (px * ex + py * ey) / square, (px * ey - py * ex) / sqrt(square)
+        return px * ex + py * ey, px * ey - py * ex
 
     def part(self, low, high, value1, value2):
         """The part of a range [low, high] where a value is positive that goes from value1 at 0 to value2 at 1 [-]."""
@@ -140,25 +144,24 @@ class Pieces:
         low ≥ high.
         """
         s1, s2, a, b, c = x
-        share1, gap1 = self.beside(s1, a, b)
-        share2, gap2 = self.beside(s2, a, b)
+        ex, ey = between(a, b)
+        qx, qy = between(b, c)
+        along1, across1 = self.beside(s1, a, b)
+        along2, across2 = self.beside(s2, a, b)
         next1, next2 = self.beside(s1, b, c)[0], self.beside(s2, b, c)[0]
-        low, high = self.part(0.0, 1.0, share1, share2)
-        for value1, value2 in ((1.0 - share1, 1.0 - share2), (gap1, gap2), (within - gap1, within - gap2)):
+        square, sign = ex * ex + ey * ey, where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
+        before1, before2, most = square - along1, square - along2, within * sqrt(square)
+        low, high = self.part(0.0, where(maximum(before1, before2) > 0.0, 1.0, 0.0), along1, along2)
+        for value1, value2 in ((before1, before2), (across1, across2), (most - across1, most - across2)):
             low, high = self.part(low, high, value1, value2)
-        sign = self.sign(a, b, c)
-        first, last = self.part(0.0, 1.0, sign * (share1 - 1.0), sign * (share2 - 1.0))
+        # What is on the border of an edge and the next belongs to the next.
+        some = where(sign > 0.0, maximum(-next1, -next2), maximum(before1, before2))
+        first, last = self.part(0.0, where(some > 0.0, 1.0, 0.0), -sign * before1, -sign * before2)
         first, last = self.part(first, last, -sign * next1, -sign * next2)
         foot, away = self.foot(s1, s2, b)
         dx, dy = between(s1, s2)
         reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
         return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
-
-    def sign(self, before: Vector, vertex: Vector, after: Vector):
-        """1 of a convex vertex of an outline, -1 of a reflex one, from three points [µm]."""
-        ex, ey = between(before, vertex)
-        qx, qy = between(vertex, after)
-        return where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
 
     def foot(self, end1: Vector, end2: Vector, vertex: Vector):
         """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
@@ -189,45 +192,53 @@ class CellAdhesion(Pieces):
 
     bonds: SegmentBonds
 
-    def edge(self, length, low, high, share1, share2, gap1, gap2, start: Vector, end: Vector):
+    def edge(self, length, low, high, along: Vector, across: Vector, start: Vector, end: Vector):
         """Forces on both ends of S and of the edge [pN/µm], and energy [pN], of the piece from ξ = low to high.
 
-        `share` and `gap` are places beside the edge [-] and gaps [µm] of the ends of S; `start`, `end` in µm.
+        `along` and `across` are those of both ends of S [µm²]; `start` and `end` in µm.
         """
         ex, ey = between(start, end)
         span = 1.0 / sqrt(ex * ex + ey * ey)
-        at1, at2 = share1 + low * (share2 - share1), share1 + high * (share2 - share1)
-        mean, by_gap1, by_gap2 = self.bonds.mean(gap1 + low * (gap2 - gap1), gap1 + high * (gap2 - gap1))
+        at1, at2 = self.at(low, high, along, span * span)
+        gap1, gap2 = self.at(low, high, across, span)
+        mean, by_gap1, by_gap2 = self.bonds.mean(gap1, gap2)
         size = 0.5 * self.bonds.law.bond_density * length * (high - low)
-        f1, f2 = size * by_gap1 * span, size * by_gap2 * span
+        f1, f2 = size * span * by_gap1, size * span * by_gap2
         s1, s2 = (low - 1.0) * f1 + (high - 1.0) * f2, -low * f1 - high * f2
         e1, e2 = (1.0 - at1) * f1 + (1.0 - at2) * f2, at1 * f1 + at2 * f2
         return ((s1 * ey, -s1 * ex), (s2 * ey, -s2 * ex), (e1 * ey, -e1 * ex), (e2 * ey, -e2 * ex)), size * mean
 
-    def edge_stiffness(self, length, low, high, gap1, gap2):
+    def at(self, low, high, values: Vector, factor):
+        """A value that is linear along S, times a factor [1/µm or 1/µm²], at both ends of a piece [-] or [µm]."""
+        first, last = values
+        return (first + low * (last - first)) * factor, (first + high * (last - first)) * factor
+
+    def edge_stiffness(self, length, low, high, across: Vector, start: Vector, end: Vector):
         """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
-        curvature = self.bonds.curvature(gap1 + low * (gap2 - gap1), gap1 + high * (gap2 - gap1))
-        return self.bonds.law.bond_density * length * (high - low) * curvature
+        ex, ey = between(start, end)
+        gap1, gap2 = self.at(low, high, across, 1.0 / sqrt(ex * ex + ey * ey))
+        return self.bonds.law.bond_density * length * (high - low) * self.bonds.curvature(gap1, gap2)
 
     def vertex(self, length, low, high, end1: Vector, end2: Vector):
-        """Forces on both ends of S and on the vertex [pN/µm], and energy [pN].
+        """Forces on both ends of S and on the vertex [pN/µm], and energy [pN], of the piece from ξ = low to high.
 
-        The piece is from ξ = low to high, by four Gauss points; `end1`, `end2` are the ends of S from the vertex [µm],
-        `length` [µm] has the sign of the vertex.
+        `length` [µm] has the sign of the vertex; `end1` and `end2` are the ends of S from there [µm].
         """
+        fx1, fy1, fx2, fy2, energy = (sum(parts) for parts in zip(*(
+            self.vertex_point(weight * (high - low) * length, low + at * (high - low), end1, end2)
+            for at, weight in GAUSS_OF_VERTEX), strict=True))
+        return ((fx1, fy1), (fx2, fy2), (-fx1 - fx2, -fy1 - fy2)), energy
+
+    def vertex_point(self, length, share, end1: Vector, end2: Vector):
+        """Forces on the first and on the second end of S [pN/µm], and energy [pN], of a length at ξ = share."""
         x1, y1 = end1
         dx, dy = between(end1, end2)
+        x, y = x1 + share * dx, y1 + share * dy
+        r = sqrt(x * x + y * y)
         size = 0.5 * self.bonds.law.bond_density * length
-        energy, fx1, fy1, fx2, fy2 = 0.0, 0.0, 0.0, 0.0, 0.0
-        for at, weight in GAUSS_OF_CORNER:
-            share = low + at * (high - low)
-            x, y = x1 + share * dx, y1 + share * dy
-            r = sqrt(x * x + y * y)
-            pull = -(size * weight * (high - low)) * self.bonds.law.slope(r) / r
-            energy = energy + size * weight * (high - low) * self.bonds.law.potential(r)
-            fx1, fy1 = fx1 + (1.0 - share) * pull * x, fy1 + (1.0 - share) * pull * y
-            fx2, fy2 = fx2 + share * pull * x, fy2 + share * pull * y
-        return ((fx1, fy1), (fx2, fy2), (-fx1 - fx2, -fy1 - fy2)), energy
+        pull = -size * self.bonds.law.slope(r) / r
+        fx, fy = pull * x, pull * y
+        return fx - share * fx, fy - share * fy, share * fx, share * fy, size * self.bonds.law.potential(r)
 
     def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
         """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
@@ -235,4 +246,4 @@ class CellAdhesion(Pieces):
         dx, dy = between(end1, end2)
         first = sqrt((x1 + low * dx) ** 2 + (y1 + low * dy) ** 2)
         last = sqrt((x1 + high * dx) ** 2 + (y1 + high * dy) ** 2)
-        return self.bonds.law.bond_density * maximum(length, 0.0) * (high - low) * self.bonds.curvature(first, last)
+        return self.bonds.law.bond_density * length * (high - low) * self.bonds.curvature(first, last)

@@ -12,6 +12,7 @@ from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import ContactLists, acting, contact_pairs
+from ..meshfree.terms import NO_CONTACTS
 from ..model.adhesion import Pieces
 from ..parallel.reduce import global_maximum
 from .state import State
@@ -72,9 +73,8 @@ class Segments:
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
         k["segment"] = part.numbering.local(s.ids[self.ends])
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
-        self._reach = np.zeros(0)
+        self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
-            self._reach = part.terms.contacts.reach
             k["stiffness_of_contact"] = np.zeros(part.capacity)
 
     @cached_property
@@ -125,7 +125,7 @@ class Segments:
         x2 = self.owned()[1]
         longest = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1).max(initial=0.0)
         longest = float(global_maximum(part.comm, np.array([longest]))[0])
-        reach = self._reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
+        reach = self._contacts.reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
         x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
         if t.substrate is not None:
             high = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
@@ -133,14 +133,13 @@ class Segments:
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contacts is not None:
-            pairs = contact_pairs(part.surfaces, x, self._reach.max() + self.skin, self._within, around)
+            pairs = contact_pairs(part.surfaces, x, self._contacts.reach.max() + self.skin, self._within, around)
             self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
 
     def _within(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance (k,) [µm] up to which surfaces of the cells a and b (k,) int are paired; -1 if they never meet."""
-        contacts = self._part.terms.contacts
-        within = self._reach[contacts.of_pair(a, b)] + self.skin
-        return within if contacts.own else np.where(a == b, -1.0, within)
+        within = self._contacts.reach[self._contacts.of_pair(a, b)] + self.skin
+        return within if self._contacts.own else np.where(a == b, -1.0, within)
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
@@ -155,8 +154,8 @@ class Segments:
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
         cell = s.cell[lists.source], lists.other[lists.segment[:, 0]]
-        k["contact_law"] = law = self._part.terms.contacts.of_pair(*cell)
-        k["contact_cutoff"] = self._reach[law]
+        k["contact_law"] = law = self._contacts.of_pair(*cell)
+        k["contact_cutoff"] = self._contacts.reach[law]
         self.lists = lists
 
     @property

@@ -134,9 +134,8 @@ def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
 
 def _beside_edge(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
     """Forces on both ends of segments and of edges at x [µm], four pairs of numbers."""
-    share1, gap1 = formula.beside(x[0], *x[2:])
-    share2, gap2 = formula.beside(x[1], *x[2:])
-    return formula.edge(*piece, share1, share2, gap1, gap2, *x[2:])[0]
+    along, across = zip(*(formula.beside(end, *x[2:]) for end in x[:2]), strict=True)
+    return formula.edge(*piece, along, across, *x[2:])[0]
 
 
 def _beside_vertex(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
