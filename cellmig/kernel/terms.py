@@ -38,7 +38,7 @@ SURFACE_TERMS = (
     SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_point": ("fx1", "fy1", "fx2", "fy2", "energy"), "vertex_stiffness": (),
-                 "foot": ("foot", "away")}, ("vertex_point",)),
+                 "foot": ("foot", "away"), "short": ()}, ("vertex_point",)),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
         t.friction, bonds_of(t.substrate)), {"force": ()}),

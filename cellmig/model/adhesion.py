@@ -12,6 +12,7 @@ from .protocols import Adhesion, ClosedAdhesion
 GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))  # of order 5, on 0 to 1
 GAUSS_OF_VERTEX = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
                    (0.6699905217924281, 0.32607257743127307), (0.9305681557970263, 0.17392742256872693))  # of order 7
+SHORT = 0.18  # length of a piece beside a vertex over its distance, for which these are exact to 1e-9 [-]
 SLOPED = 0.05  # change of the gap over the gap itself, above which the primitive of the potential is exact enough
 SOFT = 1.29  # gap over ε, beyond which bonds pull each other closed: U'' < 0
 NARROW = 0.01  # least change of a gap over which a curvature is a difference of slopes, over the gap [-]
@@ -169,6 +170,11 @@ class Pieces:
         px, py = between(end1, vertex)
         square = dx * dx + dy * dy
         return (px * dx + py * dy) / square, abs(px * dy - py * dx) / square
+
+    def short(self, start, foot, away):
+        """End of a piece beside a vertex that begins at `start` and is short beside its distance [-]."""
+        width = where(start < foot, SHORT / (1.0 + SHORT), SHORT)
+        return start + width * sqrt(away * away + (start - foot) * (start - foot))
 
 
 @dataclass(frozen=True)

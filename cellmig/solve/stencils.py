@@ -16,8 +16,6 @@ from ..model.director import Couple
 from .mechanics import Mechanics
 from .tangent import mixed
 
-SHORT = 0.35  # length of a part beside a vertex over its distance, for which quadrature is exact to 1e-9 [-]
-
 
 @dataclass(frozen=True)
 class Stencil:
@@ -126,7 +124,7 @@ def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
         on = np.flatnonzero(low < high)
         yield Stencil("contact", nodes[:4, on], partial(_beside_edge, formula, (length[on], low[on], high[on])))
         on = np.flatnonzero(first < last)
-        piece, start, end = _short(first[on], last[on], *formula.foot(*x[[0, 1, 3]][..., on]))
+        piece, start, end = _short(formula, first[on], last[on], *formula.foot(*x[[0, 1, 3]][..., on]))
         on = on[piece]
         limits = sign[on] * length[on], start, end
         yield Stencil("contact", nodes[[0, 1, 3]][:, on], partial(_beside_vertex, formula, limits))
@@ -143,16 +141,17 @@ def _beside_vertex(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
     return formula.vertex(*piece, between(x[2], x[0]), between(x[2], x[1]))[0]
 
 
-def _short(first: np.ndarray, last: np.ndarray, foot: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Parts (m,) of pieces beside vertices (k,), short beside their distance: number of the piece, limits [-]."""
-    away = np.maximum(away, 1e-9)
-    begin, end = np.arcsinh((first - foot) / away), np.arcsinh((last - foot) / away)
-    count = np.maximum(np.ceil((end - begin) / SHORT), 1.0).astype(int)
-    piece = np.repeat(np.arange(len(count)), count)
-    part = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
-    low, high = (foot[piece] + away[piece] * np.sinh(begin[piece] + (part + k) * ((end - begin) / count)[piece])
-                 for k in (0, 1))
-    return piece, low, high
+def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, away: np.ndarray) -> list[np.ndarray]:
+    """Pieces beside vertices (k,) in short parts, as the kernel divides them: their numbers and limits (m,) [-]."""
+    on, start = np.arange(len(first)), first
+    parts = [(on[:0], start[:0], start[:0])]
+    while len(on):
+        end = formula.short(start, foot[on], away[on])
+        end = np.where((end < last[on]) & (end > start), end, last[on])
+        parts.append((on, start, end))
+        left = end < last[on]
+        on, start = on[left], end[left]
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others have stencils of segments

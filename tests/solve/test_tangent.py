@@ -186,7 +186,7 @@ def test_forces_of_the_kernel_on_surfaces_are_those_of_the_formulas(part: str, n
                     np.add.at(found, node, np.column_stack(np.broadcast_arrays(*pair, node * 0.0)[:2]))
         largest = sim.comm.allreduce(float(np.abs(expected).max()), MPI.MAX)
         assert largest > 0.0
-        assert np.abs(found[: m.n_owned] - expected).max() <= 1e-9 * largest  # measured TODO: sums in another order
+        assert np.abs(found[: m.n_owned] - expected).max() <= 1e-14 * largest  # measured 2e-15: sums in another order
 
 
 @pytest.mark.parametrize(("part", "name"), SURFACE_LAWS)

@@ -1,8 +1,5 @@
 /* F_cc of equation (2): adhesion between cells, of each segment to the outside of the other outlines. */
 
-/* The widest piece of a quadrature beside a vertex, over its distance: errors are 1e-9. */
-static const double WIDEST = 0.35;
-
 /* A segment S near another cell: parameters of its law, cutoff, reference length, nodes of contact at its ends. */
 typedef struct { const double *law; double cutoff, length; long node[2]; const double *end[2]; } Source;
 
@@ -99,9 +96,7 @@ static double add_vertex(const KernelData *s, const Source *S, const Edge *e, co
     if (reach <= 0) return 0;
     const double low = d_maximum(range[0], foot - sqrt(reach)), high = d_minimum(range[1], foot + sqrt(reach));
     for (double from = low, to; from < high; from = to) {
-        /* The next piece: its width goes with the distance. */
-        const double r = sqrt(away * away + (from - foot) * (from - foot));
-        to = from + (from < foot ? WIDEST / (1 + WIDEST) : WIDEST) * r;
+        to = contact_short(S->law, from, foot, away);
         if (!(to < high && to > from)) to = high;
         energy += add_vertex_piece(s, S, e->end, sign * S->length, from, to, end);
     }
