@@ -159,8 +159,9 @@ def draw(points: Sequence[Point], path: Path, uncertain: dict[str, float]) -> No
     """Draw error against time of each problem: all points, Pareto set, defaults, other codes."""
     with matplotlib.rc_context(STYLE):
         measured = measured_problems(points)
-        columns, rows = min(2, len(measured)), (len(measured) + 1) // 2
-        figure = Figure(figsize=(4.2 * columns, 0.7 + 3.5 * rows), layout="constrained")
+        columns = min(3, len(measured))
+        rows = -(-len(measured) // columns)
+        figure = Figure(figsize=(3.6 * columns, 0.8 + 3.6 * rows), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for ax in axes[len(measured):]:
             ax.set_axis_off()
@@ -189,7 +190,8 @@ def _panel(ax: Axes, points: Sequence[Point], title: str) -> None:
                         (default, {"marker": "s", "ms": 5, "ls": ":", "color": COLOURS[1],
                                    "label": "defaults, with their particles"}),
                         (implicit, {"marker": "^", "ms": 5, "ls": "", "color": "black", "label": "implicit steps"})):
-        ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
+        if some:
+            ax.loglog([p.cost for p in some], [100.0 * p.error for p in some], **style)
     for p in default:
         ax.annotate(str(p.particles), (p.cost, 100.0 * p.error), (5, 4), textcoords="offset points", fontsize=7,
                     color=COLOURS[1])

@@ -19,7 +19,10 @@ PLACES = {"per_cell": ("particles", "per_cell"), "dilation": ("particles", "dila
 
 @cache
 def measurements() -> dict[str, Any]:
-    """What was measured, by kind of scene: its "origin", and "points" of error [-], CPU time [s] and setting."""
+    """What was measured, by kind of scene: the quantities "of" which, its "origin", and "points".
+
+    A point is an error [-], the CPU time [s] that it costs and the setting.
+    """
     return json.loads(MEASURED.read_text(encoding="utf-8"))
 
 
@@ -51,7 +54,8 @@ def kind_of(data: dict[str, Any]) -> str | None:
     except (TypeError, KeyError, AttributeError):
         return None  # the reader reports what is wrong
     if on_substrate:
-        return ("cells on a substrate" if touching else "cell on substrate") if True in fluid else None
+        several = "cells with a cortex on a substrate" if "cortex" in data else "cells on a substrate"
+        return (several if touching else "cell on substrate") if True in fluid else None
     return {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
 
 
@@ -104,8 +108,9 @@ def fill(source: Source) -> str:
             new.append(f"{key} = {value}")
         elif not _same(given, value):
             unchanged.append(f"{key} = {given} (measured: {value})")
-    when = measurements()[kind]["origin"]["date"]
-    text = [f"{100 * accuracy:g} %, {kind}: measured {100 * chosen['error']:g} % ({when})"]
+    found = measurements()[kind]
+    text = [f"{100 * accuracy:g} %, {kind}: measured {100 * chosen['error']:g} % ({found['origin']['date']}), of "
+            f"{found['of']}"]
     text += [f"chosen {', '.join(new)}"] * bool(new)
     text += [f"not changed, so that the error may differ: {', '.join(unchanged)}"] * bool(unchanged)
     return "; ".join(text)
