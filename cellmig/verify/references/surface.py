@@ -1,4 +1,4 @@
-"""Adhesion as the kernel integrates it: a rigid cylinder on a plane, a flat contact."""
+"""Adhesion as the kernel integrates it: rigid cylinders on a plane and beside each other, flat and rough contacts."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from cellmig.parallel.reduce import exact_sum
+from cellmig.verify import contact
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import built, case, set_state
+from .scenes import built, by_id, case, set_state
 
 RADIUS = 5.0  # µm
 # So ε is half a spacing, not 1/25 of it.
@@ -92,8 +93,9 @@ def flat_contact(count: int) -> Measured:
         g = law.equilibrium_distance, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
         steep = law.bond_density * ends.sum() * _along(law, *g)
         energy = abs(_energy(sim) / (right + steep) - 1.0) if len(ends) else np.inf
-        return Measured(sim.scene.templates[0].spacing, {"energy": energy, "force over -∂E/∂u": _slope_error(sim)},
-                        count)
+        set_state(sim, 0.004 * np.random.default_rng(1).standard_normal(X.shape))
+        return Measured(sim.scene.templates[0].spacing,
+                        {"energy": energy, "force over -∂E/∂u": _slope_error(sim, "substrate")}, count)
 
 
 def _along(law, low: float, high: float) -> float:
@@ -101,24 +103,93 @@ def _along(law, low: float, high: float) -> float:
     return float((law.primitive(high) - law.primitive(low)) / (high - low))
 
 
-def _energy(sim) -> float:
-    return float(exact_sum(sim.comm, sim.mechanics.surface_force("substrate")[1]))
+def _energy(sim, term: str = "substrate") -> float:
+    return float(exact_sum(sim.comm, sim.mechanics.surface_force(term)[1]))
 
 
-def _slope_error(sim) -> float:
-    """Largest relative error of the six largest forces along y, against finite differences of the energy [-]."""
-    m, rng = sim.mechanics, np.random.default_rng(1)
-    u = 0.004 * rng.standard_normal((sim.scene.size, 2))
-    set_state(sim, u)
-    f = m.surface_force("substrate")[0]
+def _slope_error(sim, term: str) -> float:
+    """Largest relative error of the six largest forces, against finite differences of the energy [-]."""
+    m = sim.mechanics
+    f = m.surface_force(term)[0]
     worst = 0.0
-    for i in np.argsort(-np.abs(f[:, 1]))[:6]:
+    for k in np.argsort(-np.abs(f), axis=None)[:6]:
+        i, c = divmod(int(k), 2)
         values = []
         for step in (-2e-6, -1e-6, 1e-6, 2e-6):
-            m.state.owned[i, 1] += step
+            m.state.owned[i, c] += step
             m.state.exchange()
-            values.append(_energy(sim))
-            m.state.owned[i, 1] -= step
+            values.append(_energy(sim, term))
+            m.state.owned[i, c] -= step
         slope = (8.0 * (values[2] - values[1]) - values[3] + values[0]) / 12e-6
-        worst = max(worst, abs(f[i, 1] + slope) / float(np.abs(f).max()))
+        worst = max(worst, abs(f[i, c] + slope) / float(np.abs(f).max()))
+    m.state.exchange()
     return worst
+
+
+# --------------------------------------------------------------------------------------------------- between cells
+
+
+WIDE_BETWEEN = ('adhesion.cells.equilibrium_distance="0.1 um"', 'adhesion.cells.cutoff="5 um"')
+
+
+def outlines(sim) -> list[np.ndarray]:
+    """Outlines of the first two cells as they lie in the reference configuration, each about its centre [µm]."""
+    s, X = sim.mechanics.surfaces, sim.scene.X
+    on = [X[s.ids[s.cell == c]] for c in (0, 1)]
+    return [x - 0.5 * (x.min(axis=0) + x.max(axis=0)) for x in on]
+
+
+def placed(sim, two: list[np.ndarray]) -> None:
+    """Put the surfaces of the first two cells on outlines [µm], and the other cells far away."""
+    s, X = sim.mechanics.surfaces, sim.scene.X
+    u = 100.0 * np.outer(sim.scene.cell, [0.0, 1.0])
+    for c, x in enumerate(two):
+        on = s.ids[s.cell == c]
+        u[on] = x - X[on]
+    set_state(sim, u)
+
+
+@reference("two-cylinders", shows="energy and F(a) of two rigid cylinders at gaps of 1.5 ε and 2.5 ε",
+           source="eqs. (3), (4) along a circle, of distances to another", at=(400, 900, 2000, 4500), seconds=5.0,
+           expected={f"{what}({k} ε)": converges(2, "polygons for circles: their sagittas are of h²")
+                     for what in "EF" for k in (1.5, 2.5)})
+def two_cylinders(count: int) -> Measured:
+    """Either cylinder has half of the bonds, and the same energy."""
+    found = {}
+    with built(case("all_protrude", count, *WIDE_BETWEEN)) as sim:
+        law, R = sim.terms.contact, RADIUS
+        eps, N = law.equilibrium_distance, law.bond_density
+        parts = [0.0, *np.geomspace(0.02, 1.0, 8), np.pi]
+        for k in (1.5, 2.5):
+            apart, (A, B) = 2.0 * R + k * eps, outlines(sim)
+            placed(sim, [A, B + np.array([apart, 0.0])])
+
+            def along(t: float, apart: float = apart) -> tuple[float, float]:
+                """Gap, and its derivative by the distance of the centres, at an angle."""
+                r = np.sqrt(apart * apart + R * R - 2.0 * apart * R * np.cos(t))
+                return r - R, (apart - R * np.cos(t)) / r
+
+            right = [2.0 * N * R * sum(quad(f, a, b, epsrel=1e-12)[0] for a, b in pairwise(parts)) for f in
+                     (lambda t: law.potential(along(t)[0]), lambda t: law.slope(along(t)[0]) * along(t)[1])]
+            forces, energies = sim.mechanics.surface_force("contact")
+            pulled = float(by_id(sim, forces)[sim.scene.cell == 0, 0].sum())
+            found[f"E({k} ε)"] = abs(float(energies.sum()) / right[0] - 1.0)
+            found[f"F({k} ε)"] = abs(pulled / right[1] - 1.0)
+        return Measured(float(sim.mechanics.surfaces.length.max()), found, count)
+
+
+@reference("rough-contact", shows="two outlines, convex and reflex at random, at a least gap of ε",
+           source="verify/contact.py: the definition of the energy by Gauss's rule, f = -∂E/∂u", at=(60, 120, 240),
+           seconds=2.0, expected={"energy": exact(1e-9, "exact beside edges, Gauss's rule in pieces beside vertices"),
+                                  "force over -∂E/∂u": exact(1e-8, "derivatives of the limits of pieces cancel")})
+def rough_contact(count: int) -> Measured:
+    """The radius of every particle of the surfaces is off by up to 5 %."""
+    with built(case("all_protrude", count)) as sim:
+        rng, law, s = np.random.default_rng(count), sim.terms.contact, sim.mechanics.surfaces
+        A, B = (x * (1.0 + rng.uniform(-0.05, 0.05, (len(x), 1))) for x in outlines(sim))
+        two = [A, contact.brought_near([A], B, law.equilibrium_distance, [1.0, 0.2])]
+        placed(sim, two)
+        right = contact.energy(law, two, [s.length[s.cell == c] for c in (0, 1)])
+        energy = _energy(sim, "contact")
+        return Measured(sim.scene.templates[0].spacing, {"energy": abs(energy / right - 1.0), "force over -∂E/∂u":
+                                                         _slope_error(sim, "contact")}, count)
