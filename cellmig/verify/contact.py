@@ -21,8 +21,11 @@ import numpy as np
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
-def potential(law: Any, x: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Φ_B at points x (n, 2) [µm] outside a counterclockwise outline (m, 2) [µm]; (n,) [pN µm]."""
+def potential(law: Any, x: np.ndarray, outline: np.ndarray, acts: Any = True) -> np.ndarray:
+    """Φ_B at points x (n, 2) [µm] outside a counterclockwise outline (m, 2) [µm]; (n,) [pN µm].
+
+    acts : (m,) bool -- which edges count, by their first vertices, with the vertices at their ends.
+    """
     e = np.roll(outline, -1, axis=0) - outline  # of the edges that begin at the vertices
     away = x[:, None] - outline
     along = (away * e).sum(axis=2)
@@ -37,7 +40,7 @@ def potential(law: Any, x: np.ndarray, outline: np.ndarray) -> np.ndarray:
     far = 2.0 * law.cutoff
     edges = np.where(slab, law.potential(np.where(slab, gap, far)), 0.0)
     corners = np.where(cone, sign * law.potential(np.where(cone, np.hypot(*np.moveaxis(away, 2, 0)), far)), 0.0)
-    return edges.sum(axis=1) + corners.sum(axis=1)
+    return (edges * acts).sum(axis=1) + (corners * np.roll(acts, 1)).sum(axis=1)
 
 
 def energy(law: Any, outlines: Sequence[np.ndarray], lengths: Sequence[np.ndarray]) -> float:
@@ -52,14 +55,25 @@ def energy(law: Any, outlines: Sequence[np.ndarray], lengths: Sequence[np.ndarra
     return total
 
 
-def mean_potential(law: Any, start: np.ndarray, end: np.ndarray, outline: np.ndarray) -> float:
-    """Mean of Φ_B along a segment between two points (2,) [µm]; [pN µm]."""
+def own_energy(law: Any, outline: np.ndarray, length: np.ndarray) -> float:
+    """Energy [pN] of an outline (m, 2) [µm] with itself: the same sum, in which a segment's own edge and the edges
+    beside it do not count; `length` (m,) are reference lengths [µm].
+    """
+    total, beside = 0.0, np.isin(np.arange(len(outline)), [0, 1, len(outline) - 1])
+    for k, (start, end) in enumerate(zip(outline, np.roll(outline, -1, axis=0), strict=True)):
+        acts = ~np.roll(beside, k)
+        total += 0.5 * law.bond_density * length[k] * mean_potential(law, start, end, outline, acts)
+    return total
+
+
+def mean_potential(law: Any, start: np.ndarray, end: np.ndarray, outline: np.ndarray, acts: Any = True) -> float:
+    """Mean of Φ_B along a segment between two points (2,) [µm]; [pN µm]; `acts` (m,) bool as for `potential`."""
     at = breaks(law, start, end, outline)
     half = 0.5 * np.diff(at)
     places = (at[:-1] + half)[:, None] + half[:, None] * NODES
     weights = half[:, None] * WEIGHTS
     x = start + places.reshape(-1, 1) * (end - start)
-    return float(weights.ravel() @ potential(law, x, outline))
+    return float(weights.ravel() @ potential(law, x, outline, acts))
 
 
 def breaks(law: Any, start: np.ndarray, end: np.ndarray, outline: np.ndarray) -> np.ndarray:
