@@ -29,6 +29,8 @@ def scene(seed: int, number: int) -> Tables:
                                     "height": _text(_decades(rng, -1, 0.5), "um")}
     if rng.random() < 0.8:
         tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
+        if pairs := _pairs(np.random.default_rng([seed, number, 2]), names):
+            tables["adhesion"]["pairs"] = pairs
     _add(rng, tables)
     return tables
 
@@ -52,7 +54,8 @@ def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
         if isinstance(value, Mapping):
             parts.append(toml(value, (*path, key)))
         elif _is_tables(value):
-            parts += [f"[[{key}]]\n" + "\n".join(f"{k} = {json.dumps(v)}" for k, v in item.items()) for item in value]
+            title = f"[[{'.'.join((*path, key))}]]\n"
+            parts += [title + "\n".join(f"{k} = {json.dumps(v)}" for k, v in item.items()) for item in value]
     return "\n\n".join(parts)
 
 
@@ -129,6 +132,16 @@ def _bonds(rng: np.random.Generator) -> Tables:
     """Bonds with work of adhesion from 0.3 pN/um to 3 nN/um and equilibrium distance from 5 to 100 nm."""
     return {"bond_density": _text(_decades(rng, 1, 5), "/um^2"), "well_depth": "0.03 pN um",
             "equilibrium_distance": _text(_decades(rng, np.log10(5), 2), "nm")}
+
+
+def _pairs(rng: np.random.Generator, names: list[str]) -> list[Tables]:
+    """In a third of the scenes two kinds of cells, with other bonds or none between them, and among those of one."""
+    one = [name for name in names if rng.random() < 0.5]
+    other = [name for name in names if name not in one]
+    if rng.random() > 0.33 or not one or not other:
+        return []
+    none = {"bond_density": "0 /um^2"} if rng.random() < 0.5 else _bonds(rng)
+    return [{"cells": [one, other], **none}] + ([{"cells": [one, one], **_bonds(rng)}] if len(one) > 1 else [])
 
 
 def _cells(rng: np.random.Generator) -> list[Tables]:

@@ -112,7 +112,8 @@ def softness(case: Case) -> float:
     """Largest load of a case over the smallest bulk modulus, an estimate of the largest |J - 1| [-]."""
     used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
     spacing = min(np.sqrt(cell.shape.area / particle_count(case, cell.shape)) for cell in case.cells)
-    loads = [law.work / law.equilibrium_distance for law in (case.substrate, case.contact) if law is not None]
+    adhesion = (case.substrate, case.contact, *(pair.law for pair in case.pairs))
+    loads = [law.work / law.equilibrium_distance for law in adhesion if law is not None]
     floor, push, turned = case.substrate, case.protrusion, case.director
     if floor is not None and any(c.centre[1] + c.shape.lowest() < floor.cap for c in case.cells):  # compressed at first
         loads.append(floor.bond_density * (floor.cap_curvature * floor.cap - floor.cap_slope))
