@@ -112,9 +112,9 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     alone = len(case.cells) == 1
     contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
                      "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
-    own = unless(why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline")),
-                 "contact of a cell with itself", True, False)
-    contacts = _contacts(case, contact, nothing if case.static else between, own) if contact or own else None
+    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"))
+    own = unless(never, "contact of a cell with itself", True, False)
+    contacts = _contacts(case, contact, between, own, never is None) if contact or own else None
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
                             (push is not None and not push.cells, "no cell protrudes"),
@@ -149,8 +149,11 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  skipped=skipped)
 
 
-def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool) -> Contacts:
-    """Laws of all pairs of cells; `between` is that of most, and `contact` the same or None if no two cells meet."""
+def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: bool) -> Contacts:
+    """Laws of all pairs of cells; `between` is that of most, and `contact` the same or None if no two cells meet.
+
+    own : bool -- whether a cell has a law with itself;  repels : bool -- whether that does anything.
+    """
     pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
     given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
     known: dict[Adhesion, int] = {}
@@ -161,15 +164,15 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
     first = number(contact) if contact is not None else 0
     others = [number(BetweenCells.of(solid(law))) if contact is not None else 0 for law in given[:-1]]
     between_kinds = np.array([*others, first])[pairing.between]
-    of_own = [number(_repulsion(given[n], case.static)) if own else 0 for n in pairing.own]
+    of_own = [number(_repulsion(given[n], repels)) if own else 0 for n in pairing.own]
     return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
 
 
-def _repulsion(law: Adhesion, absent: bool) -> Adhesion:
+def _repulsion(law: Adhesion, repels: bool) -> Adhesion:
     """Repulsion alone, up to the equilibrium distance of a law, or not even that."""
     eps = law.equilibrium_distance
     bare = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=eps)
-    return bare if absent else BetweenCells.of(solid(bare))
+    return BetweenCells.of(solid(bare)) if repels else bare
 
 
 def _meet_themselves(case: Case) -> bool:

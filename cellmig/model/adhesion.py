@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numpy import maximum, minimum, sqrt, where
 
 from ..case.pointwise import Vector, between, either
-from .protocols import Adhesion, ClosedAdhesion
+from .protocols import Adhesion, ClosedAdhesion, Value
 
 GAUSS = ((0.11270166537925831, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18))  # of order 5, on 0 to 1
 GAUSS_OF_VERTEX = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757187, 0.32607257743127307),
@@ -134,7 +134,7 @@ class Pieces:
         return (where(value1 < 0.0, where(value2 < 0.0, 1.0, maximum(low, zero)), low),
                 where(value2 < 0.0, where(value1 < 0.0, 0.0, minimum(high, zero)), high))
 
-    def pieces(self, x: tuple, within: float):
+    def pieces(self, x: tuple, within: Value):
         """Limits of the pieces of pairs of a segment and an edge that are nearer than a distance `within` [µm].
 
         x : places of both ends of S, both ends of the edge and the end of the next edge, two arrays each [µm].

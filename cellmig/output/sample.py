@@ -179,7 +179,7 @@ class Sampler:
         if terms.substrate is not None:
             substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None:
-            first, touching = m.segments.touching(TOUCHING * terms.contact.equilibrium_distance)
+            first, touching = m.segments.touching(TOUCHING)
             mine = first < m.n_owned
             np.add.at(contact, first[mine], touching[mine])
         values = np.zeros((m.n_owned, 4))

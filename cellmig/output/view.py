@@ -54,8 +54,8 @@ class SegmentsView(Protocol):
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """Segments that start on this rank: local ends (e, 2), positions (e, 2, 2) [µm]."""
 
-    def touching(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Segments near other cells: local first ends (s,) int, lengths (s,) [µm] nearer than a `height` [µm]."""
+    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Segments near other cells: local first ends (s,) int, lengths (s,) [µm] nearer than `most` ε [-]."""
 
 
 class LoadsView(Protocol):

@@ -96,17 +96,20 @@ class Segments:
         ends = ends[ends[:, 0] < self._part.n_owned]
         return ends, self._state.x(ends)
 
-    def touching(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Segments near other cells: local first ends (s,) int, and current lengths (s,) [µm] nearer than a `height`.
+    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Segments near other cells: local first ends (s,) int, and current lengths (s,) [µm] that touch those.
 
-        A length is counted as the energy is, edge by edge and vertex by vertex (see `CellAdhesion`).
+        A gap may be up to `most` [-] equilibrium distances of the bonds.  A length is counted as the energy is, edge by
+        edge and vertex by vertex (see `CellAdhesion`).
         """
         if self.lists is None or not len(self.lists.source):
             return np.zeros(0, np.int64), np.zeros(0)
         lists, node = self.lists, self._kernel["contact_node"]
-        x = self._state.x(node)
+        distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
+        x, height = self._state.x(node), most * distance[self._kernel["contact_law"]]
         ends = x[lists.segment]
         pairs = np.concatenate([np.repeat(ends, np.diff(lists.first), axis=0), x[lists.edge]], axis=1)
+        height = np.repeat(height, np.diff(lists.first))
         low, high, first, last, sign = Pieces().pieces(tuple(pairs.transpose(1, 2, 0)), height)
         near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
         share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)

@@ -61,7 +61,8 @@ class StepControl:
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
         # a gap between cells is closed from both sides
-        between = terms.contact if len(scene.kind) > 1 or terms.contacts is None else terms.contacts.laws[0]
+        itself = [law for law in terms.contacts.laws if law.stiffness(0.0) > 0.0] if terms.contacts is not None else []
+        between = terms.contact if len(scene.kind) > 1 else next(iter(itself), None)
         self._contacts = [(terms.substrate, 1.0), (between, 2.0)]
         acting = [law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts]
         self.touches = any(acting)

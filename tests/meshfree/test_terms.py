@@ -8,7 +8,7 @@ from scenes import CASES, case
 
 from cellmig.case.load import change, from_dict, load
 from cellmig.meshfree.terms import find_terms
-from cellmig.model.seifert import WALL
+from cellmig.model.seifert import WALL, BetweenCells
 
 pytestmark = pytest.mark.serial
 
@@ -30,7 +30,7 @@ def test_every_pair_of_cells_has_its_law_in_either_order_and_a_cell_with_itself_
     number = contacts.of_pair(a, b)
     assert (number == number.T).all() and contacts.own
     laws = [[contacts.laws[n] for n in row] for row in number]
-    assert laws[0][2] == terms.contact == found.contact
+    assert laws[0][2] == terms.contact == BetweenCells.of(found.contact)
     assert (laws[0][1].work, laws[0][1].bond_density * laws[0][1].well_depth) == (0.0, pytest.approx(WALL))
     assert laws[1][2].equilibrium_distance == 0.02
     for n in range(3):
