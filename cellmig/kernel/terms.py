@@ -37,8 +37,8 @@ SURFACE_TERMS = (
                 {"segment": ("force", "energy", "impulse")}),
     SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
-                 "edge_stiffness": (), "vertex_point": ("fx1", "fy1", "fx2", "fy2", "energy"), "vertex_stiffness": (),
-                 "foot": ("foot", "away"), "short": ()}, ("vertex_point",)),
+                 "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
+                 "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
         t.friction, bonds_of(t.substrate)), {"force": ()}),

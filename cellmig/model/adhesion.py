@@ -230,26 +230,33 @@ class CellAdhesion(Pieces):
 
         `length` [µm] has the sign of the vertex; `end1` and `end2` are the ends of S from there [µm].
         """
-        fx1, fy1, fx2, fy2, energy = (sum(parts) for parts in zip(*(
-            self.vertex_point(weight * (high - low) * length, low + at * (high - low), end1, end2)
-            for at, weight in GAUSS_OF_VERTEX), strict=True))
+        points = [(weight * (high - low) * length, low + at * (high - low)) for at, weight in GAUSS_OF_VERTEX]
+        fx1, fy1, fx2, fy2 = (sum(parts) for parts in zip(*(self.vertex_force(*point, end1, end2) for point in points),
+                                                          strict=True))
+        energy = sum(self.vertex_energy(*point, end1, end2) for point in points)
         return ((fx1, fy1), (fx2, fy2), (-fx1 - fx2, -fy1 - fy2)), energy
 
-    def vertex_point(self, length, share, end1: Vector, end2: Vector):
-        """Forces on the first and on the second end of S [pN/µm], and energy [pN], of a length at ξ = share."""
+    def vertex_force(self, length, share, end1: Vector, end2: Vector):
+        """Forces on the first and on the second end of S [pN/µm] of a length at ξ = share."""
+        x, y, r = self.from_vertex(share, end1, end2)
+        pull = -(0.5 * self.bonds.law.bond_density * length) * self.bonds.law.slope(r) / r
+        fx, fy = pull * x, pull * y
+        return fx - share * fx, fy - share * fy, share * fx, share * fy
+
+    def vertex_energy(self, length, share, end1: Vector, end2: Vector):
+        """Energy [pN] of a length at ξ = share."""
+        _, _, r = self.from_vertex(share, end1, end2)
+        return 0.5 * self.bonds.law.bond_density * length * self.bonds.law.potential(r)
+
+    def from_vertex(self, share, end1: Vector, end2: Vector):
+        """Place of ξ = share from a vertex, and its distance [µm]."""
         x1, y1 = end1
         dx, dy = between(end1, end2)
         x, y = x1 + share * dx, y1 + share * dy
-        r = sqrt(x * x + y * y)
-        size = 0.5 * self.bonds.law.bond_density * length
-        pull = -size * self.bonds.law.slope(r) / r
-        fx, fy = pull * x, pull * y
-        return fx - share * fx, fy - share * fy, share * fx, share * fy, size * self.bonds.law.potential(r)
+        return x, y, sqrt(x * x + y * y)
 
     def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
         """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""
-        x1, y1 = end1
-        dx, dy = between(end1, end2)
-        first = sqrt((x1 + low * dx) ** 2 + (y1 + low * dy) ** 2)
-        last = sqrt((x1 + high * dx) ** 2 + (y1 + high * dy) ** 2)
+        _, _, first = self.from_vertex(low, end1, end2)
+        _, _, last = self.from_vertex(high, end1, end2)
         return self.bonds.law.bond_density * length * (high - low) * self.bonds.curvature(first, last)

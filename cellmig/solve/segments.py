@@ -20,6 +20,7 @@ from .subdomain import Subdomain
 from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
+MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
@@ -54,6 +55,10 @@ class Segments:
         Field("contact_edge", "int32_t *", "(…, 3)", "", "ends of edges of other cells, end of the next edge"),
         Field("stiffness_of_contact", "double *", "(n_local,)", "1/µs²", "the bounds over the mass"),
         Field("stiffest_contact", "double *", "(1,)", "1/µs²", "largest of them; infinite where surfaces cross"),
+        Field("listed", "int32_t *", "(…, 2)", "", "pairs that may act soon, and what of them: the edge, the vertex"),
+        Field("first_listed", "long *", "(n_contact_segments + 1,)", "", "those of each segment"),
+        Field("listed_x", "double *", "(n_contact_nodes, 2)", "µm", "positions when they were listed"),
+        Field("contact_margin", "double", "", "µm", "change of a distance up to which they are complete"),
         Field("contact_law", "int32_t *", "(n_contact_segments,)", "", "numbers of their laws in `Terms.contacts`"),
         Field("contact_cutoff", "double *", "(n_contact_segments,)", "µm", "distances beyond which these do not act"),
     )
@@ -156,6 +161,8 @@ class Segments:
         k["contact_stiffness"] = np.zeros(len(lists.node))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
+        k["listed"], k["first_listed"] = np.zeros((len(lists.edge) + 1, 2)), np.zeros(len(lists.first))
+        k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 2), np.nan), MARGIN * self.skin
         cell = s.cell[lists.source], lists.other[lists.segment[:, 0]]
         k["contact_law"] = law = self._contacts.of_pair(*cell)
         k["contact_cutoff"] = self._contacts.reach[law]

@@ -59,16 +59,16 @@ static double add_edge(const KernelData *s, const Source *S, const Edge *e)
 
 static inline double sum4(v4 x) { return (x[0] + x[1]) + (x[2] + x[3]); }
 
-/* A short piece of S beside a vertex, by four Gauss points.  Energy. */
+/* A short piece of S beside a vertex, by four Gauss points.  Energy, if asked for. */
 static double add_vertex_piece(const KernelData *s, const Source *S, long vertex, double length, double low,
-                               double high, const double end[2][D])
+                               double high, const double end[2][D], int with_energy)
 {
     static const v4 at = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263};
     static const v4 weight = {0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
     const v4 end1[D] = {splat(end[0][0]), splat(end[0][1])}, end2[D] = {splat(end[1][0]), splat(end[1][1])};
-    v4 f[4], stored;
-    contact_vertex_point(S->law, splat(length * (high - low)) * weight, splat(low) + splat(high - low) * at, end1, end2,
-                         &f[0], &f[1], &f[2], &f[3], &stored);
+    const v4 size = splat(length * (high - low)) * weight, share = splat(low) + splat(high - low) * at;
+    v4 f[4];
+    contact_vertex_force(S->law, size, share, end1, end2, &f[0], &f[1], &f[2], &f[3]);
     const double f1[D] = {sum4(f[0]), sum4(f[1])}, f2[D] = {sum4(f[2]), sum4(f[3])};
     const double fv[D] = {-f1[0] - f2[0], -f1[1] - f2[1]};
     const double k = length > 0 ? contact_vertex_stiffness(S->law, length, low, high, end[0], end[1]) : 0;
@@ -76,11 +76,11 @@ static double add_vertex_piece(const KernelData *s, const Source *S, long vertex
     act(s, S->node[0], f1, (1 - xi) * k);
     act(s, S->node[1], f2, xi * k);
     act(s, vertex, fv, k);
-    return sum4(stored);
+    return with_energy ? sum4(contact_vertex_energy(S->law, size, share, end1, end2)) : 0;
 }
 
-/* The part of S beside the vertex between two edges, in pieces that are short beside their distance.  Energy. */
-static double add_vertex(const KernelData *s, const Source *S, const Edge *e, const Edge *next)
+/* The part of S beside the vertex between two edges, in pieces short beside their distance.  Energy, if asked for. */
+static double add_vertex(const KernelData *s, const Source *S, const Edge *e, const Edge *next, int with_energy)
 {
     const double *a = s->contact_x + D * e->start, *v = s->contact_x + D * e->end, *c = s->contact_x + D * next->end;
     const double sign = (v[0] - a[0]) * (c[1] - v[1]) - (v[1] - a[1]) * (c[0] - v[0]) < 0 ? -1 : 1;
@@ -98,9 +98,66 @@ static double add_vertex(const KernelData *s, const Source *S, const Edge *e, co
     for (double from = low, to; from < high; from = to) {
         to = contact_short(S->law, from, foot, away);
         if (!(to < high && to > from)) to = high;
-        energy += add_vertex_piece(s, S, e->end, sign * S->length, from, to, end);
+        energy += add_vertex_piece(s, S, e->end, sign * S->length, from, to, end, with_energy);
     }
     return energy;
+}
+
+/* Segment k of those near another cell. */
+static inline Source source_at(const KernelData *s, long k)
+{
+    const int32_t *node = s->contact_segment + 2 * k;
+    return (Source){s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, s->contact_cutoff[k], s->contact_length[k],
+                    {node[0], node[1]}, {s->contact_x + D * node[0], s->contact_x + D * node[1]}};
+}
+
+/* Pairs that may act: the edge, or the vertex at its end, or both. */
+enum { EDGE = 1, VERTEX = 2 };
+
+/* What may act of a pair until a node has moved by half of the margin, by bounds of all changes. */
+static int may_act(const KernelData *s, const Source *S, const Edge *e, const Edge *next)
+{
+    const double margin = s->contact_margin, length = sqrt(e->square), next_length = sqrt(next->square);
+    int before = 1, behind = 1, inside = 1, far = 1, misses_before = 1, misses_behind = 1;
+    for (int i = 0; i < 2; i++) {
+        const double *x = S->end[i], *a = s->contact_x + D * e->start, *b = s->contact_x + D * e->end;
+        const double change = margin * (length + margin + hypot(x[0] - a[0], x[1] - a[1]));
+        const double next_change = margin * (next_length + margin + hypot(x[0] - b[0], x[1] - b[1]));
+        const double past = e->along[i] - e->square, turned = margin * (2 * length + margin);
+        before &= e->along[i] < -change;
+        behind &= past > change + turned;
+        inside &= e->across[i] < -change;
+        far &= e->across[i] - change > S->cutoff * (length + margin);
+        misses_before &= past < -change - turned && next->along[i] < -next_change;
+        misses_behind &= past > change + turned && next->along[i] > next_change;
+    }
+    if (far) return 0;
+    return EDGE * !(before || behind || inside) + VERTEX * !(misses_before || misses_behind);
+}
+
+/* Lists the pairs that may act, if a node has moved far since the last list. */
+static void list_pairs(const KernelData *s)
+{
+    double moved = 0;
+    for (long k = 0; k < D * s->n_contact_nodes; k += D) {
+        const double x = s->contact_x[k] - s->listed_x[k], y = s->contact_x[k + 1] - s->listed_x[k + 1];
+        moved = x * x + y * y <= moved ? moved : x * x + y * y; /* also if it is not a number */
+    }
+    if (moved < 0.25 * s->contact_margin * s->contact_margin) return;
+    memcpy(s->listed_x, s->contact_x, sizeof(double) * D * (size_t)s->n_contact_nodes);
+    long n = 0;
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        const Source S = source_at(s, k);
+        s->first_listed[k] = n;
+        for (long m = s->first_edge[k]; m < s->first_edge[k + 1]; m++) {
+            const int32_t *of = s->contact_edge + 3 * m; /* start and end of the edge, end of the next */
+            const Edge e = beside_edge(s, &S, of[0], of[1]), next = beside_edge(s, &S, of[1], of[2]);
+            s->listed[2 * n] = (int32_t)m;
+            s->listed[2 * n + 1] = may_act(s, &S, &e, &next);
+            n += s->listed[2 * n + 1] != 0;
+        }
+    }
+    s->first_listed[s->n_contact_segments] = n;
 }
 
 /* Forces; energies by the first ends of the segments, if asked for; the impulses of a time dt on a particle by the
@@ -115,20 +172,19 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
         }
         s->contact_stiffness[m] = s->stiffness_of_contact[i] = 0;
     }
+    list_pairs(s);
     for (long k = 0; k < s->n_contact_segments; k++) {
-        const int32_t *node = s->contact_segment + 2 * k;
-        const Source S = {s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, s->contact_cutoff[k],
-                          s->contact_length[k], {node[0], node[1]},
-                          {s->contact_x + D * node[0], s->contact_x + D * node[1]}};
+        const Source S = source_at(s, k);
         double stored = 0;
-        Edge e, next = {-1, -1, {0}, {0}, 0};
-        for (long n = s->first_edge[k]; n < s->first_edge[k + 1]; n++) {
-            const int32_t *of = s->contact_edge + 3 * n; /* start and end of the edge, end of the next */
-            e = next.start == of[0] && next.end == of[1] ? next : beside_edge(s, &S, of[0], of[1]);
-            next = beside_edge(s, &S, of[1], of[2]);
-            stored += add_edge(s, &S, &e) + add_vertex(s, &S, &e, &next);
+        for (long n = s->first_listed[k]; n < s->first_listed[k + 1]; n++) {
+            const int32_t *of = s->contact_edge + 3 * s->listed[2 * n];
+            const Edge e = beside_edge(s, &S, of[0], of[1]);
+            if (s->listed[2 * n + 1] & EDGE) stored += add_edge(s, &S, &e);
+            if (!(s->listed[2 * n + 1] & VERTEX)) continue;
+            const Edge next = beside_edge(s, &S, of[1], of[2]);
+            stored += add_vertex(s, &S, &e, &next, energy != 0);
         }
-        if (energy) energy[s->contact_node[node[0]]] += stored;
+        if (energy) energy[s->contact_node[S.node[0]]] += stored;
     }
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
