@@ -15,6 +15,7 @@ GAUSS_OF_VERTEX = ((0.06943184420297371, 0.17392742256872693), (0.33000947820757
 SHORT = 0.18  # length of a piece beside a vertex over its distance, for which these are exact to 1e-9 [-]
 SLOPED = 0.05  # change of the gap over the gap itself, above which the primitive of the potential is exact enough
 SOFT = 1.29  # gap over ε, beyond which bonds pull each other closed: U'' < 0
+TINY = 1e-30  # square of a distance below which a vertex on a segment has no direction, and exerts no force [µm²]
 NARROW = 0.01  # least change of a gap over which a curvature is a difference of slopes, over the gap [-]
 
 
@@ -57,9 +58,9 @@ class SegmentBonds:
 
     def curvature(self, gap1, gap2):
         """Mean of U'' over the segment, where it is positive [pN/µm]."""
-        least, most = minimum(gap1, gap2), maximum(gap1, gap2)
-        top, wide = minimum(most, SOFT * self.law.equilibrium_distance), NARROW * abs(least)
-        found, = either(least < top, self.secant(least, top, most, wide), (0.0,))
+        least, most, soft = minimum(gap1, gap2), maximum(gap1, gap2), SOFT * self.law.equilibrium_distance
+        top, wide = minimum(most, soft), NARROW * abs(least)
+        found, = either(least < soft, self.secant(least, top, most, wide), (0.0,))
         return found
 
     def secant(self, least, top, most, wide):
@@ -253,7 +254,7 @@ class CellAdhesion(Pieces):
         x1, y1 = end1
         dx, dy = between(end1, end2)
         x, y = x1 + share * dx, y1 + share * dy
-        return x, y, sqrt(x * x + y * y)
+        return x, y, sqrt(x * x + y * y + TINY)
 
     def vertex_stiffness(self, length, low, high, end1: Vector, end2: Vector):
         """Bound of the row sums of the tangent of that piece, where levers are 1 [Pa]."""

@@ -17,6 +17,8 @@ from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, wid
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
+# Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
+COMPRESSED = np.array([[0.5, TYPICAL], [0.25, 0.7]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
@@ -225,9 +227,10 @@ class Integrator:
         self.dt = self.fixed_step or self.factor * self._accurate_step(self.gaps)
 
     def _compression(self, gaps: np.ndarray) -> float:
-        """Compression of bonds at gaps (2,) [µm]: 0 above half of the equilibrium distance, 1 below a quarter [-]."""
+        """Compression of bonds at gaps (2,) [µm], from 0 to 1 over the ranges COMPRESSED [-]."""
         there = self.control.eps > 0.0
-        share = np.clip(2.0 - 4.0 * gaps[there] / self.control.eps[there], 0.0, 1.0)
+        none, full = COMPRESSED[:, there]
+        share = np.clip((none - gaps[there] / self.control.eps[there]) / (none - full), 0.0, 1.0)
         return float(share.max(initial=0.0)) if self.leapfrog else 0.0
 
     def _accurate_step(self, gaps: np.ndarray) -> float:
@@ -365,6 +368,7 @@ class Leapfrog:
             m.loads.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
             m.advance(n, dt)
+            m.meet()
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin
             gaps = run.control.gaps(seen.gap, seen.contact)

@@ -178,6 +178,12 @@ class Mechanics:
 
     # ------------------------------------------------------------ step control
 
+    def meet(self) -> None:
+        """Evaluate bonds where the surfaces are now, for `extremes`: the last step left from where they were before."""
+        for term, law in (("substrate", self.terms.substrate), ("contact", self.terms.contacts)):
+            if law is not None:
+                self.surface_force(term)
+
     def extremes(self) -> Extremes:
         """Extremes since the last call, of contacts since they were forgotten; collective."""
         top = global_maximum(self.comm, np.array([self.segments.displaced(), *self.state.extremes()])).tolist()

@@ -60,9 +60,8 @@ class StepControl:
         self.stabilisation, self.viscous, self.elastic = rates.max(axis=0)  # [1/µs], [1/µs], [1/µs²]
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
-        # a gap between cells is closed from both sides
-        itself = [law for law in terms.contacts.laws if law.stiffness(0.0) > 0.0] if terms.contacts is not None else []
-        between = terms.contact if len(scene.kind) > 1 else next(iter(itself), None)
+        # a gap between cells is closed from both sides; the strongest of their bonds stand for all
+        between = max(terms.contacts.laws if terms.contacts is not None else (), default=None, key=_strength)
         self._contacts = [(terms.substrate, 1.0), (between, 2.0)]
         acting = [law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts]
         self.touches = any(acting)
@@ -113,6 +112,11 @@ class StepControl:
         if math.isfinite(self.director):
             steps["director"] = self.director / max(1.0, viscous)  # diffusion, as of momentum
         return steps
+
+
+def _strength(law: Any) -> float:
+    """Stiffness of a contact in use, of bonds that are pressed and of those at equilibrium [Pa/µm]."""
+    return law.stiffness(TYPICAL * law.equilibrium_distance) + law.stiffness(law.equilibrium_distance)
 
 
 def binding(steps: dict[str, float]) -> tuple[str, float]:

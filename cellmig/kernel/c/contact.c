@@ -30,17 +30,20 @@ static inline void act(const KernelData *s, long m, const double f[D], double st
     s->contact_stiffness[m] += stiffness;
 }
 
+/* Whether what is between two gaps is behind an edge; on all of it, at no gap, it is not yet. */
+static inline int behind(const double gap[2]) { return gap[0] <= 0 && gap[1] <= 0 && gap[0] + gap[1] < 0; }
+
 /* The piece of S beside an edge, on its outer side.  Energy. */
 static double add_edge(const KernelData *s, const Source *S, const Edge *e)
 {
     double range[2] = {0, 1};
     const double *g = e->across, far = S->cutoff * S->cutoff * e->square;
-    if ((g[0] <= 0 && g[1] <= 0) || (g[0] > 0 && g[1] > 0 && g[0] * g[0] > far && g[1] * g[1] > far)) return 0;
+    if (behind(g) || (g[0] > 0 && g[1] > 0 && g[0] * g[0] > far && g[1] * g[1] > far)) return 0;
     const double before[2] = {e->square - e->along[0], e->square - e->along[1]};
     if (!(before[0] > 0 || before[1] > 0)) return 0; /* the border with the next edge belongs to that */
     if (!positive(S, e->along[0], e->along[1], range) || !positive(S, before[0], before[1], range)) return 0;
     const double gap[2] = {g[0] + range[0] * (g[1] - g[0]), g[0] + range[1] * (g[1] - g[0])};
-    if (gap[0] <= 0 && gap[1] <= 0) return 0;
+    if (behind(gap)) return 0;
     if (gap[0] < 0 || gap[1] < 0) *s->stiffest_contact = INFINITY; /* S crosses the edge */
     if (!positive(S, g[0], g[1], range)) return 0;
     if (g[0] * g[0] > far || g[1] * g[1] > far)
