@@ -14,7 +14,7 @@ import textwrap
 from operator import attrgetter
 from typing import Any
 
-SHAPES = {"F": (2, 2), "Fdot": (2, 2), "gradient": (2,), "director": (2,)}  # of arguments by name
+SHAPES = {"F": (2, 2), "Fdot": (2, 2), "gradient": (2,), "director": (2,), "bend": (2,), "bend_rate": (2,)}  # by name
 ANNOTATED = {"Vector": (2,)}  # of others by their annotation; the rest are scalars
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}

@@ -27,11 +27,12 @@ class Field:
 def step_memory(terms: Terms) -> np.dtype:
     """What a block remembers of a step for the trapezoidal work of the next, and accounts until they are settled.
 
-    stabilising, elastic : forces of both stabilisations on each lane [pN/µm];  viscous, active : V P of each [pN], by
-    entries;  bulk : pressure of the bulk damping times V [pN];  viscous_loss, artificial_dissipation, external_work :
-    of each lane [pN].  Single precision is enough where no force is made of them; what a scene lacks is empty.
+    viscous, active : V P of each [pN], by entries, the viscous one with that of the stabilisation;  bent : its stress
+    conjugate to C v [pN µm];  bulk : pressure of the bulk damping times V [pN];  viscous_loss, artificial_dissipation,
+    external_work : of each lane [pN].  Single precision is enough where no force is made of them; what a scene lacks is
+    empty.
     """
-    stiffened, active = int(terms.stiffened), int(terms.active)
-    return np.dtype([("stabilising", "f8", (4, 2)), ("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4),
-                     ("viscous", "f4", (4, 4)), ("bulk", "f4", (1, 4)), ("elastic", "f8", (4 * stiffened, 2)),
+    stabilised, active = int(terms.stabilised), int(terms.active)
+    return np.dtype([("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4), ("viscous", "f4", (4, 4)),
+                     ("bent", "f4", (2 * stabilised, 4)), ("bulk", "f4", (1, 4)),
                      ("external_work", "f8", (4 * active,)), ("active", "f4", (4 * active, 4))])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ..meshfree.body import Scene, Template
+from ..meshfree.body import Scene
 from ..meshfree.terms import Terms
 
 
@@ -53,15 +53,15 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     own = np.zeros(scene.size, bool)
     own[owned] = True
     first, second, shared = own.copy(), own.copy(), np.zeros(scene.size, bool)
-    patterns = lru_cache(lambda k: _near_and_far(scene.templates[k]))
+    patterns = lru_cache(lambda k: pattern(scene.templates[k].G))
     for c in np.unique(scene.cell[owned]):
         part = slice(scene.offset[c], scene.offset[c + 1])
         if own[part].all():
             continue
-        near, far = patterns(scene.kind[c])
+        near = patterns(scene.kind[c])
         first[part] = reach(near, own[part])
-        second[part] = reach(near, first[part]) | reach(far, own[part])
-        shared[part] = reach(near, reach(near, ~own[part])) | reach(far, ~own[part])
+        second[part] = reach(near, first[part])
+        shared[part] = reach(near, reach(near, ~own[part]))
     second[needed] = True
     if len(owned) < scene.size:
         shared[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # or come into contact
@@ -72,11 +72,6 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
 def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
     """Pattern of a CSR matrix, with ones also at entries that are zero."""
     return sparse.csr_matrix((np.ones(len(m.indices)), m.indices, m.indptr), m.shape)
-
-
-def _near_and_far(t: Template) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Patterns of the gradients, which forces apply twice, and of the stabilisations, which they apply once."""
-    return pattern(t.G), pattern(t.S) + pattern(t.E)
 
 
 def reach(ones: sparse.csr_matrix, mask: np.ndarray) -> np.ndarray:
@@ -107,7 +102,7 @@ class Blocks:
         return block[order], lane[order]
 
 
-def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
+def make_blocks(scene: Scene, numbering: Numbering) -> Blocks:
     """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
     ids = numbering.ids[: numbering.n_rows]
     cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
@@ -119,7 +114,7 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
     row, lanes = np.repeat(start, count) + within, np.minimum(np.repeat(length, count) - within, 4)
     at, kind = ids[row] - scene.offset[cell[row]], scene.kind[cell[row]]
     lane = np.arange(len(ids)) - np.repeat(row, lanes)
-    shape = _mixed(_patterns(scene, numbering, terms) + lane)
+    shape = _mixed(_patterns(scene, numbering) + lane)
     shape = np.add.reduceat(shape, row) if len(row) else shape
     shared = np.logical_or.reduceat(shared, row) if len(row) else np.zeros(0, bool)
     _, number = np.unique(np.column_stack([kind, cell[row]]), axis=0, return_inverse=True)
@@ -137,13 +132,13 @@ def make_blocks(scene: Scene, numbering: Numbering, terms: Terms) -> Blocks:
 GROUP = 3  # cells of a kind that are worked on side by side: coefficients are read once for all of them
 
 
-def _patterns(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
+def _patterns(scene: Scene, numbering: Numbering) -> np.ndarray:
     """Hash of each row's place in its template, and of its neighbours' local numbers less its own (n_rows,)."""
     place, out = numbering.places(scene.size), np.empty(numbering.n_rows, np.int64)
     ids = numbering.ids[: numbering.n_rows]
     own = np.argsort(ids, kind="stable")
     bounds = np.searchsorted(ids[own], scene.offset)
-    reach_of = lru_cache(lambda k: _reach_of(scene.templates[k], terms))
+    pattern_of = lru_cache(lambda k: pattern(scene.templates[k].G))
     for c in np.flatnonzero(np.diff(bounds)):
         rows = own[bounds[c] : bounds[c + 1]]
         at = ids[rows] - scene.offset[c]
@@ -151,7 +146,7 @@ def _patterns(scene: Scene, numbering: Numbering, terms: Terms) -> np.ndarray:
         out[rows] = _mixed(at)
         if (np.diff(local) == 1).all():
             continue  # as in the template
-        near = reach_of(scene.kind[c])
+        near = pattern_of(scene.kind[c])
         row = np.repeat(np.arange(len(local)), np.diff(near.indptr))
         further = local[near.indices] - local[row] - near.indices + row
         hashed = np.where(further, _mixed(_mixed(near.indices) + further), 0)
@@ -167,41 +162,35 @@ def _mixed(x: np.ndarray) -> np.ndarray:
     return (z ^ (z >> np.uint64(31))).view(np.int64)
 
 
-def _reach_of(t: Template, terms: Terms) -> sparse.csr_matrix:
-    """Pattern of all matrices of a template that the kernel applies."""
-    further = [pattern(m) for m, there in ((t.S, terms.stabilised), (t.E, terms.stiffened)) if there]
-    return sum(further, pattern(t.G)).tocsr()
-
-
 def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Terms) -> dict[str, np.ndarray]:
     """Coefficients by stencil, (stencils, 4) and (groups, k), with the kernel's names and units.
 
     `first, column, gradient, adjoint` contain G and H, which is -Gᵀ: the force on J is the sum over I of V P of I times
-    H_JI.  S is in `gradient` where its pattern is that of G, else in `outer`; the elastic stabilisation is in `stiff`.
+    H_JI.  `laplacian` and `bending` contain C and -Cᵀ.
     """
-    stencils, stabilised = Stencils(scene, numbering, blocks), terms.stabilised
-    G, S, E = ([getattr(t, name) for t in scene.templates] for name in "GSE")
+    stencils = Stencils(scene, numbering, blocks)
+    G, C = ([getattr(t, name) for t in scene.templates] for name in "GC")
     extended: Any = list
     if terms.single:
-        G, S, E = ([rounded(m) for m in matrices] for matrices in (G, S, E))
+        G, C = ([rounded(m) for m in matrices] for matrices in (G, C))
         extended = partial(map, with_rest)
     out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
            "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
-    H, inside = [_adjoint(m) for m in G], [_inside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
-    outside = [_outside(*pair) for pair in zip(S, G, strict=True)] if stabilised else []
-    G, H, inside, E = (list(extended(matrices)) for matrices in (G, H, inside, E))
+    G, H, C, B = (list(extended(m)) for m in (G, [_adjoint(m) for m in G], C, [_adjoint(m) for m in C]))
     first, group, lane, owned, kind, at, out["column"] = stencils.entries(G)
     pair = 4 * (lane // 2) + lane % 2
-    gradient, adjoint = np.zeros((first[-1], 12 if stabilised else 8)), np.zeros((first[-1], 8))
+    gradient, adjoint = np.zeros((2, first[-1], 8))
     g = _values(G, kind, at)
     gradient[group, pair], gradient[group, pair + 2] = g.real, g.imag
     h = np.where(owned, _values(H, kind, at), 0)  # rows of ghosts are needed for their stress only
     adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
-    if stabilised:
-        gradient[group, 8 + _STAB_LANE[lane]] = np.where(owned, _values(inside, kind, at), 0)
-        out |= stencils.scalars("outer", outside)
-    if terms.stiffened:
-        out |= stencils.scalars("stiff", E)
+    if terms.stabilised or terms.stiffened:
+        out |= {name: stencils.by_lane(scene.field(name)) for name in ("bending_weight", "bending_modulus")}
+        first_C, group, lane, owned, kind, at, out["column_laplacian"] = stencils.entries(C)
+        laplacian, bending = np.zeros((2, first_C[-1], 4))
+        laplacian[group, lane] = _values(C, kind, at)
+        bending[group, _TWICE_LANE[lane]] = np.where(owned, _values(B, kind, at), 0)
+        out |= {"first_laplacian": first_C, "laplacian": laplacian, "bending": bending}
     return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
 
 
@@ -227,13 +216,13 @@ class Stencils:
         out[self._stencil, self._lane] = values[self._ids]
         return out
 
-    def entries(self, matrices: list, owned: bool = False) -> tuple[np.ndarray, ...]:
+    def entries(self, matrices: list) -> tuple[np.ndarray, ...]:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
         Returns the first group of each stencil (stencils + 1,) int; group, lane, whether owned, template and place in
         its CSR of each entry, (k,) int; four times the neighbours (groups, 4) int.  Entries of a lane ascend by id.
         """
-        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset, self._owned | (not owned))
+        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
         for k, m in enumerate(matrices):
             columns[kind == k] = m.indices[at[kind == k]]
@@ -245,13 +234,6 @@ class Stencils:
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
         neighbours[group, lane] = self._place[self._offset[lanes] + columns]
         return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
-
-    def scalars(self, name: str, matrices: list) -> dict[str, np.ndarray]:
-        """Groups (groups, 4) of scalar matrices in their unit, for owned particles only."""
-        first, group, lane, _, kind, at, column = self.entries(matrices, owned=True)
-        values = np.zeros((first[-1], 4))
-        values[group, _STAB_LANE[lane]] = _values(matrices, kind, at)
-        return {f"first_{name}": first, f"column_{name}": column, name: values}
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:
@@ -267,7 +249,7 @@ def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_
     return sparse.csr_matrix((values, place[scene.offset[cell][row] + columns], ptr), (n_rows, n_columns))
 
 
-_STAB_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
+_TWICE_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
 
 
 def rounded(m: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -304,27 +286,11 @@ def _adjoint(G: sparse.csr_matrix) -> sparse.csr_matrix:
     return H
 
 
-def _inside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
-    """S on the pattern of G."""
-    values = S[np.repeat(np.arange(G.shape[0]), np.diff(G.indptr)), G.indices]
-    return sparse.csr_matrix((np.asarray(values).ravel(), G.indices, G.indptr), G.shape)
-
-
-def _outside(S: sparse.csr_matrix, G: sparse.csr_matrix) -> sparse.csr_matrix:
-    """S without its entries on the pattern of G."""
-    n, S = np.int64(G.shape[0]), S.tocoo()
-    on = np.repeat(np.arange(n), np.diff(G.indptr)) * n + G.indices
-    out = ~np.isin(S.row * n + S.col, on)
-    rest = sparse.csr_matrix((S.data[out], (S.row[out], S.col[out])), S.shape)
-    rest.sort_indices()
-    return rest
-
-
-def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray, there: Any = True) -> tuple[np.ndarray, np.ndarray]:
-    """For rows of the CSR matrices of some templates, where `there`: which, and places in the CSR, of all entries."""
+def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For rows of the CSR matrices of some templates: which, and places in the CSR, of all entries."""
     parts = []
     for k, m in enumerate(matrices):
-        of_kind = np.flatnonzero((kind == k) & there)
+        of_kind = np.flatnonzero(kind == k)
         which, at = _expand(m.indptr, rows[of_kind])
         parts.append(np.stack([of_kind[which], at]))
     entries = np.concatenate(parts, axis=1)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..meshfree.stabilisation import BulkDamping
+from ..meshfree.stabilisation import BulkDamping, Stabilisation
 from ..meshfree.terms import Terms
 from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
 from ..model.cortex import CortexForce
@@ -49,6 +49,7 @@ SURFACE_TERMS = (
 )
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
+            (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
             (Couple(), "double", "force", "couple_force", ()))
 
 # What the step calls at its stages, by the arguments that are there.

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from ..geometry import polygons
 from . import rkpm
 from .recovery import recovery
-from .stabilisation import stabilisation
+from .stabilisation import MISSED, laplacian
 
 STRIP = 3.0  # height [spacings] of the strips in which particles are numbered, so that neighbours are close in memory
 
@@ -32,7 +32,9 @@ class Template:
     after : (m,) int -- index in `surface` of the next particle on the loop.
     parts : dict of (k,) int -- by name of a part of the boundary, indices in `surface` where its segments begin.
     G : (n, n) complex CSR -- gradients ∂/∂X + i ∂/∂Y of the shape functions at the particles [1/µm].
-    S, E : (n, n) CSR -- viscous and elastic stabilisation [Pa µs], [Pa].
+    C : (n, n) CSR -- Laplacians at the particles, zero for linear fields [1/µm²].
+    bending_weight : (n,) -- dissipation of the stabilisation over |C v|² at rest [pN µs µm²].
+    bending_modulus : (n,) -- twice the energy of the elastic stabilisation over |C u|² [pN µm²].
     R : (n, n) CSR -- recovery of stress [-].
     spacing : float -- mean distance of particles h [µm].
     laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
@@ -46,8 +48,9 @@ class Template:
     after: np.ndarray
     parts: dict[str, np.ndarray]
     G: sparse.csr_matrix
-    S: sparse.csr_matrix
-    E: sparse.csr_matrix
+    C: sparse.csr_matrix
+    bending_weight: np.ndarray
+    bending_modulus: np.ndarray
     R: sparse.csr_matrix
     spacing: float
     laws: tuple
@@ -109,6 +112,16 @@ class Template:
         """
         a, b, c = self.bound.T
         return float((self.V * weight * (0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c**2))).max())
+
+    @cached_property
+    def S(self) -> sparse.csr_matrix:
+        """Viscous stabilisation at rest (n, n) CSR [Pa µs]: the forces are -S v, the dissipated power is v·S v."""
+        return (self.C.T @ sparse.diags(self.bending_weight) @ self.C).tocsr()
+
+    @cached_property
+    def E(self) -> sparse.csr_matrix:
+        """Elastic stabilisation (n, n) CSR [Pa]: the forces are -E u, the energy is u·E u/2."""
+        return (self.C.T @ sparse.diags(self.bending_modulus) @ self.C).tocsr()
 
     @cached_property
     def diffusion(self) -> float:
@@ -189,12 +202,14 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     body, inner = laws
     inner = inner if inner is not None else body
     viscosity = np.where(nucleus, inner.numerical_viscosity(spacing), body.numerical_viscosity(spacing))
-    S = stabilisation(X, V, edges, viscosity)
-    E = stabilisation(X, V, edges, np.where(nucleus, inner.numerical_modulus, body.numerical_modulus))
+    C, square = laplacian(X, edges)
+    missed = MISSED * V * square
+    modulus = np.where(nucleus, inner.numerical_modulus, body.numerical_modulus)
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G, support, nucleus)
     parts = {"surface": np.arange(len(surface)), **(layout.parts or {})}
-    return Template(X, V, nucleus, surface, after, parts, G, S, E, R, spacing, laws, bulk_viscosity * spacing * wave)
+    return Template(X, V, nucleus, surface, after, parts, G, C, missed * viscosity, missed * modulus, R, spacing, laws,
+                    bulk_viscosity * spacing * wave)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Stabilisation: damps modes that nodal integration does not see, and no velocity field that is linear in space."""
+"""Stabilisation: what nodal integration misses of short waves, by Laplacians that vanish for linear fields."""
 
 from __future__ import annotations
 
@@ -7,54 +7,75 @@ from scipy import sparse
 
 from ..model.plane_strain import PlaneStrain
 
+# Of the power μ V |∇v|² of shear waves, nodal integration with a support of 2.2 spacings misses this share of
+# μ V ℓ² |∇²v|², where ℓ² is the mean of the squared distances of neighbours: then waves of 4 spacings and more lose
+# within 0.5 % what they should (tests/meshfree/test_meshfree.py).
+MISSED = 0.3
 
-def stabilisation(X: np.ndarray, V: np.ndarray, edges: np.ndarray, viscosity: np.ndarray) -> sparse.csr_matrix:
-    r"""Symmetric positive semidefinite matrix S: the forces on the particles are -S v, the dissipated power is v·S v.
 
-    v·S v = Σ_I μs_I Σ_J κ_IJ |w_IJ|² with w_IJ = v_J - v_I - A_I (X_J - X_I) over the E_I edges of each particle I,
-    where κ_IJ = V_I / (E_I |X_J - X_I|²) and A_I is the gradient of the κ-weighted linear fit: linear fields, such as
-    rigid motions, are not resisted.  A modulus in place of μs gives elastic forces -E u with the energy u·E u/2.
+def laplacian(X: np.ndarray, edges: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+    r"""Laplacians at the particles, which vanish for linear fields, from neighbours alone.
+
+    Row I is 4/E_I Σ_J (f_J - f_I - g·(X_J - X_I)) / |X_J - X_I|² over the E_I edges of I, where g is the gradient of
+    the linear fit with the weights 1/|X_J - X_I|².
 
     Parameters
     ----------
     X : (n, 2) -- reference positions [µm].
-    V : (n,) -- volumes per unit thickness [µm²].
     edges : (m, 2) int -- neighbours, each pair once.
-    viscosity : (n,) -- μs [Pa µs], or a modulus [Pa].
 
     Returns
     -------
-    (n, n) CSR [Pa µs] or [Pa] -- rows sum to zero.
+    C : (n, n) CSR [1/µm²] -- rows sum to zero.
+    square : (n,) -- mean of the squared distances of the neighbours of each particle ℓ² [µm²].
 
-    Source: derived here, as a hourglass control (Flanagan & Belytschko 1981) on the edges of the particles.
+    Source: derived here, second differences along the edges less their linear fit.
     """
     n = len(X)
-    if not viscosity.any():
-        return sparse.csr_matrix((n, n))
-    I = np.concatenate([edges[:, 0], edges[:, 1]])
-    J = np.concatenate([edges[:, 1], edges[:, 0]])
-    order = np.lexsort((J, I))
-    I, J = I[order], J[order]
-    e = np.arange(len(I))
+    I, J = _both_ways(edges)
     d = X[J] - X[I]
-    weight = viscosity[I] * V[I] / (np.bincount(I, minlength=n)[I] * (d**2).sum(axis=1))
-
-    B = sparse.csr_matrix((np.tile([-1.0, 1.0], len(I)), (np.repeat(e, 2), np.column_stack([I, J]).ravel())))
-    A = np.zeros((n, 2, 2))
-    np.add.at(A, I, weight[:, None, None] * d[:, :, None] * d[:, None, :])
-    root = np.linalg.cholesky(A + 1e-300 * np.eye(2)) if (viscosity > 0).all() else _safe_root(A)
-    fit = np.linalg.solve(root[I], (weight[:, None] * d)[:, :, None])[:, :, 0]  # root⁻¹ κ d, where A = root rootᵀ
-    Y = [sparse.csr_matrix((fit[:, k], (I, e)), (n, len(I))) @ B for k in range(2)]
-    S = B.T @ sparse.diags(weight) @ B - Y[0].T @ Y[0] - Y[1].T @ Y[1]
-    S = 0.5 * (S + S.T)
-    S = (S - sparse.diags(S.diagonal())).tocsr()
-    return (S - sparse.diags(np.asarray(S.sum(axis=1)).ravel())).tocsr()
+    square = (d**2).sum(axis=1)
+    weight = 4.0 / (np.bincount(I, minlength=n)[I] * square)
+    M, first = np.zeros((n, 2, 2)), np.zeros((n, 2))
+    np.add.at(M, I, weight[:, None, None] * d[:, :, None] * d[:, None, :])
+    np.add.at(first, I, weight[:, None] * d)
+    fit = np.linalg.solve(M, first[:, :, None])[:, :, 0]
+    c, at = weight * (1.0 - (fit[I] * d).sum(axis=1)), np.arange(n)
+    values, row, column = (np.concatenate(a) for a in ((c, -np.bincount(I, c, n)), (I, at), (J, at)))
+    return sparse.csr_matrix((values, (row, column)), (n, n)), np.bincount(I, square, n) / np.bincount(I, minlength=n)
 
 
-def _safe_root(A: np.ndarray) -> np.ndarray:
-    """Cholesky factors (n, 2, 2) of A (n, 2, 2), the identity where A is zero: nothing is stabilised there."""
-    none = A[:, 0, 0] == 0.0
-    return np.linalg.cholesky(np.where(none[:, None, None], np.eye(2), A))
+def _both_ways(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second particle of each edge in both directions, (2 m,) int each, in order."""
+    I, J = np.concatenate([edges, edges[:, ::-1]]).T
+    order = np.lexsort((J, I))
+    return I[order], J[order]
+
+
+class Stabilisation(PlaneStrain):
+    """Viscosity against Laplacians of v; no field that is linear in the current positions x is resisted.
+
+    The power is weight |r|² / (F : F - J), with r = C v - Ḟ F⁻¹ C u, where C are the Laplacians of `laplacian`: r is
+    zero for v = A x + b, as C x = C u, so that forces have no torque.  Waves along a stretch λ have Laplacians λ² times
+    as large as those of x; the divisor, about λ², leaves λ², as the squared distances of neighbours have grown.
+    Source: derived here, as an hourglass control (Flanagan & Belytschko 1981) of second differences.
+    """
+
+    def stress(self, weight, F, Fdot, bend, bend_rate):
+        """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ, for Laplacians C u [1/µm] and C v [1/(µm µs)];
+        weight in pN µs µm².
+        """
+        (F00, F01), (F10, F11) = F
+        (R00, R01), (R10, R11) = Fdot
+        (c0, c1), (r0, r1) = bend, bend_rate
+        J = self.volume_ratio(F)
+        rJ = 1.0 / J
+        w0 = (F11 * c0 - F01 * c1) * rJ
+        w1 = (F00 * c1 - F10 * c0) * rJ
+        k = weight / (F00 * F00 + F01 * F01 + F10 * F10 + F11 * F11 - J)
+        q0 = k * (r0 - R00 * w0 - R01 * w1)
+        q1 = k * (r1 - R10 * w0 - R11 * w1)
+        return (q0, q1), ((-q0 * w0, -q0 * w1), (-q1 * w0, -q1 * w1))
 
 
 class BulkDamping(PlaneStrain):

@@ -22,9 +22,9 @@ class MooneyRivlin(PlaneStrain):
     C2: float = quantity("Pa", "second constant C2 of equation (8)", minimum=0)
     volumetric_modulus: float = quantity("Pa", "volumetric constant λ of equation (8), a quarter of the bulk modulus",
                                          above=0, formerly="lame")
-    stabilisation: float = quantity("", "viscosity of the stabilisation over ρ c h, with c = sqrt(G/ρ)", 0.15,
+    stabilisation: float = quantity("", "viscosity of the stabilisation over ρ c h, with c = sqrt(G/ρ)", 0.05,
                                     minimum=0)
-    hourglass_modulus: float = quantity("", "modulus of the stabilisation over G", 0.5, minimum=0,
+    hourglass_modulus: float = quantity("", "modulus of the stabilisation over G", 0.16, minimum=0,
                                         formerly="stiffening")
 
     energy_column = "elastic"

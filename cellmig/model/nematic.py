@@ -25,7 +25,8 @@ class Nematic(PlaneStrain):
     reduced_bulk_modulus: float = quantity("Pa", "bulk modulus that a run uses in place of k", above=0)
     eta: float = quantity("pN", "coupling coefficient η of director gradients", "0 pN", minimum=0)
     zeta: float = quantity("Pa", "activity ζ; > 0 extensile, < 0 contractile", "0 Pa")
-    stabilisation: float = quantity("", "viscosity of the stabilisation over μ", 4.0, minimum=0)
+    stabilisation: float = quantity("", "share that the stabilisation restores of the viscous loss which nodal "
+                                    "integration misses", 1.0, minimum=0)
 
     energy_column = "compression"
     shear_modulus = 0.0
@@ -37,7 +38,7 @@ class Nematic(PlaneStrain):
         return float(sqrt(self.reduced_bulk_modulus / self.density))
 
     def numerical_viscosity(self, spacing: float) -> float:
-        """Viscosity of the stabilisation [Pa µs], the same for any `spacing` [µm]; calibrated on shear waves."""
+        """Viscosity whose loss, as far as nodal integration misses it, is restored [Pa µs], for any `spacing` [µm]."""
         return self.stabilisation * self.viscosity
 
     def energy(self, F):

@@ -93,10 +93,9 @@ def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
 def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
     """What blocks remember of the last step, where the kernel has it."""
     terms, memory = m.terms, m.state.changing["step_memory"]
-    there = {"viscous": True, "bulk": terms.bulk_damped, "active": terms.active}
+    there = {"viscous": True, "bent": terms.stabilised, "bulk": terms.bulk_damped, "active": terms.active}
     found = {name: memory[name] for name, is_there in there.items() if is_there}
-    found |= {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if memory.dtype[name].itemsize}
-    return found | ({"stabilising": memory["stabilising"].transpose(0, 2, 1)} if terms.stabilised else {})
+    return found | {f"{name} of blocks": memory[name][:, None] for name in _ACCOUNTED if memory.dtype[name].itemsize}
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:

@@ -40,6 +40,7 @@ class State(GhostedField):
         Field("inverse_mass", "double *", "(n_rows,)", "µm/fg", "1/m"),
         Field("F", "double *", "(n_blocks, 4, 4)", "-", "deformation gradients: components by lanes"),
         Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
+        Field("bent", "double *", "(n_rows, 2)", "pN µm", "of stabilisation, from the first pass to the second"),
         Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
         Field("step_memory", "StepMemory *", "(n_blocks,)", "", "what the accounts of the next step need of this one"),
         # coefficients by stencil, which blocks with identical patterns share
@@ -48,12 +49,14 @@ class State(GhostedField):
         Field("bulk_damping", "double *", "(stencils, 4)", "Pa µs", "bulk viscosity of the numerical damping"),
         Field("first", "long *", "(stencils + 1,)", "", "groups of neighbours of each stencil"),
         Field("column", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
-        Field("gradient", "coefficient *", "(groups, 8 or 12)", "1/µm", "G, and S where it has the same pattern"),
+        Field("gradient", "coefficient *", "(groups, 8)", "1/µm", "G"),
         Field("adjoint", "coefficient *", "(groups, 8)", "1/µm", "-Gᵀ"),
-        *(field for name, unit, doc in (("outer", "Pa µs", "S elsewhere"), ("stiff", "Pa", "elastic stabilisation"))
-          for field in (Field(f"first_{name}", "long *", "(stencils + 1,)", "", f"groups of `{name}`"),
-                        Field(f"column_{name}", "uint32_t *", "(groups, 4)", "", f"neighbours in `{name}`"),
-                        Field(name, "coefficient *", "(groups, 4)", unit, doc))),
+        Field("first_laplacian", "long *", "(stencils + 1,)", "", "groups of the next three"),
+        Field("column_laplacian", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
+        Field("laplacian", "coefficient *", "(groups, 4)", "1/µm²", "C"),
+        Field("bending", "coefficient *", "(groups, 4)", "1/µm²", "-Cᵀ"),
+        Field("bending_weight", "double *", "(stencils, 4)", "pN µs µm²", "of the viscous stabilisation"),
+        Field("bending_modulus", "double *", "(stencils, 4)", "pN µm²", "of the elastic stabilisation"),
         # step control
         Field("least_gap", "double *", "(1,)", "µm", "least gap to the substrate"),
         Field("J_range", "double *", "(2, 4)", "-", "least and largest J, by lanes"),
@@ -94,6 +97,7 @@ class State(GhostedField):
         k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
+        k["bent"] = np.zeros((part.capacity, 2))
         k["force"] = np.zeros((part.capacity, 2))
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
         for name in ("bound", "viscous_weight", "elastic_weight"):

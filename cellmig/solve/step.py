@@ -102,7 +102,8 @@ class StepControl:
         """
         viscous = limits["viscous"] / self._viscous0 if limits and self._viscous0 else 1.0
         elastic = limits["elastic"] / self._elastic0 if limits else 1.0
-        c = self.stabilisation + self.viscous * viscous
+        softest = limits["J_min"] if limits else 1.0  # F : F - J is at least J
+        c = self.stabilisation / softest + self.viscous * viscous
         steps = {"viscosity": _root(c, 0.0), "sound": _root(c, self.elastic * elastic)}
         contact = max(sides * law.stiffness(gap) if law else 0.0
                       for (law, sides), gap in zip(self._contacts, self.typical if gaps is None else gaps, strict=True))

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from ..case.pointwise import pointwise
 from ..kernel.kernel import assemble
 from ..kernel.layout import csr_rows
-from ..meshfree.stabilisation import BulkDamping
+from ..meshfree.stabilisation import BulkDamping, Stabilisation
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
@@ -29,7 +29,7 @@ class Stiffness:
     """
 
     def __init__(self, mechanics: Mechanics):
-        """Compute the pattern of the matrix and the stabilisation."""
+        """Compute the pattern of the matrix."""
         self.mechanics = m = mechanics
         base, scene, n = m.part.numbering, m.scene, m.n_owned
         self._column = m.part.in_petsc[base.ids]
@@ -40,20 +40,24 @@ class Stiffness:
         self._row = np.repeat(np.arange(base.n_rows), np.diff(self._G.indptr))
         left = sparse.coo_matrix((np.flatnonzero(owned), (self._G.indices[owned] - self.start, self._row[owned])),
                                  (n, base.n_rows)).tocsr()
-        parts = {"elastic": ("E", m.terms.stiffened), "viscous": ("S", m.terms.stabilised)}
-        scalars = {name: self._wide([getattr(t, matrix) for t in scene.templates], n)
-                   for name, (matrix, there) in parts.items() if there}
-        self.pattern = _pattern(left, left.shape) @ _pattern(self._G, self._G.shape)
-        self.pattern = sum((_pattern(s, s.shape) for s in scalars.values()), self.pattern).tocsr()
+        self.pattern = (_pattern(left, left.shape) @ _pattern(self._G, self._G.shape)).tocsr()
         self.pattern.sort_indices()
-        places = _places(self.pattern)
-        self._scalars = {name: (np.searchsorted(places, _places(s)), s.data) for name, s in scalars.items()}
-        self.diagonal = np.searchsorted(places, np.arange(n) * (scene.size + 1) + self.start)
+        self.diagonal = np.searchsorted(_places(self.pattern), np.arange(n) * (scene.size + 1) + self.start)
+        columns = [self._G.data.real, self._G.data.imag]
+        self._laplacian = None
+        if m.terms.stabilised or m.terms.stiffened:
+            C = [t.C for t in scene.templates]
+            wide, bending = self._wide(C, base.n_rows), np.zeros(self._G.nnz)
+            bending[np.searchsorted(_places(self._G), _places(wide))] = wide.data
+            columns.append(bending)
+            self._laplacian = csr_rows(scene, base, C, base.n_rows, len(base.ids))
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
-        self._lists = *(a.astype(np.int64) for a in lists), np.column_stack([self._G.data.real, self._G.data.imag])
+        self._lists = len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
         self._volume = scene.field("V")[m.part.row_ids]
         self._damping = scene.field("damping")[m.part.row_ids] if m.terms.bulk_damped else None
+        self._bending = [there * scene.field(f"bending_{kind}")[m.part.row_ids]
+                         for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
         self._material = scene.material[m.part.row_ids]
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
@@ -65,7 +69,10 @@ class Stiffness:
         return wide
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
-        """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (2, 2, 2, 2, n_rows) [pN] of the rows."""
+        """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (2, d, 2, d, n_rows) [pN] of the rows.
+
+        With stabilisation d is 3 instead of 2: the third columns of F and P are C u and its conjugate.
+        """
         m, terms = self.mechanics, self.mechanics.terms
         F, rate = m.state.tensors()
         given = {"F": F, "Fdot": rate, **m.director_fields()}
@@ -81,18 +88,28 @@ class Stiffness:
                                            local, by_u, by_v)
         if self._damping is not None:
             A += _of_both(lambda F, Fdot: BulkDamping().stress(self._damping, F, Fdot)[0], given, by_u, by_v)
-        return self._volume * A
+        A *= self._volume
+        if self._laplacian is None:
+            return A
+        bend = (self._laplacian @ m.state.memory[: self._laplacian.shape[1]]).T
+        wider = _of_both(self._bent, {name: np.concatenate([a, b[:, None]], axis=1) for name, a, b in (
+            ("F", F, bend[:2]), ("Fdot", rate, bend[2:]))}, by_u, by_v)
+        wider[:, :2, :, :2] += A
+        return wider
+
+    def _bent(self, F: Any, Fdot: Any) -> tuple:
+        """Stress of the stabilisations with its conjugate to C u as a third column, for such F and Ḟ."""
+        weight, modulus = self._bending
+        q, P = Stabilisation().stress(weight, *([row[:2] for row in a] for a in (F, Fdot)),
+                                      *([row[2] for row in a] for a in (F, Fdot)))
+        return tuple((*p, b + modulus * row[2]) for p, b, row in zip(P, q, F, strict=True))
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
         """The part [Pa] of stresses and stabilisations."""
-        A = np.ascontiguousarray(self.moduli(by_u, by_v).reshape(16, -1).T)
+        A = np.ascontiguousarray(self.moduli(by_u, by_v).reshape(4 * self._lists[0] ** 2, -1).T)
         blocks = np.zeros((self.pattern.nnz, 2, 2))
         assemble(self.mechanics.n_owned, *self._lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
                  blocks)
-        for name, factor in (("elastic", by_u), ("viscous", by_v)):
-            if name in self._scalars:
-                place, values = self._scalars[name]
-                blocks[place] += factor * values[:, None, None] * np.eye(2)
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
     def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:

@@ -47,7 +47,7 @@ class Subdomain:
         touched = np.flatnonzero(mine | mine[s.after] | mine[s.before])
         around = np.concatenate([touched, s.after[touched], s.before[touched], pushed])
         numbering = number(scene, np.flatnonzero(owner == comm.rank), s.ids[around])
-        return cls(comm, scene, terms, s, owner, pushed, numbering, make_blocks(scene, numbering, terms))
+        return cls(comm, scene, terms, s, owner, pushed, numbering, make_blocks(scene, numbering))
 
     @property
     def n_owned(self) -> int:

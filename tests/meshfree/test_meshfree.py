@@ -202,7 +202,7 @@ def test_stabilisation_is_symmetric_positive_and_blind_to_linear_fields(count: i
     t = cell(count)
     S = t.S.toarray()
     values = np.linalg.eigvalsh(S)
-    assert np.array_equal(S, S.T)
+    assert np.abs(S - S.T).max() < 1e-14 * S.max()  # measured 2e-16
     assert values[0] > -1e-13 * values[-1]  # measured -5e-16
     assert (values < 1e-8 * values[-1]).sum() == 3  # the linear fields and nothing else; the next measured 1e-4
     assert np.abs(S @ np.column_stack([np.ones(count), t.X])).max() < 1e-13 * RADIUS * S.max()  # measured 2e-16
@@ -217,10 +217,10 @@ def dissipation(t: Template, v: np.ndarray) -> tuple[float, float]:
 
 
 # Total over exact, measured on a disc with 3000 particles at 4.5, 6, 8, 12, 20 spacings (stabilisation's share):
-# 1.12 (0.65), 1.08 (0.42), 1.05 (0.25), 1.02 (0.12), 1.01 (0.05).  A support of 3 spacings sees less of short waves:
-# 0.89, 0.88, 0.90, 0.95, 0.98.
+# 1.005 (0.53), 1.004 (0.34), 1.002 (0.21), 1.001 (0.10), 1.000 (0.04); 0.97 (0.80) at 3 and 0.90 at 2.5.  A support of
+# 3 spacings sees less of short waves: 0.78, 0.80, 0.86, 0.92, 0.97.
 @pytest.mark.parametrize("wavelength", [4.5, 6.0, 8.0, 12.0, 20.0])
-@pytest.mark.parametrize(("dilation", "low", "high"), [(2.2, 0.95, 1.15), (3.0, 0.87, 1.0)])
+@pytest.mark.parametrize(("dilation", "low", "high"), [(2.2, 0.995, 1.01), (3.0, 0.75, 1.0)])
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 def test_shear_waves_lose_what_they_should(wavelength: float, dilation: float, low: float, high: float,
                                            angle: float) -> None:
@@ -238,7 +238,7 @@ def test_zigzag_that_the_gradient_hardly_sees_is_damped() -> None:
     t = cell(1485, nucleus=False)
     v = np.random.default_rng(3).choice([-1.0, 1.0], (1485, 2))
     stress, stabilisation = dissipation(t, v)
-    assert stabilisation > 2.0 * stress  # measured 7.6
+    assert stabilisation > 2.0 * stress  # measured 6.4
 
 
 def test_a_particle_that_left_its_cell_is_noticed() -> None:

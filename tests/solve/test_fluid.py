@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import built, case, everywhere, set_motion
+from scipy import sparse
 
 from mpi4py import MPI
 
@@ -16,7 +17,7 @@ from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.meshfree import rkpm
 from cellmig.meshfree.body import Template
-from cellmig.meshfree.stabilisation import stabilisation
+from cellmig.meshfree.stabilisation import MISSED, laplacian
 from cellmig.output.manifest import read_manifest
 from cellmig.runs.info import info
 from cellmig.runs.run import Run
@@ -153,8 +154,8 @@ def test_slow_shear_to_500_percent_meets_the_viscous_stress_and_nothing_else() -
     elastic = 2.0 * stress - sheared(2.0 * SLOW, MPI.COMM_SELF)[0]  # what twice the rate does not double
     assert np.abs(elastic).max() < 0.5  # Pa; measured 0.037 at 100 %, of the noise, and 0.004 from 200 % on
     assert np.abs(area - 1.0).max() < 1e-12  # measured 4e-16
-    assert np.abs(lost - 1.0).max() < 0.02  # measured 0.0064, of the noise at the start
-    assert left < 0.01  # of the noise of 0.2 and more; measured 0.002
+    assert np.abs(lost - 1.0).max() < 0.05  # measured 0.037, all of the noise at the start
+    assert left < 0.01  # of the noise of 0.2 and more; measured 0.003
 
 
 def test_shear_to_500_percent_has_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm) -> None:
@@ -174,26 +175,26 @@ def cylinders() -> dict[float, dict[str, float]]:
     found = {}
     with built(drop(1000), MPI.COMM_SELF) as sim:
         flow, turn, exact = between_cylinders(sim)
-        for angle in (0.2, 0.6, 1.2, 2.0):
+        for angle in (0.2, 0.6, 1.45, 2.0):
             flow.go(angle / turn)
             found[angle] = {"torque": torque(flow) / exact, **flow.look()}
     return found
 
 
-# The torque starts 9 % too high (4 % with 3,000 particles): the layer at the cylinder is 3 spacings thick.
+# The torque starts 7 % too high: the layer at the cylinder is 3 spacings thick.
 @pytest.mark.serial
 def test_shear_flow_between_cylinders_is_resisted_as_it_should_up_to_the_limit(cylinders: dict) -> None:
-    start, limit = cylinders[0.2], cylinders[0.6]
-    assert abs(start["torque"] - 1.1) < 0.02  # measured 1.100, at 47 % of shear
-    assert limit["stretch"] == pytest.approx(STRETCH_LIMIT, abs=0.05)  # measured 1.63, at 140 % of shear
-    assert abs(limit["torque"] / start["torque"] - 1.0) < 0.05  # measured 0.036
+    start, limit = cylinders[0.2], cylinders[1.45]
+    assert abs(start["torque"] - 1.07) < 0.02  # measured 1.070, at 47 % of shear
+    assert abs(cylinders[0.6]["torque"] - 1.052) < 0.02  # measured 1.052, at 140 % of shear, stretched 1.67-fold
+    assert limit["stretch"] == pytest.approx(STRETCH_LIMIT, abs=0.05)  # measured 2.985, at 340 % of shear
+    assert abs(limit["torque"] / start["torque"] - 1.0) < 0.05  # measured 0.048
 
 
 @pytest.mark.serial
-def test_beyond_the_limit_the_stabilisation_thickens_the_fluid(cylinders: dict) -> None:
-    """What the warning is about; with 3,000 particles 1.20 and 1.47, neither ledger nor shapes tell."""
-    assert cylinders[1.2]["torque"] == pytest.approx(1.362, abs=0.03)  # 280 % of shear, stretched 2.45-fold
-    assert cylinders[2.0]["torque"] == pytest.approx(2.05, abs=0.1)  # 470 %, 3.65-fold
+def test_beyond_the_limit_the_fluid_thickens(cylinders: dict) -> None:
+    """What the warning is about; neither ledger nor shapes tell."""
+    assert cylinders[2.0]["torque"] == pytest.approx(1.218, abs=0.03)  # 470 % of shear, stretched 3.9-fold
 
 
 @pytest.mark.serial
@@ -202,11 +203,11 @@ def test_a_shear_flow_that_stops_leaves_no_elastic_stress() -> None:
         flow, turn, _ = between_cylinders(sim)
         surface = 2.0 * np.pi * INNER**2
         flow.go(0.6 / turn)
-        assert torque(flow) / surface > 100.0  # Pa; measured 108
+        assert torque(flow) / surface > 95.0  # Pa; measured 99.4
         x = flow.where(flow.X, flow.time)
         flow.where = lambda X, t: x
         flow.go(flow.time + 6.0)  # the momentum needs 1 µs
-        assert abs(torque(flow)) / surface < 2.0  # Pa; measured 0.83 at the limit, which creeps away
+        assert abs(torque(flow)) / surface < 2.0  # Pa; measured 0.82, which creeps away
 
 
 @pytest.mark.serial
@@ -215,7 +216,7 @@ def test_pressure_has_little_checkerboard_and_what_is_shown_has_less(cylinders: 
     bulk = drop(7).materials["cytoplasm"].reduced_bulk_modulus
     raw, recovered = (max(q[name] for q in cylinders.values()) for name in ("raw", "recovered"))
     assert raw < 1e-4 * bulk  # measured 380 Pa, of 5 MPa: density 8e-5
-    assert recovered < 200.0  # Pa; measured 174 at 470 % of shear, 40 at the limit
+    assert recovered < 200.0  # Pa; measured 168 at 470 % of shear, 100 at the limit, 31 at 140 %
     assert cylinders[0.6]["recovered"] < 60.0
 
 
@@ -251,7 +252,8 @@ def anew(t: Template, x: np.ndarray) -> tuple:
     V, edges = rkpm.dual_cells(x, t.segments)
     support = rkpm.supports(x, edges, 2.2 * t.spacing)
     G = rkpm.consistent(rkpm.gradients(x, support, t.segments), x, V, support, t.segments)
-    return V, G, stabilisation(x, V, edges, np.full(len(x), t.laws[0].numerical_viscosity(t.spacing)))
+    C, square = laplacian(x, edges)
+    return V, G, C.T @ sparse.diags(MISSED * t.laws[0].numerical_viscosity(t.spacing) * V * square) @ C
 
 
 def lost_anew(t: Template, V: np.ndarray, G: Any, S: Any, v: np.ndarray) -> float:
@@ -264,26 +266,27 @@ def lost_anew(t: Template, V: np.ndarray, G: Any, S: Any, v: np.ndarray) -> floa
 
 # In a body of 1,485 particles, which is 43 spacings wide, mean over the directions, least and most:
 #   stretch    waves of 6 spacings     12 spacings             24 spacings             24, renewed
-#   1          1.09 (1.08 to 1.09)     1.03 (1.02 to 1.03)     1.006 (1.01 to 1.01)    1.006
-#   1.60       1.53 (0.93 to 2.42)     1.18 (0.98 to 1.51)     1.050 (0.99 to 1.14)    1.010
-#   2.41       3.18 (0.93 to 5.94)     2.10 (0.98 to 3.82)     1.325 (1.00 to 1.86)    1.013
-#   5.19       14.8 (0.95 to 33.3)     14.4 (0.99 to 30.4)     8.01 (1.00 to 18.9)     1.018
+#   1          1.005 (1.00 to 1.01)    1.001 (1.00 to 1.00)    1.000 (1.00 to 1.00)    1.000
+#   1.60       0.975 (0.84 to 1.22)    0.997 (0.95 to 1.08)    1.000 (0.99 to 1.02)    1.003
+#   2.41       0.899 (0.69 to 1.18)    0.990 (0.90 to 1.14)    0.998 (0.97 to 1.04)    1.008
+#   3.30       1.049 (0.55 to 1.91)    1.057 (0.84 to 1.45)    1.025 (0.96 to 1.16)    1.006
+#   5.19       10.21 (0.47 to 28.8)    2.304 (0.81 to 5.20)    1.554 (0.94 to 2.77)    1.011
 @pytest.mark.serial
-@pytest.mark.parametrize(("shear", "mean"), [(0.0, 1.006), (0.975, 1.050), (2.0, 1.325), (5.0, 8.0)])
+@pytest.mark.parametrize(("shear", "mean"), [(0.0, 1.000), (0.975, 1.000), (2.0, 0.998), (3.0, 1.025), (5.0, 1.554)])
 def test_a_stretched_fluid_loses_in_long_waves_what_it_should_up_to_the_limit(shear: float, mean: float) -> None:
     with built(drop(1485), MPI.COMM_SELF) as sim:
         fixed, renewed = losses(sim, shear, 24.0), losses(sim, shear, 24.0, True)
     assert fixed.mean() == pytest.approx(mean, rel=0.01)
-    assert fixed.min() > 0.98  # measured 0.995: no direction flows too easily
-    assert abs(renewed.mean() - 1.0) < 0.03  # measured 0.018 at most: it is the reference, not the strain
+    assert fixed.min() > 0.93  # measured 0.94 at the end, 0.97 up to 2.4: no direction flows too easily
+    assert abs(renewed.mean() - 1.0) < 0.03  # measured 0.011 at most: it is the reference, not the strain
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize(("wavelength", "most"), [(6.0, 1.09), (12.0, 1.03), (24.0, 1.01)])
+@pytest.mark.parametrize(("wavelength", "most"), [(6.0, 0.01), (12.0, 0.003), (24.0, 0.001)])
 def test_a_fluid_at_rest_loses_in_waves_what_it_should(wavelength: float, most: float) -> None:
     with built(drop(1485), MPI.COMM_SELF) as sim:
         lost = losses(sim, 0.0, wavelength)
-    assert lost.min() > 1.0 and lost.max() < most  # measured 1.083 to 1.088, 1.024 to 1.026, 1.006 to 1.007
+    assert np.abs(lost - 1.0).max() < most  # measured 0.0075, 0.0014, 0.0004
 
 
 # ------------------------------------------------------------------------------------------- squeezed flat and released

@@ -4,8 +4,8 @@
 void deformation(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 h[1][4], stab[1][2];
-        gather(s, block_at(s, b), 1, s->state, h, stab);
+        v4 h[1][4];
+        gather(s, block_at(s, b), 1, s->state, h);
         h[0][0] += 1.0;
         h[0][3] += 1.0;
         for (int c = 0; c < 4; c++) store(s->F + 16 * b + 4 * c, h[0][c]);
@@ -16,8 +16,8 @@ void deformation(const KernelData *s)
 void velocity_gradient(const KernelData *s, double *out)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 r[1][4], stab[1][2];
-        gather(s, block_at(s, b), 1, s->state + D, r, stab);
+        v4 r[1][4];
+        gather(s, block_at(s, b), 1, s->state + D, r);
         for (int c = 0; c < 4; c++) store(out + 16 * b + 4 * c, r[0][c]);
     }
 }

@@ -33,15 +33,14 @@ void limits(const KernelData *s, double out[5])
     out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed;
 }
 
-/* Energies ½ u·E u of the elastic stabilisation, by rows. */
+/* Energies of the elastic stabilisation, ½ modulus |C u|², by rows. */
 void stiffness_energy(const KernelData *s, double *out)
 {
     for (const Block *block = block_at(s, 0), *end = block + s->n_owned_blocks; block < end; block++) {
-        v4 st[1][2] = {{{0}}};
-        gather_scalar(s->first_stiff, s->column_stiff, s->stiff, block, 1, s->state, st);
-        for (int i = 0; i < block->lanes; i++) {
-            const double *u = s->state + 2 * D * (long)(block->row + i);
-            out[block->row + i] = 0.5 * (u[0] * st[0][i / 2][2 * (i % 2)] + u[1] * st[0][i / 2][2 * (i % 2) + 1]);
-        }
+        v4 bend[1][4];
+        gather_laplacians(s, block, 1, bend);
+        const v4 modulus = load(s->bending_modulus + 4L * block->stencil);
+        const v4 energy = 0.5 * modulus * (bend[0][0] * bend[0][0] + bend[0][1] * bend[0][1]);
+        for (int i = 0; i < block->lanes; i++) out[block->row + i] = energy[i];
     }
 }

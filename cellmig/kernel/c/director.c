@@ -13,7 +13,7 @@ void director_field(const KernelData *s)
             const double own = s->director[2L * (block.row + i)];
             double g[D] = {0, 0};
             for (long k = s->first[block.stencil]; k < s->first[block.stencil + 1]; k++) {
-                const coefficient *a = s->gradient + GRADIENT_WIDTH * k + 4 * (i / 2) + i % 2;
+                const coefficient *a = s->gradient + 8 * k + 4 * (i / 2) + i % 2;
                 const double d = wrapped(angle[s->column[4 * k + i] / 2] - own);
                 for (int c = 0; c < D; c++) g[c] += a[2 * c] * d;
             }

@@ -5,7 +5,8 @@
 INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
 {
     const Block *block = block_at(s, b);
-    v4 acc[MOST][4] = {{{0}}};
+    v4 acc[MOST][4] = {{{0}}}, bent[MOST][2] = {{{0}}};
+    if (STABILISED || STIFFENED) gather_bent(s, block, n, bent);
     for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
         const coefficient *h = s->adjoint + 8 * k;
         __builtin_prefetch(h + AHEAD * 8);
@@ -19,14 +20,13 @@ INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
             acc[m][3] = fma4(load(Q + c[3]), odd_of(h + 4), acc[m][3]);
         }
     }
-    for (int m = 0; m < n; m++) {
-        const StepMemory *memory = s->step_memory + b + m;
+    for (int m = 0; m < n; m++)
         for (int i = 0; i < 2; i++) {
             const v4 low = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 0, 1, 4, 5);
             const v4 high = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 2, 3, 6, 7);
-            f[m][i] = (low + high) - load(memory->stabilising + 4 * i);
-            if (STIFFENED) f[m][i] -= load(memory->elastic + 4 * i);
+            f[m][i] = bent[m][i] + (low + high);
         }
+    for (int m = 0; m < n; m++) {
         if (!block[m].loaded) continue;
         double outside[8] = {0}, *force = s->force + D * (long)block[m].row;
         const size_t size = sizeof(double) * D * (size_t)block->lanes;

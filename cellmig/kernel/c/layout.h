@@ -6,7 +6,6 @@
  */
 
 enum { TANGENT, NORMAL };                     /* axes: along the substrate, as the push, and away from it */
-enum { GRADIENT_WIDTH = 8 + 4 * STABILISED }; /* gradients and entries of S for four neighbours */
 
 /* Rows row … row + lanes - 1; the local numbers of their neighbours are those of the stencil plus `shift`; whether
  * other forces than those of stresses act on them. */

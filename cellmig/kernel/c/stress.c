@@ -6,15 +6,6 @@ static inline v4 power(const v4 P[D][D], const v4 R[D][D])
     return fma4(P[0][0], R[0][0], P[0][1] * R[0][1]) + fma4(P[1][0], R[1][0], P[1][1] * R[1][1]);
 }
 
-/* Power of forces on the four particles from `row` on, rows (0 1), (2 3). */
-static inline v4 power_of_forces(const KernelData *s, long row, const v4 f[2])
-{
-    const double *v = s->state + 2 * D * row + D;
-    const v4 low = f[0] * halves(twice(v), twice(v + 4)), high = f[1] * halves(twice(v + 8), twice(v + 12));
-    const v4 x = SHUFFLE(low, high, 0, 2, 4, 6), y = SHUFFLE(low, high, 1, 3, 5, 7);
-    return x + y;
-}
-
 /* ½ (Δtₙ Pₙ + Δtₙ₊₁ Pₙ₊₁) : Ḟ, the trapezoidal work of a stress that depends on the rate; Pₙ₊₁ is remembered. */
 static inline v4 work_of_stress(float *memory, const v4 P[D][D], const v4 R[D][D], double accounted_dt, double dt)
 {
@@ -26,24 +17,28 @@ static inline v4 work_of_stress(float *memory, const v4 P[D][D], const v4 R[D][D
     return power(mean, R);
 }
 
-/* The same of forces, ½ (Δtₙ fₙ + Δtₙ₊₁ fₙ₊₁) · v. */
-static inline v4 work_of_forces(const KernelData *s, long row, double *memory, const v4 f[2], double accounted_dt,
-                                double dt)
+/* The same of the stress that is conjugate to the Laplacian of v. */
+static inline v4 work_of_bending(float *memory, const v4 q[D], const v4 rate[D], double accounted_dt, double dt)
 {
-    v4 mean[2];
-    for (int i = 0; i < 2; i++) {
-        mean[i] = fma4(splat(0.5 * accounted_dt), load(memory + 4 * i), 0.5 * dt * f[i]);
-        store(memory + 4 * i, f[i]);
+    v4 work = {0};
+    for (int i = 0; i < D; i++) {
+        work += fma4(splat(0.5 * accounted_dt), load_single(memory + 4 * i), 0.5 * dt * q[i]) * rate[i];
+        store_single(memory + 4 * i, q[i]);
     }
-    return power_of_forces(s, row, mean);
+    return work;
 }
 
 static inline void add(double *account, v4 amount) { store(account, load(account) + amount); }
 
-/* P += V A. */
-static inline void add_scaled(v4 P[D][D], v4 A[D][D], v4 V)
+/* P += A. */
+static inline void add_stress(v4 P[D][D], v4 A[D][D])
 {
-    for (int i = 0; i < 4; i++) P[i / 2][i % 2] += A[i / 2][i % 2] *= V;
+    for (int i = 0; i < 4; i++) P[i / 2][i % 2] += A[i / 2][i % 2];
+}
+
+static inline void scale(v4 A[D][D], v4 V)
+{
+    for (int i = 0; i < 4; i++) A[i / 2][i % 2] *= V;
 }
 
 /* V P of what stores energy: the material, and the gradient of the director. */
@@ -55,20 +50,44 @@ INLINED void elastic(const KernelData *s, long b, const int material, const v4 F
         const v4 g[D] = {load(gradient), load(gradient + 4)};
         v4 T[D][D];
         director_stress(s, material, F, g, T);
-        for (int i = 0; i < 4; i++) P[i / 2][i % 2] += T[i / 2][i % 2];
+        add_stress(P, T);
     }
-    for (int i = 0; i < 4; i++) P[i / 2][i % 2] *= V;
+    scale(P, V);
 }
 
-/* Adds the viscous stress; what it dissipates is lost. */
-INLINED void viscous(const KernelData *s, StepMemory *memory, const int material, const v4 F[D][D], const v4 R[D][D],
-                     v4 V, double accounted_dt, double dt, v4 P[D][D])
+/* What resists Laplacians (C u, C v): the rows of s->bent that the block has. */
+static inline void store_bent(const KernelData *s, const Block *block, const v4 q[D])
 {
-    if (!has_viscous_stress(material)) return;
-    v4 W[D][D];
-    viscous_stress(s, material, F, R, W);
-    add_scaled(P, W, V);
-    add(memory->viscous_loss, work_of_stress(memory->viscous, W, R, accounted_dt, dt));
+    const v4 rows[2] = {SHUFFLE(q[0], q[1], 0, 4, 1, 5), SHUFFLE(q[0], q[1], 2, 6, 3, 7)};
+    double *bent = s->bent + D * (long)block->row;
+    if (block->lanes == 4)
+        for (int i = 0; i < 2; i++) store(bent + 4 * i, rows[i]);
+    else
+        memcpy(bent, rows, sizeof(double) * D * (size_t)block->lanes);
+}
+
+/* Adds the viscous stress and that of the stabilisation, with the Laplacians (C u, C v).  What they dissipate is the
+ * viscous loss of a viscous material: the stabilisation restores what nodal integration misses of it. */
+INLINED void viscous(const KernelData *s, const Block *block, StepMemory *memory, const int material,
+                     const v4 F[D][D], const v4 R[D][D], const v4 bend[4], v4 V, double accounted_dt, double dt,
+                     v4 P[D][D], v4 bent[D])
+{
+    if (!STABILISED && !has_viscous_stress(material)) return;
+    v4 W[D][D] = {{{0}}}, work = {0};
+    if (has_viscous_stress(material)) {
+        viscous_stress(s, material, F, R, W);
+        scale(W, V);
+    }
+    if (STABILISED) {
+        v4 q[D], T[D][D];
+        stabilisation_stress(0, load(s->bending_weight + 4L * block->stencil), F, R, bend, bend + D, q, T);
+        add_stress(W, T);
+        for (int i = 0; i < D; i++) bent[i] += q[i];
+        work = work_of_bending(memory->bent, q, bend + D, accounted_dt, dt);
+    }
+    add_stress(P, W);
+    work += work_of_stress(memory->viscous, W, R, accounted_dt, dt);
+    add(has_viscous_stress(material) ? memory->viscous_loss : memory->artificial_dissipation, work);
 }
 
 /* Adds the active stress along the director; its work comes from outside. */
@@ -80,7 +99,8 @@ INLINED void active(const KernelData *s, long b, StepMemory *memory, const int m
     const v4 h[D] = {load(axis), load(axis + 4)};
     v4 A[D][D];
     active_stress(s, material, F, h, A);
-    add_scaled(P, A, V);
+    scale(A, V);
+    add_stress(P, A);
     add(memory->external_work, -work_of_stress(memory->active, A, R, accounted_dt, dt));
 }
 
@@ -90,7 +110,7 @@ static inline v4 bulk_damping(StepMemory *memory, v4 viscosity, const v4 F[D][D]
 {
     v4 damping[D][D], q, rate;
     bulk_damping_stress(0, viscosity, F, R, damping, &q, &rate);
-    for (int i = 0; i < 4; i++) P[i / 2][i % 2] += damping[i / 2][i % 2];
+    add_stress(P, damping);
     const v4 work = (0.5 * accounted_dt * load_single(memory->bulk) + 0.5 * dt * q) * rate;
     store_single(memory->bulk, q);
     return work;
@@ -111,22 +131,23 @@ static inline void store_stress(const KernelData *s, const Block *block, const v
 
 /* Stress of block b, of this material, from F and Ḟ (lanes 00 10 01 11); work over the steps is accounted. */
 INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[4], const v4 r[4],
-                             const v4 stab[2], double accounted_dt, double dt)
+                             const v4 bend[4], double accounted_dt, double dt)
 {
     const Block *block = block_at(s, b);
     const v4 F[D][D] = {{f[0], f[2]}, {f[1], f[3]}}, R[D][D] = {{r[0], r[2]}, {r[1], r[3]}};
     const v4 V = load(s->volume + 4L * block->stencil);
     StepMemory *memory = s->step_memory + b;
-    v4 P[D][D], lost = {0};
+    v4 P[D][D], bent[D] = {{0}};
     elastic(s, b, material, F, V, P);
-    viscous(s, memory, material, F, R, V, accounted_dt, dt, P);
+    if (STIFFENED)
+        for (int i = 0; i < D; i++) bent[i] = load(s->bending_modulus + 4L * block->stencil) * bend[i];
+    viscous(s, block, memory, material, F, R, bend, V, accounted_dt, dt, P, bent);
+    if (STABILISED || STIFFENED) store_bent(s, block, bent);
     active(s, b, memory, material, F, R, V, accounted_dt, dt, P);
     if (BULK_DAMPED) {
         const v4 viscosity = V * load(s->bulk_damping + 4L * block->stencil);
-        lost = bulk_damping(memory, viscosity, F, R, accounted_dt, dt, P);
+        add(memory->artificial_dissipation, bulk_damping(memory, viscosity, F, R, accounted_dt, dt, P));
     }
-    if (STABILISED) lost += work_of_forces(s, block->row, memory->stabilising, stab, accounted_dt, dt);
-    if (BULK_DAMPED || STABILISED) add(memory->artificial_dissipation, lost);
     store_stress(s, block, P);
 }
 
@@ -135,13 +156,9 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
                               v4 range[2])
 {
     const Block *block = block_at(s, b);
-    v4 r[MOST][4], stab[MOST][2], stiff[MOST][2] = {{{0}}};
-    gather(s, block, n, s->state + D, r, stab);
-    if (STIFFENED) {
-        gather_scalar(s->first_stiff, s->column_stiff, s->stiff, block, n, s->state, stiff);
-        for (int m = 0; m < n; m++)
-            for (int i = 0; i < 2; i++) store(s->step_memory[b + m].elastic + 4 * i, stiff[m][i]);
-    }
+    v4 r[MOST][4], bend[MOST][4];
+    gather(s, block, n, s->state + D, r);
+    if (STABILISED || STIFFENED) gather_laplacians(s, block, n, bend);
     for (int m = 0; m < n; m++) {
         v4 f[4];
         for (int c = 0; c < 4; c++) {
@@ -151,7 +168,7 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
         }
         extend_range(f, block[m].lanes, range);
         switch (block->material) {
-#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], stab[m], accounted_dt, dt); break;
+#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], bend[m], accounted_dt, dt); break;
             EACH_MATERIAL(CASE)
         }
     }

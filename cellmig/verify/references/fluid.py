@@ -63,7 +63,7 @@ def inviscid_drop(count: int) -> Measured:
     2.0e-4, 1.3e-4 and 9.1e-5 R along x in the root mean square at 1,000, 2,500, 5,000, 10,000 and 20,000 particles:
     orders 1.1, 1.7, 1.2 and 1.0, and 6 and 12 lobes are the largest in it.
     """
-    thin = ('materials.cytoplasm.viscosity="1e-8 Pa s"', "materials.cytoplasm.stabilisation=4e5")
+    thin = ('materials.cytoplasm.viscosity="1e-8 Pa s"', "materials.cytoplasm.stabilisation=1e5")
     with built(altered(drop(count, *thin), straining(0.1))) as sim:
         sim.go(8.005088)
         mass, X = sim.scene.field("mass"), sim.scene.X
