@@ -42,7 +42,7 @@ class Setting:
     integrator: str = "leapfrog"
     step_factor: float = 0.8
     stabilisation: float = 1.0
-    hourglass_modulus: float = 0.5
+    hourglass_modulus: float = 0.16
     modulus: float = 5.0
     bulk_viscosity: float = 0.05
 

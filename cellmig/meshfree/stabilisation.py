@@ -62,17 +62,13 @@ class Stabilisation(PlaneStrain):
     """
 
     def stress(self, weight, F, Fdot, bend, bend_rate):
-        """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ, for Laplacians C u [1/µm] and C v [1/(µm µs)];
-        weight in pN µs µm².
+        """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ; bend is C u [1/µm], bend_rate C v [1/(µm µs)],
+        the weight in pN µs µm².
         """
-        (F00, F01), (F10, F11) = F
         (R00, R01), (R10, R11) = Fdot
-        (c0, c1), (r0, r1) = bend, bend_rate
-        J = self.volume_ratio(F)
-        rJ = 1.0 / J
-        w0 = (F11 * c0 - F01 * c1) * rJ
-        w1 = (F00 * c1 - F10 * c0) * rJ
-        k = weight / (F00 * F00 + F01 * F01 + F10 * F10 + F11 * F11 - J)
+        w0, w1 = self.pulled_back(F, bend)
+        r0, r1 = bend_rate
+        k = weight / (self.first_invariant(F) - 1.0 - self.volume_ratio(F))
         q0 = k * (r0 - R00 * w0 - R01 * w1)
         q1 = k * (r1 - R10 * w0 - R11 * w1)
         return (q0, q1), ((-q0 * w0, -q0 * w1), (-q1 * w0, -q1 * w1))

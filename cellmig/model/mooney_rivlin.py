@@ -56,12 +56,10 @@ class MooneyRivlin(PlaneStrain):
 
     def energy(self, F):
         """Energy W per reference volume [Pa], equation (8)."""
-        (F00, F01), (F10, F11) = F
-        c = F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11
-        I3 = self.volume_ratio(F) ** 2
+        I1, I3 = self.first_invariant(F), self.volume_ratio(F) ** 2
         a = cbrt(I3)
         volume = 0.5 * self.volumetric_modulus * log(I3) ** 2
-        return self.C1 * (c + 1.0 - 3.0 * a) + self.C2 * (I3 + c - 3.0 * a * a) + volume
+        return self.C1 * (I1 - 3.0 * a) + self.C2 * (I3 + I1 - 1.0 - 3.0 * a * a) + volume
 
     def stress(self, F):
         """First Piola-Kirchhoff stress P = F S [Pa], with S of equation (9)."""

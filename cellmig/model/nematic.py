@@ -86,10 +86,8 @@ class Nematic(PlaneStrain):
 
     def director_flux(self, F, gradient):
         """Derivative of the energy of the director field by the reference gradient, η F⁻¹ g [pN/µm]."""
-        (F00, F01), (F10, F11) = F
-        g0, g1 = self.current_gradient(F, gradient)
-        rJ = 1.0 / self.volume_ratio(F)
-        return self.eta * rJ * (F11 * g0 - F01 * g1), self.eta * rJ * (F00 * g1 - F10 * g0)
+        k0, k1 = self.pulled_back(F, self.current_gradient(F, gradient))
+        return self.eta * k0, self.eta * k1
 
     def director_stress(self, F, gradient):
         """Derivative of the energy of the director field by F, P = -g⊗(η F⁻¹ g) [Pa]."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..output.view import View
 
-# In shear flow between cylinders, with a thousand particles, the torque has grown by 5 % at this stretch, by 14 % at 3.9
-# (docs/fluid.md).
+# In shear flow between cylinders, with a thousand particles, the torque has grown by 5 % at this stretch, by 14 % at
+# 3.9 (docs/fluid.md).
 STRETCH_LIMIT = 3.0
 
 

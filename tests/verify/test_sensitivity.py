@@ -22,8 +22,8 @@ TIME = np.arange(0.0, 401.0)
 CASE = SimpleNamespace(**{
     "seed": 2019, "time": SimpleNamespace(step_factor=0.8, end=400.0), "particles": SimpleNamespace(per_cell=1485),
     "substrate": SimpleNamespace(equilibrium_distance=0.01), "numerics": SimpleNamespace(bulk_viscosity=0.05),
-    "materials": {"cytoplasm": SimpleNamespace(reduced_bulk_modulus=5e6, stabilisation=4.0),
-                  "nucleus": SimpleNamespace(hourglass_modulus=0.5)}})
+    "materials": {"cytoplasm": SimpleNamespace(reduced_bulk_modulus=5e6, stabilisation=1.0),
+                  "nucleus": SimpleNamespace(hourglass_modulus=0.16)}})
 MANIFEST = {"steps": 9, "worst_energy_error": 1e-3, "state_hash": "a",
             "case": {"materials": {"nucleus": {}, "cytoplasm": {}},
                      "cells": [{"material": "cytoplasm", "nucleus": "nucleus"}]}}

@@ -17,8 +17,8 @@ void assemble(long n, long d, const long *first, const long *entry, const long *
             const double *law = A + 4 * d * d * row[e];
             double T[12] = {0};  /* G_a . A, by i, k, l */
             for (int i = 0; i < 2; i++)
-                for (int j = 0; j < d; j++)
-                    for (int kl = 0; kl < 2 * d; kl++) T[2 * d * i + kl] += g[d * e + j] * law[2 * d * (d * i + j) + kl];
+                for (int j = 0; j < d; j++, law += 2 * d)
+                    for (int kl = 0; kl < 2 * d; kl++) T[2 * d * i + kl] += g[d * e + j] * law[kl];
             for (long f = start[row[e]]; f < start[row[e] + 1]; f++) {
                 double *block = K + 4 * where[column[f]];
                 const double *h = g + d * f;
