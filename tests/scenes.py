@@ -20,7 +20,7 @@ from cellmig.simulation import Simulation
 from cellmig.verify import specimens
 from cellmig.verify.references.scenes import set_motion as set_motion
 
-DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
+DAMPED = ("materials.nucleus.stabilisation=0.05", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 ROOT = Path(__file__).resolve().parent.parent
 CASES = {path.stem: path for path in sorted((ROOT / "cases").glob("*.toml"))}
 

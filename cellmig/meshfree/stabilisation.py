@@ -62,8 +62,8 @@ class Stabilisation(PlaneStrain):
     """
 
     def stress(self, weight, F, Fdot, bend, bend_rate):
-        """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ; bend is C u [1/µm], bend_rate C v [1/(µm µs)],
-        the weight in pN µs µm².
+        """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ; bend is C u [1/µm], bend_rate C v in
+        1/(µm µs), the weight in pN µs µm².
         """
         (R00, R01), (R10, R11) = Fdot
         w0, w1 = self.pulled_back(F, bend)

@@ -15,7 +15,7 @@ from cellmig.runs.cases import FOLDER, fluid_drop
 from cellmig.simulation import Simulation
 
 # The default damping of solids, which nucleus.toml sets to zero.
-DAMPED = ("materials.nucleus.stabilisation=0.15", "numerics.bulk_viscosity=0.05")
+DAMPED = ("materials.nucleus.stabilisation=0.05", "numerics.bulk_viscosity=0.05")
 STILL = [["0 /us", "0 /us"], ["0 /us", "0 /us"]]
 
 

@@ -40,7 +40,7 @@ def step(ns: float) -> Measured:
            expected={"leapfrog": converges(1, "damping sees the velocity of half a step before"),
                      "euler": converges(1, "PETSc's manual, TS"), "rk 3bs": converges(3, "PETSc's manual, TS")})
 def step_damped(ns: float) -> Measured:
-    """The viscous stabilisation is 0.15 ρ c h, the bulk viscosity 0.05 ρ c h."""
+    """The viscous stabilisation is 0.05 ρ c h, the bulk viscosity 0.05 ρ c h."""
     return Measured(ns, {kind: relative_error(kind, ns if kind != "euler" else 0.1 * ns, *DAMPED)
                          for kind in ("leapfrog", "euler", "rk 3bs")})
 
