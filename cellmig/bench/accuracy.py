@@ -27,7 +27,7 @@ from .problems import PROBLEMS, Problem, Series, Setting, columns
 from .speed import as_json, write_report
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
-         **dict.fromkeys(("cell", "scene", "tension"), (150, 331, 631, 1485, 3000))}
+         "cell": (150, 331, 631, 1485, 3000), **dict.fromkeys(("scene", "tension"), (150, 331, 631, 1485))}
 QUICK = {**dict.fromkeys(("disc", "drop"), (91, 331, 631, 1485)),
          **dict.fromkeys(("cell", "scene", "tension"), (91, 150, 331))}
 # Particles of the reference runs of problems without an exact solution, in full and with --quick.
@@ -201,7 +201,7 @@ def accuracy_table(points: Sequence[Point], uncertain: dict[str, float]) -> dict
     """Accuracies that a case can ask for: by problem, the Pareto set of the points with permitted changes only.
 
     Errors are at least the uncertainty of the reference, and runs count whose energy adds up.  Cells keep the default
-    dilation, as protruding ones fail with a smaller one, which this problem does not show.
+    dilation, with which scenes were tried.
     """
     found = {}
     for name in measured_problems(points):

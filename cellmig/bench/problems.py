@@ -274,7 +274,7 @@ PROBLEMS = {p.name: p for p in (
             "displacement and contact with the substrate; without a cortex the contact between cells depends on the "
             "spacing", _scene, tuple(np.arange(2.0, 101.0, 2.0)), crawling,
             partial(judge_scene, counted=("displacement", "substrate")), own=True),
-    Problem("tension", "cells with a cortex on a substrate", "the same with a tension of 30 pN/µm",
+    Problem("tension", "cells with a cortex on a substrate", "the same with the tension of a cortex",
             "displacement and contacts with the substrate and between cells", _tension,
             tuple(np.arange(2.0, 101.0, 2.0)), crawling, judge_scene, own=True),
 )}

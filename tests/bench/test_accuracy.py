@@ -41,6 +41,8 @@ def test_the_front_holds_what_no_other_beats():
 def test_time_to_an_error_is_read_between_points_and_beyond_them():
     assert [time_at(curve(1.0), 1.0 / n) for n in (150, 50, 800)] == pytest.approx([150, 50, 800])
     assert np.isnan(time_at(curve(1.0)[:1], 0.1))
+    flat = [point(1.0, 0.0501), point(8.0, 0.05)]  # what does not fall with the spacing is not extrapolated for ever
+    assert time_at(flat, 0.025) == pytest.approx(64.0)
 
 
 def test_a_setting_counts_by_its_gain_on_the_worst_problem():
@@ -71,7 +73,7 @@ def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
         ("stabilisation", 0.25, 5.0), ("modulus", 1.25, 2.0)))
     assert "best is stabilisation 0.25 (5 times" in verdict([unfit, fit])
     assert "defaults should be: modulus 1.25 (2 times" in verdict([unfit, fit])
-    assert "should stay, as what gains is unfit (stabilisation: with less, scenes" in verdict([unfit])
+    assert "should stay, as what gains is unfit (stabilisation: with less, short waves" in verdict([unfit])
 
 
 def test_runs_whose_steps_do_the_same_work_get_the_same_time():
