@@ -21,10 +21,12 @@ class Overlap(NamedTuple):
     remedy: str
 
 
-def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bool) -> Overlap | None:
+def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bool,
+            with_itself: bool = False) -> Overlap | None:
     """The first overlap of the surfaces at x (m, 2) [µm]; None if there is none.
 
-    `on_substrate` and `in_contact` tell whether the case has adhesion to the substrate, and between cells.
+    `on_substrate`, `in_contact` and `with_itself` tell whether bonds or repulsion act to the substrate, between cells,
+    and between the parts of an outline.
     """
     s, deepest = surfaces, SHARE * float(surfaces.length.mean())
     low = int(np.argmin(x[:, 1]))
@@ -39,11 +41,13 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
             if min(polygons.distance(p, q[None]).min() for p, q in (ends, ends[::-1])) <= deepest:
                 continue  # particles that coincide are no fold
             return Overlap(int(s.ids[i]), "the outline of cell {} crosses itself at ({:.4g}, {:.4g}) µm".format(
-                a + 1, *x[i]), "nothing keeps the surfaces of one cell apart: try a smaller load or finer particles")
+                a + 1, *x[i]), ("its repulsion does not bear the load" if with_itself else
+                                "nothing keeps the surfaces of this cell apart") +
+                           ": try a smaller load or finer particles")
         if (a, b) not in seen and (depth := _depth(s, x, a, b)) > deepest:
             return Overlap(int(s.ids[i]), f"cell {a + 1} and cell {b + 1} overlap by {depth:.3g} µm",
                            "their bonds do not bear the load: try more of them, or a smaller load" if in_contact else
-                           "the case has no [adhesion.cells], without which nothing keeps cells apart: try one")
+                           "cells do not meet in a static case: try a smaller load, or steps in time")
         seen.add((a, b))
     return None
 

@@ -247,17 +247,18 @@ class Run:
             self.tables.write(s.time, rows, entries, s.next_row(rows))
         if frame:
             self._write_frame()
-        if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
-            self._integrator.fail(f"the energy error is {100 * entries['energy_error']:.3g} %, more than "
-                                  f"{100 * ENERGY_ERROR:g} %")
         m, terms = s.mechanics, s.terms
         x, outside = m.segments.everywhere(), []
         if frame:  # it takes longer than a sample
             own = m.scene.X[m.ids] + m.state.owned[:, :2]
             outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
-        found = overlap(m.surfaces, x, self.case.substrate is not None, terms.contact is not None)
+        found = overlap(m.surfaces, x, self.case.substrate is not None, terms.contact is not None,
+                        terms.contacts is not None and terms.contacts.own)
         if found := found or min(filter(None, outside), default=None):
             self._integrator.fail(found.cause, found.particle, found.remedy)
+        if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
+            self._integrator.fail(f"the energy error is {100 * entries['energy_error']:.3g} %, more than "
+                                  f"{100 * ENERGY_ERROR:g} %")
 
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()

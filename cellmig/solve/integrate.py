@@ -168,6 +168,7 @@ class Integrator:
                 return ts.getTime()
         ts.setMaxTime(stop)
         if not self.leapfrog:
+            self._expect_gaps()
             self.begin_batch()
             ts.setTimeStep(min(self.dt, stop - ts.getTime()))
             ts.restartStep()  # a checkpoint does not hold the rate that TS would reuse
@@ -285,13 +286,20 @@ class Integrator:
         NumericsError -- always.
         """
         other = [] if self.leapfrog else ['time.integrator = "leapfrog"']
-        remedy = remedy or f"try {self._remedy('a smaller time.step_factor', 'finer particles', *other)}"
+        step = "time.step" if self.fixed_step else "time.step_factor"
+        remedy = remedy or f"try {self._remedy(f'a smaller {step}', 'finer particles', *other)}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")
         raise NumericsError.at(self.mechanics, self.time, cause, particle, remedy)
 
     # ------------------------------------------------------------ PETSc's own types
+
+    def _expect_gaps(self) -> None:
+        """Expect gaps of types that cannot repeat a batch: those of now, or smaller ones; collective."""
+        self.mechanics.meet()
+        seen = self.mechanics.extremes()
+        self.gaps = np.minimum(CLOSED / TYPICAL * self.control.typical, self.control.gaps(seen.gap, seen.contact))
 
     def _store(self, vec: PETSc.Vec) -> None:
         """Copy a state from PETSc, unless it is in the same memory."""

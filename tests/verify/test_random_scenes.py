@@ -160,7 +160,7 @@ def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
         assert overlap(s, x, True, True) is None
         apart = np.where(s.cell == 1, 0.4, 0.0)[:, None] * [1.0, 0.0]
         found = overlap(s, x + apart, True, False)
-        assert "cell 1 and cell 2 overlap by 0.3" in found.cause and "[adhesion.cells]" in found.remedy
+        assert "cell 1 and cell 2 overlap by 0.3" in found.cause and "static" in found.remedy
         assert "below the substrate" in overlap(s, x - [0.0, 0.5], True, True).cause
         assert overlap(s, x - [0.0, 0.5], False, True) is None
         landed = x.copy()  # on its neighbour, as where a membrane lies down on the substrate: no fold
