@@ -42,7 +42,7 @@ class Particles:
                                      minimum=1e-6)
     dilation: float = quantity("", "support radius of the kernel over the spacing", 2.2, minimum=1.2, maximum=10)
     surface_refinement: float = quantity("", "density of particles along surfaces over that inside: contact lines "
-                                         "advance in shorter steps, but protrusions may grow thin fingers",
+                                         "advance in shorter steps",
                                          1.0, minimum=1, maximum=10)
 
 
