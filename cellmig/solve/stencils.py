@@ -14,7 +14,7 @@ from ..case.pointwise import between
 from ..kernel.terms import SURFACE_TERMS
 from ..model.director import Couple
 from .mechanics import Mechanics
-from .tangent import mixed
+from .tangent import derivative, mixed
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Stencil:
         return rows.ravel(), columns.ravel(), blocks.reshape(-1, 2, 2)
 
 
-def stencils(m: Mechanics) -> Iterator[Stencil]:
+def stencils(m: Mechanics) -> Iterator[Stencil | Push]:
     """The surface terms of a scene, for its current search lists, clock and closest points."""
     k = m.kernel
     for term in SURFACE_TERMS:
@@ -78,35 +78,69 @@ def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
         yield _of_segments("pressure", formula, ends.T, pressure=pressure)
 
 
-def _protrusion(m: Mechanics, formula: Any) -> Iterator[Stencil]:
+def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
     """A stencil for each protruding cell, as its push depends on its whole surface."""
     k = m.kernel
     for c in range(len(k["hold"])):
         on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
+        if not len(grip):
+            continue
         nodes = k["mover"][on]
         order = np.argsort(nodes)
         ends = order[np.searchsorted(nodes, k["segment"][grip], sorter=order)]
-        segments = [(i, j, k["length"][e], k["push"][e]) for (i, j), e in zip(ends.tolist(), grip, strict=True)]
-        yield Stencil("protrusion", nodes[:, None], lambda x, v, w=k["mover_weight"][on], s=segments: push(
-            formula, w, s, x))
+        yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["length"][grip],
+                   k["push"][grip].T)
 
 
-def push(formula: Any, weight: np.ndarray, segments: list, x: tuple) -> tuple:
-    """Forces [pN/µm] on the surface particles of a cell at x [µm], k pairs of numbers, summed as in protrusion.c.
+@dataclass(frozen=True)
+class Push:
+    """The push of a cell, whose derivatives go by the mean of its surface and by its closed bonds.
 
-    segments : ends, length [µm] and push (2,) [pN/µm] of those near the substrate;  weight : (k,) float -- of the
-    particles in the mean of the surface [-].
+    name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce;  weight : (k,) float -- of the
+    particles in the mean [-];  ends : (2, n) int -- of the segments near the substrate, among the nodes;
+    length : (n,) float -- of these [µm];  push : (2, n) float -- on their ends [pN/µm].
     """
-    middle, bonded, force = sum(w * place[0] for w, place in zip(weight, x, strict=True)), 0.0, [0.0] * len(x)
-    for i, j, length, _ in segments:
-        bonded = bonded + formula.grip(length, 0.5 * (x[i][0] + x[j][0]) - middle, x[i][1], x[j][1])
-    for i, j, length, size in segments:
-        if size.any():
-            ends = formula.force(*size, formula.hold(bonded), length, x[i][0] - middle, x[j][0] - middle, x[i][1],
-                                 x[j][1])
-            for end, (along, _) in zip((i, j), ends, strict=True):
-                force[end] = force[end] + along
-    return tuple((f, 0.0) for f in force)
+
+    name: str
+    nodes: np.ndarray
+    formula: Any
+    weight: np.ndarray
+    ends: np.ndarray
+    length: np.ndarray
+    push: np.ndarray
+
+    def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Forces (k, 2, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
+        middle, gaps = self._places(*x[..., 0].T)
+        bonded, out = self._closed(middle[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
+        for end, along in zip(self.ends, self._along(bonded, *middle[self.ends], *gaps), strict=True):
+            np.add.at(out[:, 0, 0], end, along)
+        return out
+
+    def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Local rows and columns (b,) int, and blocks (b, 2, 2) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
+        ahead, gaps = self._places(*m.state.x(self.nodes[:, 0]).T)
+        k, (i, j), unit = len(ahead), self.ends, np.eye(len(ahead))
+        by_x = unit - self.weight  # of `ahead`, by x of all
+        closed, slope = derivative(self._closed, ahead[self.ends].mean(axis=0), *gaps)
+        by_all = 0.5 * slope[0] @ (by_x[i] + by_x[j]), slope[1] @ unit[i] + slope[2] @ unit[j]
+        slopes = derivative(self._along, np.full(len(closed), closed.sum()), *ahead[self.ends], *gaps)[1]
+        blocks = np.zeros((k, k, 2, 2))
+        for end, (bonded, ahead1, ahead2, gap1, gap2) in zip(self.ends, slopes[..., None], strict=True):
+            np.subtract.at(blocks[:, :, 0, 0], end, by_u * (bonded * by_all[0] + ahead1 * by_x[i] + ahead2 * by_x[j]))
+            np.subtract.at(blocks[:, :, 0, 1], end, by_u * (bonded * by_all[1] + gap1 * unit[i] + gap2 * unit[j]))
+        return np.repeat(self.nodes[:, 0], k), np.tile(self.nodes[:, 0], k), blocks.reshape(-1, 2, 2)
+
+    def _places(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the nodes what they are ahead of the mean (k,), of the ends the gaps (2, n) [µm]."""
+        return x - self.weight @ x, y[self.ends]
+
+    def _closed(self, ahead: Any, gap1: Any, gap2: Any) -> Any:
+        return self.formula.grip(self.length, ahead, gap1, gap2)
+
+    def _along(self, bonded: Any, *places: Any) -> tuple:
+        ends = self.formula.force(*self.push, self.formula.hold(bonded), self.length, *places)
+        return tuple(along for along, _ in ends)
 
 
 def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
@@ -154,4 +188,6 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-OWN_STENCILS = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}  # others have stencils of segments
+# Others have stencils of segments.
+OWN_STENCILS: dict[str, Callable[..., Iterator[Stencil | Push]]] = {"contact": _contact, "protrusion": _protrusion,
+                                                                   "loads": _loads}
