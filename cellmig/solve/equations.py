@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from ..parallel.reduce import global_maximum
 from .mechanics import Mechanics
-from .stiffness import Stiffness
+from .stiffness import Stiffness, fill
 
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
 MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
@@ -39,6 +39,8 @@ class Equations:
         self.free = np.ones((m.n_owned, 2))
         self.free[m.loads.held] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
+        self.geometric = self.stiffness.matrix() if self.matrix_free else None  # to take off
+        self._start, self._last = np.zeros(0), np.zeros((0, 4))  # J at the start of the step, F of the last tangent
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
 
@@ -60,19 +62,32 @@ class Equations:
         m.state.forget_contacts()
         a = m.rate()[:, 2:].copy()
         self.evaluated += 1
-        F = m.state.F_of_rows
         late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
-        if (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2] <= 0.0).any() or late:
-            a[:] = np.nan  # a line search shortens its step, else TS cuts the time step
+        if (_determinant(m.state.F_of_rows) <= 0.0).any() or late:
+            a[:] = np.nan  # Newton's method shortens its step, else TS cuts the time step
         return a
 
     def residual(self, t: float, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, 2); collective."""
         return self.mass * (a - self.acceleration(t, u, v))
 
+    def begin(self) -> None:
+        """Note J at the start of a time step; collective."""
+        self.mechanics.rate()
+        self._start = _determinant(self.mechanics.state.F_of_rows)
+
+    def _error_of_J(self, first: bool) -> np.ndarray:
+        """What J of the rows has (n_rows,) [-] beyond its linear change, or beyond the start of the step at `first`."""
+        F = self.mechanics.state.F_of_rows.copy()
+        change, self._last = F - self._last if not first else F, F
+        return _determinant(F) - self._start if first else _determinant(change)
+
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
-                  pc: PETSc.PC) -> None:
+                  pc: PETSc.PC, first: bool) -> None:
         """Set the tangent by_a M - by_v ∂f/∂v - ∂f/∂u of the residual; collective.
+
+        Its geometric part has the pressure that the last Newton step led to if J were linear.  The square of a turn,
+        times the bulk modulus, would be a pressure far above all that is real, and the tangent indefinite.
 
         The matrix is assembled; in the matrix-free form, only if the last solve took many iterations or by_v changed.
 
@@ -83,19 +98,26 @@ class Equations:
         by_v, by_a : float -- ∂v/∂u [1/µs] and ∂a/∂u [1/µs²] of the time integrator.
         ksp : KSP -- that of the last solve.
         pc : PC -- the preconditioner, which may have factors of the matrix.
+        first : bool -- whether a solve begins.
 
-        Source: the shifts of TSSetI2Jacobian, PETSc's manual.
+        Source: the shifts of TSSetI2Jacobian, PETSc's manual; stresses that are variables of their own in Newton's
+        method, Magisano, Leonetti & Garcea (2017), here the pressure.
         """
         self.at = t, u.copy(), v.copy(), by_v, by_a, self.acceleration(t, u, v)
+        n = self.mechanics.n_owned
+        geometric = self.stiffness.of_dilation(self._error_of_J(first))
+        geometric.data *= self.free[np.repeat(np.arange(n), np.diff(geometric.indptr)), :, None]
+        if self.geometric is not None:
+            fill(self.geometric, geometric)
         if self.matrix_free and self._by_v and ksp.getIterationNumber() <= REUSE_ITERATIONS:
             self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
             if self._by_v:
                 return
-        n = self.mechanics.n_owned
         bodies = self.stiffness.internal(1.0, by_v)
         surfaces = self.stiffness.surfaces(1.0, by_v)
         for K in (bodies, surfaces):
             K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
+        bodies.data -= geometric.data
         bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(2)
         self.stiffness.store(bodies, surfaces, self.matrix, pc)
         self.assembled, self._by_v = self.assembled + 1, by_v
@@ -105,7 +127,14 @@ class Equations:
         t, u0, v0, _, _, a0 = self.at
         longest = global_maximum(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
         step = DIFFERENCE * self.spacing / max(longest, 1e-300)
-        return self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
+        x, y = self.geometric.createVecs()
+        x.setArray(u.ravel())
+        self.geometric.mult(x, y)
+        change = self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
+        change -= y.getArray().reshape(-1, 2)
+        x.destroy()
+        y.destroy()
+        return change
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the tangent times x, by a finite difference of forces, for a Mat of type python; collective."""
@@ -120,3 +149,10 @@ class Equations:
     def close(self) -> None:
         """Free the PETSc objects."""
         self.matrix.destroy()
+        if self.geometric is not None:
+            self.geometric.destroy()
+
+
+def _determinant(F: np.ndarray) -> np.ndarray:
+    """Determinants (n,) of F (n, 4)."""
+    return F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]

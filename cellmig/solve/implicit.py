@@ -26,13 +26,11 @@ FINE, MOST_PARTS = 0.04, 20  # work of a step: length of pieces, if no bonds set
 BALANCE = 1e-8  # root mean square residual of a particle, over largest modulus × spacing [-]
 LOOSE = 1e-6  # the same if PETSc chooses the steps, whose error is far larger
 FORCING = "1e-2"  # relative tolerance of Krylov methods in a Newton step
-# Where two segments are equally near to a particle in contact, forces jump and a solution may not exist.  A solve then
-# ends where the residual no longer falls, if the last Newton step is below SETTLED in the mean [spacings, spacings/µs]
-# and the residual below ROUGH in the measure of BALANCE.
-SETTLED, ROUGH = 4e-5, 1e-4
+LONGEST = 0.14  # largest displacement of a Newton step [spacings]
+HALVINGS = 6  # number of times that a Newton step is halved where surfaces cross
 CUTS = 20  # number of times that a step may be cut
 START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]
-STEPS = {"snes_max_it": "10"}  # Newton steps: a solve that needs more gets a shorter time step
+STEPS = {"snes_max_it": "14"}  # Newton steps: a solve that needs more gets a shorter time step
 DIVERGED = 1e8  # a solve fails where its residual has grown by this factor
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # smallest shear modulus in the scale of residuals, over the modulus of sound: far above rounding errors
@@ -103,7 +101,7 @@ class Implicit(Integrator):
         balance = LOOSE if self.adaptive else BALANCE
         ts.getSNES().setTolerances(rtol=balance, atol=balance * force, stol=0.0)
         ts.getSNES().setConvergenceTest(self._converged)
-        self._rough = ROUGH * force
+        ts.getSNES().setLineSearchPreCheck(self._shorten)
         ts.setMaxSNESFailures(-1)
         ts.setMaxStepRejections(CUTS)
 
@@ -138,22 +136,38 @@ class Implicit(Integrator):
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
-        reason, (_, moved, norm) = PETSc.SNES.ConvergedReason, norms
+        reason, (_, _, norm) = PETSc.SNES.ConvergedReason, norms
         rtol, atol, _, _ = snes.getTolerances()
         if iteration == 0:
-            self._norms = [norm]
+            self._first = norm
             return reason.ITERATING if np.isfinite(norm) else reason.DIVERGED_FNORM_NAN
-        first, last = self._norms[0], self._norms[-1]
-        self._norms.append(norm)
         if not np.isfinite(norm):
             return reason.DIVERGED_FNORM_NAN
-        if norm < max(atol, rtol * first):
+        if norm < max(atol, rtol * self._first):
             return reason.CONVERGED_FNORM_ABS
-        if norm > DIVERGED * first:
+        if norm > DIVERGED * self._first:
             return reason.DIVERGED_DTOL
-        near = SETTLED * self.equations.spacing * np.sqrt(2.0 * self.mechanics.scene.size)
-        settled = moved < near and 0.5 * last < norm < self._rough
-        return reason.CONVERGED_SNORM_RELATIVE if settled else reason.ITERATING
+        return reason.ITERATING
+
+    def _shorten(self, x: PETSc.Vec, step: PETSc.Vec) -> bool:
+        """Shorten a Newton step to LONGEST, and until no surfaces cross and no particle is inverted; collective.
+
+        Returns whether it was shortened.  Source: step limits of incremental potential contact, Li et al. (2020).
+        """
+        move = step.getArray(readonly=True).reshape(-1, 2 if self.second_order else 4)[:, :2]
+        longest = global_maximum(self.mechanics.comm, np.array([np.abs(move).max(initial=0.0)]))[0]
+        share = min(1.0, LONGEST * self.equations.spacing / max(longest, 1e-300))
+        trial, out = x.duplicate(), x.duplicate()
+        for _ in range(HALVINGS):
+            trial.waxpy(-share, step, x)
+            self.ts.getSNES().computeFunction(trial, out)
+            if np.isfinite(out.norm()):
+                break
+            share *= 0.5
+        step.scale(share)
+        trial.destroy()
+        out.destroy()
+        return share < 1.0
 
     # ------------------------------------------------------------ equations
 
@@ -165,7 +179,7 @@ class Implicit(Integrator):
                   J: PETSc.Mat, P: PETSc.Mat) -> None:
         u, v = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v))
         ksp = ts.getSNES().getKSP()
-        self.equations.linearise(t, u, v, by_v, by_a, ksp, ksp.getPC())
+        self.equations.linearise(t, u, v, by_v, by_a, ksp, ksp.getPC(), self._first_iteration)
         J.assemble()
 
     def _residual(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -176,7 +190,11 @@ class Implicit(Integrator):
     def _tangent(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, shift: float, J: PETSc.Mat,
                  P: PETSc.Mat) -> None:
         x = x.getArray(readonly=True).reshape(-1, 4)
-        self.reduction.linearise(t, x[:, :2], x[:, 2:], shift)
+        self.reduction.linearise(t, x[:, :2], x[:, 2:], shift, self._first_iteration)
+
+    @property
+    def _first_iteration(self) -> bool:
+        return self.ts.getSNES().getIterationNumber() == 0
 
     # ------------------------------------------------------------ steps
 
@@ -223,6 +241,7 @@ class Implicit(Integrator):
         """Take one step of TS, which may try several lengths."""
         ts, m, failed = self.ts, self.mechanics, self.ts.getSNESFailures()
         before, start = m.state.owned.copy(), ts.getTime()
+        self.equations.begin()
         ts.step()
         failed = ts.getSNESFailures() - failed
         dt = ts.getTime() - start

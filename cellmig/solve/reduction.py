@@ -36,9 +36,12 @@ class Reduction:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(_Elimination(self))
 
-    def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float) -> None:
-        """Set J for u and v (n_owned, 2) [µm, µm/µs] at the time t [µs], with the shift σ [1/µs]; collective."""
-        self.equations.linearise(t, u, v, shift, shift * shift, self._ksp, self.solver.getPC())
+    def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float, first: bool) -> None:
+        """Set J for u and v (n_owned, 2) [µm, µm/µs] at the time t [µs], with the shift σ [1/µs]; collective.
+
+        first : whether a solve begins.
+        """
+        self.equations.linearise(t, u, v, shift, shift * shift, self._ksp, self.solver.getPC(), first)
         self._shift = shift
         self.matrix.assemble()
 

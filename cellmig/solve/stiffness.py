@@ -59,6 +59,7 @@ class Stiffness:
         self._bending = [there * scene.field(f"bending_{kind}")[m.part.row_ids]
                          for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
         self._material = scene.material[m.part.row_ids]
+        self._modulus = np.array([law.density * law.sound_speed**2 for law in scene.materials])[self._material]
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
         """The first `n_rows` rows of matrices, with the columns of all ranks."""
@@ -106,7 +107,18 @@ class Stiffness:
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
         """The part [Pa] of stresses and stabilisations."""
-        A = np.ascontiguousarray(self.moduli(by_u, by_v).reshape(4 * self._lists[0] ** 2, -1).T)
+        return self._of_rows(self.moduli(by_u, by_v))
+
+    def of_dilation(self, dilation: np.ndarray) -> sparse.bsr_matrix:
+        """The geometric part [Pa] of the pressure that a `dilation` J - 1 (n_rows,) [-] makes."""
+        A = np.zeros((2, self._lists[0], 2, self._lists[0], len(dilation)))
+        A[0, 0, 1, 1] = A[1, 1, 0, 0] = self._volume * self._modulus * dilation
+        A[0, 1, 1, 0] = A[1, 0, 0, 1] = -A[0, 0, 1, 1]
+        return self._of_rows(A)
+
+    def _of_rows(self, moduli: np.ndarray) -> sparse.bsr_matrix:
+        """The matrix [Pa] for moduli (2, d, 2, d, n_rows) [pN] of the rows."""
+        A = np.ascontiguousarray(moduli.reshape(4 * self._lists[0] ** 2, -1).T)
         blocks = np.zeros((self.pattern.nnz, 2, 2))
         assemble(self.mechanics.n_owned, *self._lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
                  blocks)
