@@ -58,7 +58,7 @@ def all_opens(run: Path) -> None:
         with meshio.xdmf.TimeSeriesReader(path) as reader:
             reader.read_points_cells()
             for number in range(reader.num_steps):
-                assert len(reader.read_data(number)[1]["u [um]"]) == len(reader.read_data(number)[1]["id"])
+                assert len(reader.read_data(number)[1]["u"]) == len(reader.read_data(number)[1]["id"])
     for name in ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv"):
         if (run / name).exists():
             assert (run / name).read_bytes().endswith(b"\n")
