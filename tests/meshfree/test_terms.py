@@ -13,7 +13,7 @@ from cellmig.model.seifert import WALL, BetweenCells
 pytestmark = pytest.mark.serial
 
 ITSELF = "contact of a cell with itself"
-SOLIDS = "solids of convex outline"
+SOLIDS, FOLDS = "solids of convex outline", "on a substrate only if a pair names it"
 
 
 def of(name: str, *sets: str):
@@ -22,7 +22,8 @@ def of(name: str, *sets: str):
 
 
 def test_every_pair_of_cells_has_its_law_in_either_order_and_a_cell_with_itself_repels() -> None:
-    found = case("paper", 'adhesion.pairs=[{cells = ["Cell-1", "Cell-2"], bond_density = "0 /um^2"}, '
+    found = case("paper", "adhesion.substrate.attraction=0", 'adhesion.pairs=['
+                 '{cells = ["Cell-1", "Cell-2"], bond_density = "0 /um^2"}, '
                  '{cells = ["Cell-2", "Cell-3"], equilibrium_distance = "20 nm"}]')
     terms = find_terms(found)
     contacts = terms.contacts
@@ -45,11 +46,12 @@ def test_a_cell_that_is_named_with_itself_has_the_distance_of_that_law_and_repel
     contacts = of("paper", 'adhesion.pairs=[{cells = ["Cell-2", "Cell-2"], equilibrium_distance = "30 nm"}]').contacts
     own = [contacts.laws[contacts.of_pair(n, n)] for n in range(3)]
     assert [law.equilibrium_distance for law in own] == [0.01, 0.03, 0.01]
-    assert [law.attraction for law in own] == [0.0] * 3
+    assert [law.stiffness(0.0) > 0.0 for law in own] == [False, True, False]  # on a substrate only that which is named
 
 
 @pytest.mark.parametrize(("name", "sets", "own", "reason"), [
-    ("one_cell", (), True, None), ("paper", (), True, None), ("nucleus", (), False, SOLIDS),
+    ("one_cell", (), False, FOLDS), ("paper", (), False, FOLDS), ("nucleus", (), False, SOLIDS),
+    ("paper", ("adhesion.substrate.attraction=0",), True, None),
     ("squeezed_disc", (), False, "not in a static case"), ("beam", (), False, "not in a static case"),
     ("nucleus", ('cells.0.displacement=["0 um", "x**2 um"]',), True, None)])
 def test_fluids_and_what_is_not_convex_can_meet_themselves(name: str, sets: tuple, own: bool,

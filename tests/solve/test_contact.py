@@ -30,8 +30,9 @@ GAPS = (0.5, 1.0, 2.0, 5.0, 20.0)  # in equilibrium distances
 
 @cache
 def scene(per_cell: int = 60) -> Case:
-    """Three cells of the paper, whose surfaces tests put where they want."""
-    return case("all_protrude", per_cell=per_cell)
+    """Three cells of the paper, whose outlines repel themselves, and whose surfaces tests put where they want."""
+    pairs = ", ".join(f'{{cells = ["Cell-{n}", "Cell-{n}"]}}' for n in (1, 2, 3))
+    return case("all_protrude", f"adhesion.pairs=[{pairs}]", per_cell=per_cell)
 
 
 @pytest.fixture(scope="module")
