@@ -22,7 +22,8 @@ COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
-_COUNTED = ("dt", "mechanism", "stable", "count", "redone", "extremes")
+CROSSED = 100  # batches in turn after which surfaces cross, which end the run
+_COUNTED = ("dt", "mechanism", "stable", "count", "redone", "crossed", "extremes")
 VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
 
 
@@ -39,6 +40,7 @@ class Integrator:
     count : dict -- steps by mechanism.
     gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm].
     redone : int -- steps that were undone and repeated.
+    crossed : int -- batches in turn, up to the last, after which surfaces crossed.
     extremes : dict -- smallest and largest J [-] and step [µs].
 
     Source: leapfrog of Verlet (1967), as in Hairer, Lubich & Wanner (2003); batches that are repeated: derived here.
@@ -50,7 +52,7 @@ class Integrator:
         kind : "leapfrog" or a TS type;  fixed_step : [µs], or None for `factor` [-] times the stable step.
         """
         self.mechanics, self.control, self.factor = mechanics, control, factor
-        self.touches, self.redone = control.touches, 0
+        self.touches, self.redone, self.crossed = control.touches, 0, 0
         self.mechanism, self.dt, self.stable, self._last_time = "", 0.0, math.inf, 0.0
         self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
@@ -386,6 +388,9 @@ class Leapfrog:
             run.choose()
             run.redone += n
             allowed = max(1, n // 4) if late else allowed
+        run.crossed = run.crossed + 1 if math.isinf(seen.contact) else 0
+        if run.crossed > CROSSED:
+            run.fail("surfaces of cells cross and do not part", remedy="try a smaller load or finer particles")
         widen(run.extremes, "J", seen.J_min, seen.J_max)
         m.state.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, forces
+from scenes import built, forces, set_motion
 
 from mpi4py import MPI
 
@@ -15,6 +15,7 @@ from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.model.adhesion import SegmentBonds
 from cellmig.simulation import Simulation
+from cellmig.solve.step import NumericsError
 
 BONDS = {"law": "seifert", "bond_density": "1000 /um^2", "well_depth": "0.024 pN um", "equilibrium_distance": "10 nm",
          "cutoff": "0.5 um"}
@@ -83,3 +84,12 @@ def test_stiffness_counts_up_to_where_the_bonds_of_any_law_grow_softer() -> None
     seifert = two(SQUARE, 2.1).contact
     assert SegmentBonds(seifert).soft == pytest.approx(np.sqrt(5.0 / 3.0) * seifert.equilibrium_distance, rel=5e-3)
     assert SegmentBonds(replace(seifert, attraction=0.0)).soft == seifert.equilibrium_distance
+
+
+def test_surfaces_that_stay_crossed_end_the_run() -> None:
+    with built(two(SQUARE, 2.006)) as sim:
+        u = np.where(sim.scene.cell[:, None] == 1, [-0.3, 0.3], 0.0)
+        set_motion(sim, u)
+        with pytest.raises(NumericsError, match="surfaces of cells cross and do not part"):
+            sim.go(1.0)
+        assert sim.integrator.steps < 10_000
