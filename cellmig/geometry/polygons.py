@@ -161,15 +161,20 @@ def depth(a: np.ndarray, b: np.ndarray) -> float:
 
 def crossing(polygon: np.ndarray) -> tuple[int, int] | None:
     """First corners of two edges of a `polygon` (k, 2) [µm] that meet but are not adjacent; None if it is simple."""
+    found = crossings(polygon).tolist()
+    first, second = min(found) if found else (-1, -1)
+    return (first, second) if found else None
+
+
+def crossings(polygon: np.ndarray) -> np.ndarray:
+    """First corners (n, 2) int of all pairs of edges of a `polygon` (k, 2) [µm] that meet but are not adjacent."""
     n, p, q = len(polygon), polygon, np.roll(polygon, -1, axis=0)
     longest = np.linalg.norm(q - p, axis=1).max()
     near = cKDTree(0.5 * (p + q)).query_pairs(longest * (1.0 + 1e-9), output_type="ndarray")
     apart = (near[:, 1] - near[:, 0]) % n
     near = near[(apart > 1) & (apart < n - 1)]
     i, j = near.T
-    found = near[intersect(p[i], q[i], p[j], q[j])]
-    first, second = min(found.tolist()) if len(found) else (-1, -1)
-    return (first, second) if len(found) else None
+    return near[intersect(p[i], q[i], p[j], q[j])]
 
 
 def touch(a: np.ndarray, b: np.ndarray) -> bool:

@@ -38,8 +38,9 @@ def describe_load_steps(case: Case) -> str:
 
 
 def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
-    """Rows of absent terms and the reasons."""
-    rows = [f"{name}: {why}" for name, why in skipped.items()] or ["nothing"]
+    """Rows of absent terms by their reasons."""
+    names = {why: [name for name, reason in skipped.items() if reason == why] for why in skipped.values()}
+    rows = [f"{', '.join(those)}: {why}" for why, those in names.items()] or ["nothing"]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
