@@ -126,7 +126,7 @@ def test_a_run_that_finds_no_equilibrium_ends_with_code_4(tmp_path, capsys) -> N
     said = capsys.readouterr()
     assert "no equilibrium was found" in said.err
     assert "integrator  static: newtonls of PETSc with preonly and lu" in said.out
-    assert "viscous stabilisation: nothing moves in a static case" in said.out
+    assert "viscous stabilisation, bulk damping: nothing moves in a static case" in said.out
     run = Run(bent(60), tmp_path / "bent", MPI.COMM_SELF)
     assert run.go() == 0
     assert "steps of Newton, out of balance by" in capsys.readouterr().out
