@@ -177,6 +177,11 @@ def crossings(polygon: np.ndarray) -> np.ndarray:
     return near[intersect(p[i], q[i], p[j], q[j])]
 
 
+def overlap_of_edges(a: np.ndarray, b: np.ndarray) -> float:
+    """Least distance [µm] of an end of one of two edges that cross, a and b (2, 2) [µm], from the other edge."""
+    return float(min(distance(p, q[None]).min() for p, q in ((a, b), (b, a))))
+
+
 def touch(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether any edges of the outlines a and b, (k, 2) or (k, 2 ends, 2) [µm] each, meet."""
     (p, q), (r, s) = sorted((edges(a), edges(b)), key=lambda ends: len(ends[0]))

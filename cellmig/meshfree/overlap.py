@@ -37,8 +37,7 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
     for i, j in _crossings(s, x):
         a, b = int(s.cell[i]), int(s.cell[j])
         if a == b:
-            ends = np.stack([x[[i, s.after[i]]], x[[j, s.after[j]]]])
-            if min(polygons.distance(p, q[None]).min() for p, q in (ends, ends[::-1])) <= deepest:
+            if polygons.overlap_of_edges(x[[i, s.after[i]]], x[[j, s.after[j]]]) <= deepest:
                 continue  # particles that coincide are no fold
             return Overlap(int(s.ids[i]), "the outline of cell {} crosses itself at ({:.4g}, {:.4g}) µm".format(
                 a + 1, *x[i]), ("its repulsion does not bear the load" if with_itself else

@@ -14,7 +14,7 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import names_of, read_table
 from cellmig.output.xdmf import frames
 
-from .summary import describe_dissipation
+from .summary import describe_dissipation, describe_skipped
 
 Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the simulation failed", 5: "input or output failed", 75: "stopped on request"}
@@ -56,9 +56,7 @@ def _was(m: dict[str, Any]) -> Rows:
     for name in ("particles", "seed"):
         if name in m:
             yield name, m.pop(name)
-    skipped = m.pop("skipped", None) or {"nothing": ""}
-    for number, (name, why) in enumerate(skipped.items()):
-        yield "" if number else "skipped", f"{name}: {why}" if why else name
+    yield from describe_skipped(m.pop("skipped", None) or {})
 
 
 def _numbers(m: dict[str, Any]) -> Rows:

@@ -166,8 +166,8 @@ def _outlines_wrong(outlines: Sequence[np.ndarray]) -> list[str]:
     for n, x in enumerate(outlines, 1):
         sides = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
         for i, j in polygons.crossings(x):
-            deep = min(polygons.distance(sides[a], sides[b][None]).min() for a, b in ((i, j), (j, i)))
-            if deep > SHARE * polygons.sides(x).mean():  # as in a run: smaller folds are of particles that coincide
+            # As in a run: smaller folds are of particles that coincide.
+            if polygons.overlap_of_edges(sides[i], sides[j]) > SHARE * polygons.sides(x).mean():
                 wrong.append("cell {} crosses itself near ({:.4g}, {:.4g}) um".format(n, *x[i]))
                 break
     for i, a in enumerate(outlines):

@@ -121,21 +121,21 @@ enum { EDGE = 1, VERTEX = 2 };
 static int may_act(const KernelData *s, const Source *S, const Edge *e, const Edge *next)
 {
     const double margin = s->contact_margin, length = sqrt(e->square), next_length = sqrt(next->square);
-    int before = 1, behind = 1, inside = 1, far = 1, misses_before = 1, misses_behind = 1;
+    int before = 1, beyond = 1, inside = 1, far = 1, misses_before = 1, misses_behind = 1;
     for (int i = 0; i < 2; i++) {
         const double *x = S->end[i], *a = s->contact_x + D * e->start, *b = s->contact_x + D * e->end;
         const double change = margin * (length + margin + hypot(x[0] - a[0], x[1] - a[1]));
         const double next_change = margin * (next_length + margin + hypot(x[0] - b[0], x[1] - b[1]));
         const double past = e->along[i] - e->square, turned = margin * (2 * length + margin);
         before &= e->along[i] < -change;
-        behind &= past > change + turned;
+        beyond &= past > change + turned;
         inside &= e->across[i] < -change;
         far &= e->across[i] - change > S->cutoff * (length + margin);
         misses_before &= past < -change - turned && next->along[i] < -next_change;
         misses_behind &= past > change + turned && next->along[i] > next_change;
     }
     if (far) return 0;
-    return EDGE * !(before || behind || inside) + VERTEX * !(misses_before || misses_behind);
+    return EDGE * !(before || beyond || inside) + VERTEX * !(misses_before || misses_behind);
 }
 
 /* Lists the pairs that may act, if a node has moved far since the last list. */
