@@ -176,6 +176,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
         extended = partial(map, with_rest)
     out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
            "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
+    out |= {name: stencils.by_lane(scene.field(name)) for name in ("viscosity", "shear_modulus", "dilation_modulus")}
     G, H, C, B = (list(extended(m)) for m in (G, [_adjoint(m) for m in G], C, [_adjoint(m) for m in C]))
     first, group, lane, owned, kind, at, out["column"] = stencils.entries(G)
     pair = 4 * (lane // 2) + lane % 2

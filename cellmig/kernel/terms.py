@@ -12,6 +12,7 @@ from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
 from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
+from ..model.plane_strain import Isotropic
 from ..model.pressure import Pressure
 from ..model.protrusion import ProtrusionForce
 
@@ -50,6 +51,7 @@ SURFACE_TERMS = (
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
+            (Isotropic(), "v4", "stress", "isotropic_stress", ()),
             (Couple(), "double", "force", "couple_force", ()))
 
 # What the step calls at its stages, by the arguments that are there.
@@ -80,7 +82,7 @@ def _of_surface(term: SurfaceTerm) -> Part:
 # In the order of the C source, the stages behind them and step.c at the end.
 PARTS = (
     *(Part(name, _always) for name in ("layout.h", "gather.h", "exchange.h", "deformation.c", "stress.c",
-                                       "divergence.c", "surface.h")),
+                                       "divergence.c", "modes.c", "surface.h")),
     *map(_of_surface, SURFACE_TERMS),
     Part("boundary.c", lambda t: t.load_curves is not None, {
         "before_kick": "remember_boundary(s);",

@@ -87,9 +87,24 @@ class Template:
         return polygons.sides(self.X[self.segments])
 
     @cached_property
+    def viscosity(self) -> np.ndarray:
+        """Shear viscosities μ (n,) [Pa µs]."""
+        return self._by_law("viscosity")
+
+    @cached_property
+    def shear_modulus(self) -> np.ndarray:
+        """Shear moduli at rest (n,) [Pa]."""
+        return self._by_law("shear_modulus")
+
+    @property
+    def dilation_modulus(self) -> np.ndarray:
+        """P-wave moduli less twice the shear moduli (n,) [Pa]."""
+        return self.elastic_weight - 2.0 * self.shear_modulus
+
+    @cached_property
     def viscous_weight(self) -> np.ndarray:
         """Viscosity against uniaxial stretching (n,) [Pa µs]: 2 μ and the numerical bulk viscosity."""
-        return 2.0 * self._by_law("viscosity") + self.damping
+        return 2.0 * self.viscosity + self.damping
 
     @cached_property
     def elastic_weight(self) -> np.ndarray:
@@ -131,19 +146,19 @@ class Template:
         return _largest(sum(g.T @ V @ g for g in parts), len(self.X))
 
     @cached_property
-    def rates(self) -> tuple[float, float, float]:
-        """Largest damping rates of the stabilisation and of the viscosities [1/µs], and largest frequency² [1/µs²].
+    def rates(self) -> tuple[float, float, float, float]:
+        """Largest damping rates of the stabilisation and of the viscosities [1/µs], and largest frequencies² of sound
+        and of the elastic stabilisation [1/µs²].
 
         These are the largest eigenvalues, rounded up, of M⁻¹ times the operators linearised at rest.
         """
         n, root = len(self.X), 1.0 / np.sqrt(self.mass)
         scale = sparse.diags(root)
-        stab = _largest(scale @ self.S @ scale, n)
         gx, gy = (g @ scale for g in rkpm.components(self.G))
-        shear = self._by_law("shear_modulus")
-        viscous = _largest(_strain_operator(gx, gy, self.V, self._by_law("viscosity"), self.damping), 2 * n)
-        elastic = _largest(_strain_operator(gx, gy, self.V, shear, self.elastic_weight - 2.0 * shear), 2 * n)
-        return stab, viscous, elastic + _largest(scale @ self.E @ scale, n)
+        viscous = _strain_operator(gx, gy, self.V, self.viscosity, self.damping)
+        elastic = _strain_operator(gx, gy, self.V, self.shear_modulus, self.dilation_modulus)
+        return (_largest(scale @ self.S @ scale, n), _largest(viscous, 2 * n), _largest(elastic, 2 * n),
+                _largest(scale @ self.E @ scale, n))
 
 
 def _strain_operator(gx: sparse.csr_matrix, gy: sparse.csr_matrix, V: np.ndarray, shear: np.ndarray,

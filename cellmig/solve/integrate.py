@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from ..parallel.options import default_options, original_errors, requested_step
 from .mechanics import Mechanics
+from .modes import FIRST
 from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
@@ -211,6 +212,7 @@ class Integrator:
         m = self.mechanics
         m.resume()
         self.limits = limits = self._checked_limits()
+        limits |= m.modes.follow(1 if self.leapfrog and self.steps else FIRST)
         if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
             limits["displaced"] = 0.0

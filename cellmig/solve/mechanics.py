@@ -17,6 +17,7 @@ from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
 from .director import Director
 from .loads import Loads
+from .modes import Modes
 from .protrusion import Protruding, Protrusion
 from .segments import Segments
 from .state import State
@@ -39,7 +40,8 @@ class Extremes(NamedTuple):
     J_max: float
 
 
-FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Director.FIELDS, *Protrusion.FIELDS, *Accounts.FIELDS)
+FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Director.FIELDS, *Protrusion.FIELDS,
+          *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -51,6 +53,7 @@ class Mechanics:
     kernel : Kernel -- the compiled step.
     state : State -- displacements and velocities.
     segments : Segments -- of surfaces, and search lists.
+    modes : Modes -- the fastest ones of sound and viscosity.
     loads : Loads -- supports, loads and plates.
     director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
@@ -68,6 +71,7 @@ class Mechanics:
         self.kernel = kernel = Kernel(scene.materials, terms, FIELDS)
         self.state = State(part, kernel)
         self.segments = Segments(part, kernel, self.state)
+        self.modes = Modes(part, kernel)
         self.loads = Loads(part, kernel, boundary)
         self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
         self.director = Director(part, kernel, self.state) if terms.has_director else None
@@ -243,7 +247,7 @@ class Mechanics:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        for field in (self.state, self.director):
+        for field in (self.state, self.modes, self.director):
             if field is not None:
                 field.destroy()
 

@@ -37,9 +37,10 @@ def widen(extremes: dict[str, float], name: str, least: float, most: float) -> N
 class StepControl:
     """Largest stable step of leapfrog.
 
-    A mode with u'' + c u' + ω² u = 0 is stable up to the root of c dt/2 + ω² dt²/4 = 1.  c and ω² are the largest
-    eigenvalues on the reference configuration, times the growth of max_I V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹), since few
-    compressed particles limit the step of a deformed body.  Bonds are stiffer at smaller gaps, which are not known
+    A mode with u'' + c u' + ω² u = 0 is stable up to the root of c dt/2 + ω² dt²/4 = 1.  c and ω² are those that
+    `Modes` follows in the deformed body, between two bounds of its largest eigenvalues: that of the particle whose own
+    stress is stiffest, max_I w V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹) with the modulus w, and the largest eigenvalue on the
+    reference configuration times the growth of that maximum.  Bonds are stiffer at smaller gaps, which are not known
     before a step: the integrator checks afterwards which gaps occurred.
 
     Attributes
@@ -49,15 +50,15 @@ class StepControl:
     touches : bool -- whether bonds act at all.
     director : float -- stable step of a relaxing director [µs].
 
-    Source: derived here.  The root is where leapfrog with damping at the old velocity has the eigenvalue -1; the growth
-    is that of the largest Rayleigh quotient of a single particle's stress.
+    Source: derived here.  The root is where leapfrog with damping at the old velocity has the eigenvalue -1; the lower
+    bound is the largest Rayleigh quotient of a single particle's stress.
     """
 
     def __init__(self, scene: Scene, terms: Terms):
         """Find the largest eigenvalues of the scene's kinds of cells."""
         used = [scene.templates[k] for k in np.unique(scene.kind)]
         rates = np.array([t.rates for t in used])
-        self.stabilisation, self.viscous, self.elastic = rates.max(axis=0)  # [1/µs], [1/µs], [1/µs²]
+        self.stabilisation, self.viscous, self.elastic, self.stiffening = rates.max(axis=0)  # 1/µs twice, 1/µs² twice
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
         # a gap between cells is closed from both sides; the strongest of their bonds stand for all
@@ -74,6 +75,7 @@ class StepControl:
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
+        self._follows = not terms.has_director  # whose stresses and torques the modes do not have
         law = terms.director_law if terms.director == "relaxing" else None
         mobility = law.mobility if law is not None else 0.0
         self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
@@ -97,21 +99,26 @@ class StepControl:
 
         Parameters
         ----------
-        limits : dict -- of `Mechanics.limits`; None for the reference configuration.
+        limits : dict -- of `Mechanics.limits`, and of `Modes.follow` where the modes are followed; None for the
+            reference configuration.
         gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm]; default: typical.
         """
-        viscous = limits["viscous"] / self._viscous0 if limits and self._viscous0 else 1.0
-        elastic = limits["elastic"] / self._elastic0 if limits else 1.0
-        softest = limits["J_min"] if limits else 1.0  # F : F - J is at least J
-        c = self.stabilisation / softest + self.viscous * viscous
-        steps = {"viscosity": _root(c, 0.0), "sound": _root(c, self.elastic * elastic)}
+        limits = limits or {"viscous": self._viscous0, "elastic": self._elastic0, "J_min": 1.0}
+        growth = limits["viscous"] / self._viscous0 if self._viscous0 else 1.0
+        viscous, elastic = self.viscous * growth, self.elastic * limits["elastic"] / self._elastic0
+        if "sound" in limits:
+            viscous = min(viscous, max(limits["viscous"], limits["viscosity"]))
+            elastic = min(elastic, max(limits["elastic"], limits["sound"])) if self._follows else elastic
+        c = self.stabilisation / limits["J_min"] + viscous  # F : F - J is at least J
+        sound = elastic + self.stiffening
+        steps = {"viscosity": _root(c, 0.0), "sound": _root(c, sound)}
         contact = max(sides * law.stiffness(gap) if law else 0.0
                       for (law, sides), gap in zip(self._contacts, self.typical if gaps is None else gaps, strict=True))
         if contact or self._surface != (0.0, 0.0):
             drag, tension = self._surface
-            steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + self.elastic * elastic)
+            steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + sound)
         if math.isfinite(self.director):
-            steps["director"] = self.director / max(1.0, viscous)  # diffusion, as of momentum
+            steps["director"] = self.director / max(1.0, growth)  # diffusion, as of momentum
         return steps
 
 

@@ -1,12 +1,9 @@
 /* Pass 2 of the internal force: the divergence of the stress, and the update of the state. */
 
-/* Forces on the particles of blocks b … b + n - 1, of one stencil, rows (0 1), (2 3): Σ V P x H, the adjoint of the
- * gradient; both stabilisations; and s->force, which is reset. */
-INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
+/* Forces of s->Q on n blocks of one stencil, rows (0 1), (2 3): Σ V P x H, the adjoint of the gradient. */
+INLINED void gather_stress(const KernelData *s, const Block *block, const int n, v4 f[][2])
 {
-    const Block *block = block_at(s, b);
-    v4 acc[MOST][4] = {{{0}}}, bent[MOST][2] = {{{0}}};
-    if (STABILISED || STIFFENED) gather_bent(s, block, n, bent);
+    v4 acc[MOST][4] = {{{0}}};
     for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
         const coefficient *h = s->adjoint + 8 * k;
         __builtin_prefetch(h + AHEAD * 8);
@@ -24,8 +21,20 @@ INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
         for (int i = 0; i < 2; i++) {
             const v4 low = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 0, 1, 4, 5);
             const v4 high = SHUFFLE(acc[m][2 * i], acc[m][2 * i + 1], 2, 3, 6, 7);
-            f[m][i] = bent[m][i] + (low + high);
+            f[m][i] = low + high;
         }
+}
+
+/* Forces on the particles of blocks b … b + n - 1, of one stencil: of stresses; of both stabilisations; and s->force,
+ * which is reset. */
+INLINED void divergence(const KernelData *s, long b, const int n, v4 f[][2])
+{
+    const Block *block = block_at(s, b);
+    v4 bent[MOST][2] = {{{0}}};
+    if (STABILISED || STIFFENED) gather_bent(s, block, n, bent);
+    gather_stress(s, block, n, f);
+    for (int m = 0; m < n; m++)
+        for (int i = 0; i < 2; i++) f[m][i] = bent[m][i] + f[m][i];
     for (int m = 0; m < n; m++) {
         if (!block[m].loaded) continue;
         double outside[8] = {0}, *force = s->force + D * (long)block[m].row;

@@ -1,0 +1,65 @@
+"""The fastest modes of viscosity and of sound in the deformed body, which limit the step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernel.fields import Field
+from ..kernel.kernel import Kernel, aligned_zeros
+from ..parallel.ghosts import GhostedField
+from ..parallel.reduce import global_maximum
+from .subdomain import Subdomain
+
+CAUTION = 1.05  # factor on rates that a few iterations have found, which approach the largest one from below [-]
+FIRST = 40  # iterations at the start of a run
+NOISE = 0.02  # added to modes in each iteration, from which another one can grow [-]
+MULTIPLIER = 2654435761  # of Knuth's multiplicative hash (The Art of Computer Programming 3, 6.4)
+
+
+class Modes(GhostedField):
+    """The modes of largest squared frequency and of largest damping rate, by power iteration along the run.
+
+    The operators are those of isotropic stresses on the current configuration, with the moduli at rest: shear and
+    P-wave moduli, and viscosity with the bulk damping.  A body deforms little from one batch of steps to the next, so
+    that one iteration for each keeps the modes.
+
+    Attributes
+    ----------
+    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1 [-].  Noise
+        is added to them, from which a mode can grow that becomes the fastest one.
+
+    Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
+    """
+
+    FIELDS = (
+        Field("viscosity", "double *", "(stencils, 4)", "Pa µs", "μ"),
+        Field("shear_modulus", "double *", "(stencils, 4)", "Pa", "at rest"),
+        Field("dilation_modulus", "double *", "(stencils, 4)", "Pa", "P-wave modulus less twice the shear modulus"),
+    )
+
+    def __init__(self, part: Subdomain, kernel: Kernel):
+        """Begin with vectors that look like chance; collective."""
+        self._part, self._kernel, self.memory = part, kernel, aligned_zeros((part.capacity, 4))
+        super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
+        self.set_ghosts(part.in_petsc[part.numbering.ids[part.n_owned :]])
+        number = (4 * part.ids[:, None] + np.arange(1, 5)) * MULTIPLIER % 2**32
+        self._noise = NOISE * (number / 2.0**31 - 1.0)
+        self.owned[:] = self._noise
+
+    def follow(self, iterations: int = 1) -> dict[str, float]:
+        """Go on by some iterations: rates of the modes, "sound" [1/µs²] and "viscosity" [1/µs]; collective."""
+        k, out = self._kernel, np.zeros((self._part.n_owned + 4, 4))
+        for _ in range(iterations):
+            self.owned[:] += self._noise
+            self.exchange()
+            k("respond", k["shear_modulus"], k["dilation_modulus"], self.memory, out, 0)
+            k("respond", k["viscosity"], k["bulk_damping"], self.memory, out, 2)
+            largest = global_maximum(self._comm, _lengths(out).max(axis=0, initial=0.0))
+            self.owned[:] = out[: self._part.n_owned] * np.repeat(1.0 / np.maximum(largest, 1e-300), 2)
+        sound, viscosity = (CAUTION * largest).tolist()
+        return {"sound": sound, "viscosity": viscosity}
+
+
+def _lengths(modes: np.ndarray) -> np.ndarray:
+    """Lengths (n, 2) of both vectors of each particle, (n, 4)."""
+    return np.hypot(modes[:, ::2], modes[:, 1::2])
