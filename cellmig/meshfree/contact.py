@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 
 from .body import Scene
 
+TIP = 3  # segments from one side of a tip to the other, up to which they do not act on each other
+
 
 @dataclass(frozen=True)
 class Surfaces:
@@ -87,7 +89,8 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
                   within: Callable[[np.ndarray, np.ndarray], np.ndarray], among: np.ndarray) -> np.ndarray:
     """Pairs of a segment and an edge that are near each other (p, 2) int, sorted, in both orders.
 
-    Neighbours along an outline are no pair.
+    Neighbours along an outline are no pair, nor are two parts of it between which the cell itself lies: there it is
+    thin, and no force on its outside keeps it from becoming thinner.
 
     Parameters
     ----------
@@ -107,9 +110,32 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
     near &= (most >= 0.0) & (surfaces.after[among[i]] != among[j]) & (surfaces.after[among[j]] != among[i])
     i, j, most = i[near], j[near], most[near]
     near = _apart(a[i], b[i], a[j], b[j]) <= most
+    own = np.flatnonzero(near & (cell[i] == cell[j]))
+    near[own] = _face_outside(surfaces, x, among[i[own]], among[j[own]])
     pairs = np.column_stack([among[i[near]], among[j[near]]])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _face_outside(surfaces: Surfaces, x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether the outside of a cell is between two segments of its outline, a < b (k,) int; (k,) bool.
+
+    From a part of an outline to one that it faces across the inside, the outline turns by +π either way; to one that it
+    faces across a fold, by -π one way and by 3π the other way.  Between the sides of a tip of few segments turns say
+    little, as the tip may turn over.
+    """
+    side = x[surfaces.after] - x
+    before = side[surfaces.before]
+    turn = np.arctan2(before[:, 0] * side[:, 1] - before[:, 1] * side[:, 0], (before * side).sum(axis=1))
+    outside = np.zeros(len(a), bool)
+    for cell in np.unique(surfaces.cell[a]):
+        mine = surfaces.cell[a] == cell
+        loop = np.flatnonzero((surfaces.cell == cell) & surfaces.outer)
+        first, last, along = a[mine] - loop[0], b[mine] - loop[0], np.cumsum(turn[loop])
+        angle, between = along[last] - along[first], last - first
+        far = np.minimum(between, len(loop) - between) > TIP
+        outside[mine] = far & ((angle < 0.0) | (angle > 2.0 * np.pi))
+    return outside
 
 
 def acting(surfaces: Surfaces, pairs: np.ndarray, own: np.ndarray) -> np.ndarray:

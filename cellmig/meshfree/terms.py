@@ -14,7 +14,7 @@ from ..case.registry import laws
 from ..case.schema import Case, particle_count
 from ..geometry.polygons import convex
 from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, ProtrusionLaw
-from ..model.seifert import BetweenCells, solid
+from ..model.seifert import WALL, BetweenCells, solid
 from .boundary import load_curves_of
 
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
@@ -112,12 +112,9 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     alone = len(case.cells) == 1
     contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
                      "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
-    # A substrate pulls the second layer of a fold through the first, so that there a case has to ask for it.
-    folds = case.substrate is not None and case.substrate.work > 0.0
-    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"),
-                (folds and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
+    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"))
     own = unless(never, "contact of a cell with itself", True, False)
-    repels = [never is None and (not folds or pair.itself) for pair in case.pairs] + [never is None and not folds]
+    repels = never is None
     contacts = _contacts(case, contact, between, own, repels) if contact or own else None
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
@@ -153,11 +150,10 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  skipped=skipped)
 
 
-def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:
+def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: bool) -> Contacts:
     """Laws of all pairs of cells; `between` is that of most, and `contact` the same or None if no two cells meet.
 
-    own : bool -- whether a cell has a law with itself;  repels : whether that does anything, by pair of the case, and
-    at the end for cells that no pair names with themselves.
+    own : bool -- whether a cell has a law with itself;  repels : whether that does anything.
     """
     pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
     given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
@@ -169,15 +165,17 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
     first = number(contact) if contact is not None else 0
     others = [number(BetweenCells.of(solid(law))) if contact is not None else 0 for law in given[:-1]]
     between_kinds = np.array([*others, first])[pairing.between]
-    of_own = [number(_repulsion(given[n], repels[n])) if own else 0 for n in pairing.own]
+    of_own = [number(_repulsion(given[n], case.substrate, repels)) if own else 0 for n in pairing.own]
     return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
 
 
-def _repulsion(law: Adhesion, repels: bool) -> Adhesion:
-    """Repulsion alone, up to the equilibrium distance of a law, or not even that."""
+def _repulsion(law: Adhesion, substrate: Adhesion | None, repels: bool) -> Adhesion:
+    """Repulsion alone, up to the equilibrium distance of a law; as strong as the bonds of the substrate, which pull the
+    second layer of a fold through the first.
+    """
+    strength = max(WALL, substrate.work if substrate is not None else 0.0) if repels else 0.0
     eps = law.equilibrium_distance
-    bare = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=eps, cutoff=eps)
-    return BetweenCells.of(solid(bare)) if repels else bare
+    return BetweenCells(bond_density=strength, well_depth=1.0, equilibrium_distance=eps, cutoff=eps, attraction=0.0)
 
 
 def _meet_themselves(case: Case) -> bool:
