@@ -174,8 +174,8 @@ def _repulsion(law: Adhesion, substrate: Adhesion | None, repels: bool) -> Adhes
     second layer of a fold through the first.
     """
     strength = max(WALL, substrate.work if substrate is not None else 0.0) if repels else 0.0
-    eps = law.equilibrium_distance
-    return BetweenCells(bond_density=strength, well_depth=1.0, equilibrium_distance=eps, cutoff=eps, attraction=0.0)
+    eps, depth = law.equilibrium_distance, 1.0 if repels else 0.0
+    return BetweenCells(bond_density=strength, well_depth=depth, equilibrium_distance=eps, cutoff=eps, attraction=0.0)
 
 
 def _meet_themselves(case: Case) -> bool:

@@ -10,7 +10,7 @@ from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import global_maximum
 from .subdomain import Subdomain
 
-CAUTION = 1.05  # factor on rates that a few iterations have found, which approach the largest one from below [-]
+CAUTION = 1.1  # factor on rates that a few iterations have found, which approach the largest one from below [-]
 FIRST = 40  # iterations at the start of a run
 NOISE = 0.02  # added to modes in each iteration, from which another one can grow [-]
 MULTIPLIER = 2654435761  # of Knuth's multiplicative hash (The Art of Computer Programming 3, 6.4)
@@ -25,8 +25,8 @@ class Modes(GhostedField):
 
     Attributes
     ----------
-    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1 [-].  Noise
-        is added to them, from which a mode can grow that becomes the fastest one.
+    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1 [-].
+        Noise is added to them, from which a mode can grow that becomes the fastest one.
 
     Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
     """

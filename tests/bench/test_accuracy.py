@@ -118,8 +118,7 @@ def test_the_plan_holds_every_run_once_and_the_problems_that_are_asked_for(quick
     listed = plan(quick, ["scene"])
     assert {problem.name for problem, _ in listed} == {"scene"} and len(set(listed)) == len(listed)
     assert {s.integrator for _, s in listed} == {"leapfrog"}  # PETSc's types take minutes
-    assert {(s.surface_refinement, s.modulus, s.step_factor) for _, s in listed} > set(
-        itertools.product((1.0, 2.0), (1.25, 5.0), (0.8, 0.95)))
+    assert {(s.surface_refinement, s.modulus) for _, s in listed} > set(itertools.product((1.0, 2.0), (1.25, 5.0)))
     assert {"rk", "bdf"} < {s.integrator for _, s in plan(quick, ["cell"])}
 
 
