@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..geometry import polygons
 from .body import Scene
-
-TIP = 3  # segments from one side of a tip to the other, up to which they do not act on each other
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,7 @@ class Surfaces:
     after, before : (m,) int -- indices of the next and of the previous particle on the loop.
     length : (m,) -- reference length of the segment from a particle to the next [µm].
     outer : (m,) bool -- whether a particle is on the outer loop; in holes there are no bonds and no protrusion.
+    turn : (m,) -- angle at a particle from the segment before to that after it, in the reference configuration [rad].
     """
 
     ids: np.ndarray
@@ -32,6 +32,7 @@ class Surfaces:
     before: np.ndarray
     length: np.ndarray
     outer: np.ndarray
+    turn: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene) -> Surfaces:
@@ -43,7 +44,20 @@ class Surfaces:
         cell = np.repeat(np.arange(len(rings)), np.diff(start))
         length = np.concatenate([scene.templates[k].segment_length for k in scene.kind])
         outer = np.concatenate([scene.templates[k].loop == 0 for k in scene.kind])
-        return cls(np.concatenate(rings), cell, after, before, length, outer)
+        ids = np.concatenate(rings)
+        side = scene.X[ids[after]] - scene.X[ids]
+        return cls(ids, cell, after, before, length, outer, polygons.turn(side[before], side))
+
+    def followed(self, turn: np.ndarray, x: np.ndarray, on: np.ndarray) -> np.ndarray:
+        """Turns (m,) [rad] that were `turn` (m,), at particles `on` (k,) int for the positions x (m, 2) [µm] of now.
+
+        A tip that becomes too thin turns over: its turn of nearly π then goes on beyond π, not from -π.
+        """
+        before, after = x[on] - x[self.before[on]], x[self.after[on]] - x[on]
+        change = polygons.turn(before, after) - turn[on]
+        out = turn.copy()
+        out[on] += change - 2.0 * np.pi * np.rint(change / (2.0 * np.pi))
+        return out
 
 
 @dataclass(frozen=True)
@@ -86,7 +100,8 @@ class ContactLists:
 
 
 def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
-                  within: Callable[[np.ndarray, np.ndarray], np.ndarray], among: np.ndarray) -> np.ndarray:
+                  within: Callable[[np.ndarray, np.ndarray], np.ndarray], turn: np.ndarray,
+                  among: np.ndarray) -> np.ndarray:
     """Pairs of a segment and an edge that are near each other (p, 2) int, sorted, in both orders.
 
     Neighbours along an outline are no pair, nor are two parts of it between which the cell itself lies: there it is
@@ -98,6 +113,7 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
     farthest : float -- largest distance of a pair [µm].
     within : function -- of two cells (k,) int each, distance up to which they are near (k,) [µm], < 0 if they never
         are.
+    turn : (m,) -- turns of the outlines at the surface particles, followed from the start: see `followed` [rad].
     among : (k,) int -- particles of the cells to consider, ascending.
     """
     among = among[surfaces.outer[among]]
@@ -111,31 +127,26 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
     i, j, most = i[near], j[near], most[near]
     near = _apart(a[i], b[i], a[j], b[j]) <= most
     own = np.flatnonzero(near & (cell[i] == cell[j]))
-    near[own] = _face_outside(surfaces, x, among[i[own]], among[j[own]])
+    near[own] = _face_outside(surfaces, turn, among[i[own]], among[j[own]])
     pairs = np.column_stack([among[i[near]], among[j[near]]])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
-def _face_outside(surfaces: Surfaces, x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether the outside of a cell is between two segments of its outline, a < b (k,) int; (k,) bool.
+def _face_outside(surfaces: Surfaces, turn: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether the outside of a cell is between two segments of its outline, a < b (k,) int, if they face each other;
+    (k,) bool.
 
     From a part of an outline to one that it faces across the inside, the outline turns by +π either way; to one that it
-    faces across a fold, by -π one way and by 3π the other way.  Between the sides of a tip of few segments turns say
-    little, as the tip may turn over.
+    faces across a fold, by -π one way and by 3π the other way.
     """
-    side = x[surfaces.after] - x
-    before = side[surfaces.before]
-    turn = np.arctan2(before[:, 0] * side[:, 1] - before[:, 1] * side[:, 0], (before * side).sum(axis=1))
-    outside = np.zeros(len(a), bool)
+    angle = np.zeros(len(a))
     for cell in np.unique(surfaces.cell[a]):
         mine = surfaces.cell[a] == cell
         loop = np.flatnonzero((surfaces.cell == cell) & surfaces.outer)
-        first, last, along = a[mine] - loop[0], b[mine] - loop[0], np.cumsum(turn[loop])
-        angle, between = along[last] - along[first], last - first
-        far = np.minimum(between, len(loop) - between) > TIP
-        outside[mine] = far & ((angle < 0.0) | (angle > 2.0 * np.pi))
-    return outside
+        along = np.cumsum(turn[loop])
+        angle[mine] = along[b[mine] - loop[0]] - along[a[mine] - loop[0]]
+    return np.abs(angle - np.pi) > 0.5 * np.pi
 
 
 def acting(surfaces: Surfaces, pairs: np.ndarray, own: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve
 from ..model.seifert import WALL, BetweenCells, solid
 from .boundary import load_curves_of
 
+ETA, ZETA = "director gradients (eta)", "active stress (zeta)"
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
@@ -89,6 +90,11 @@ class Terms:
         """Whether the gradient of the director or its axis matters."""
         return self.director != "none" or self.active
 
+    @property
+    def director_acts(self) -> bool:
+        """Whether it exerts stresses; without pruning it is computed in any case."""
+        return not {ETA, ZETA} <= self.skipped.keys()
+
 
 def find_terms(case: Case, prune: bool = True) -> Terms:
     """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
@@ -124,8 +130,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
     uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
-                      "director gradients (eta)", "relaxing" if law is not None and law.mobility else "frozen", "none")
-    active = unless(None if zeta else "zeta is zero", "active stress (zeta)", True, False)
+                      ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
+    active = unless(None if zeta else "zeta is zero", ZETA, True, False)
     used = case.materials.values()
     still = (case.static, "nothing moves in a static case")
     stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
@@ -175,7 +181,8 @@ def _repulsion(law: Adhesion, substrate: Adhesion | None, repels: bool) -> Adhes
     """
     strength = max(WALL, substrate.work if substrate is not None else 0.0) if repels else 0.0
     eps, depth = law.equilibrium_distance, 1.0 if repels else 0.0
-    return BetweenCells(bond_density=strength, well_depth=depth, equilibrium_distance=eps, cutoff=eps, attraction=0.0)
+    wall: Any = BetweenCells
+    return wall(bond_density=strength, well_depth=depth, equilibrium_distance=eps, cutoff=eps, attraction=0.0)
 
 
 def _meet_themselves(case: Case) -> bool:

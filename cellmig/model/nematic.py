@@ -63,14 +63,7 @@ class Nematic(PlaneStrain):
 
     def viscous_stress(self, F, Fdot):
         """First Piola-Kirchhoff stress P = 2 μ J d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹); its power P : Ḟ is dissipated."""
-        (F00, F01), (F10, F11) = F
-        (R00, R01), (R10, R11) = Fdot
-        k = 2.0 * self.viscosity * (1.0 / self.volume_ratio(F))  # 1/J is that of the pressure: one division in C
-        s00 = k * (R00 * F11 - R01 * F10)
-        s11 = k * (R11 * F00 - R10 * F01)
-        s01 = 0.5 * k * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
-        return ((s00 * F11 - s01 * F01, s01 * F00 - s00 * F10),
-                (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))
+        return self.shear_stress(self.viscosity, F, Fdot)
 
     def current_gradient(self, F, gradient):
         """Current gradient g of the director's angle [1/µm]: F⁻ᵀ times its reference `gradient` [1/µm]."""

@@ -23,21 +23,13 @@ class PlaneStrain:
         (F00, F01), (F10, F11) = F
         return F00 * F00 + F10 * F10 + F01 * F01 + F11 * F11 + 1.0
 
-
-class Isotropic(PlaneStrain):
-    """A stress that is linear in the velocity gradient, and isotropic in the current configuration."""
-
-    def stress(self, shear, bulk, F, Fdot):
-        """First Piola-Kirchhoff stress J (2 shear d + bulk tr d I) F⁻ᵀ, with d = sym(Ḟ F⁻¹), in the units of the moduli
-        `shear` and `bulk` times that of Ḟ.  Source: Holzapfel (2000).
-        """
+    def shear_stress(self, viscosity, F, Fdot):
+        """First Piola-Kirchhoff stress 2 μ J d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹), of a viscosity μ [Pa µs]."""
         (F00, F01), (F10, F11) = F
         (R00, R01), (R10, R11) = Fdot
-        rJ = 1.0 / self.volume_ratio(F)
-        d00 = rJ * (R00 * F11 - R01 * F10)
-        d11 = rJ * (R11 * F00 - R10 * F01)
-        s01 = shear * rJ * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
-        s00 = 2.0 * shear * d00 + bulk * (d00 + d11)
-        s11 = 2.0 * shear * d11 + bulk * (d00 + d11)
+        k = 2.0 * viscosity * (1.0 / self.volume_ratio(F))  # 1/J is that of the pressure: one division in C
+        s00 = k * (R00 * F11 - R01 * F10)
+        s11 = k * (R11 * F00 - R10 * F01)
+        s01 = 0.5 * k * (R01 * F00 - R00 * F01 + R10 * F11 - R11 * F10)
         return ((s00 * F11 - s01 * F01, s01 * F00 - s00 * F10),
                 (s01 * F11 - s11 * F01, s11 * F00 - s01 * F10))

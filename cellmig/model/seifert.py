@@ -184,7 +184,9 @@ class BetweenCells(Seifert):
     @classmethod
     def of(cls, law: Adhesion) -> Adhesion:
         """The bonds of a law between cells; those of other laws stay as they are."""
-        bonds: Any = cls(**asdict(law)) if isinstance(law, Seifert) else law
+        bonds: Any = law
+        if isinstance(law, Seifert):
+            bonds = cls(**asdict(bonds))
         return bonds
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from petsc4py import PETSc
@@ -39,7 +41,7 @@ class Equations:
         self.free = np.ones((m.n_owned, 2))
         self.free[m.loads.held] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
-        self.geometric = self.stiffness.matrix() if self.matrix_free else None  # to take off
+        self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros((0, 4))  # J at the start of the step, F of the last tangent
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None

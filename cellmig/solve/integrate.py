@@ -13,11 +13,11 @@ from petsc4py import PETSc
 
 from ..parallel.options import default_options, original_errors, requested_step
 from .mechanics import Mechanics
-from .modes import FIRST
 from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
-PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
+STRAIN = 0.1  # largest change of the deformation until then [-]
+PRESSED, SHORT = 0.22, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
 # Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
 COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
@@ -53,12 +53,11 @@ class Integrator:
         kind : "leapfrog" or a TS type;  fixed_step : [µs], or None for `factor` [-] times the stable step.
         """
         self.mechanics, self.control, self.factor = mechanics, control, factor
-        self.touches, self.redone, self.crossed = control.touches, 0, 0
+        self.touches, self.redone, self.crossed, self.halted = control.touches, 0, 0, False
         self.mechanism, self.dt, self.stable, self._last_time = "", 0.0, math.inf, 0.0
         self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
-        self.halted = False
         self.report: Callable[[str], None] = lambda text: None
         self.fixed_step = requested_step(fixed_step)
         self.whole_step = self.fixed_step  # output times are rounded to whole numbers of it
@@ -211,20 +210,20 @@ class Integrator:
         """
         m = self.mechanics
         m.resume()
-        self.limits = limits = self._checked_limits()
-        limits |= m.modes.follow(1 if self.leapfrog and self.steps else FIRST)
+        self.limits = limits = self._checked_limits() | m.modes.follow(self.leapfrog and self.steps > 0)
         if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.choose()
         if self.dt < LEAST_STEP:
             self.fail(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
-        if not self.touches:
-            return BATCH
-        m.state.forget_contacts()
-        room = 0.5 * m.segments.skin - limits["displaced"]
-        most = SHORT if self._compression(self.gaps) > 0.5 else BATCH
-        return max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
+        most = max(1, min(BATCH, int(STRAIN / (self.dt * limits["strain_rate"] + 1e-300))))
+        if self.touches:
+            m.state.forget_contacts()
+            room = 0.5 * m.segments.skin - limits["displaced"]
+            most = min(most, SHORT) if self._compression(self.gaps) > 0.5 else most
+            most = max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
+        return most
 
     def choose(self) -> None:
         """Set the step for the limits of the state at the begin of the batch and for the expected gaps."""
@@ -233,9 +232,8 @@ class Integrator:
 
     def _compression(self, gaps: np.ndarray) -> float:
         """Compression of bonds at gaps (2,) [µm], from 0 to 1 over the ranges COMPRESSED [-]."""
-        there = self.control.eps > 0.0
-        none, full = COMPRESSED[:, there]
-        share = np.clip((none - gaps[there] / self.control.eps[there]) / (none - full), 0.0, 1.0)
+        there, (none, full) = self.control.eps > 0.0, COMPRESSED
+        share = np.clip((none - gaps / np.where(there, self.control.eps, 1.0)) / (none - full), 0.0, 1.0)[there]
         return float(share.max(initial=0.0)) if self.leapfrog else 0.0
 
     def _accurate_step(self, gaps: np.ndarray) -> float:

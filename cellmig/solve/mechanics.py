@@ -196,15 +196,15 @@ class Mechanics:
     def limits(self) -> dict[str, float]:
         """Limits of the step over all ranks; collective.
 
-        By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], and the
-        largest displacement of surface particles since the lists were made [µm].
+        By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], rate of
+        deformation [1/µs], and the largest displacement of surface particles since the lists were made [µm].
         """
-        own = np.zeros(5)
+        own = np.zeros(6)
         self.kernel("limits", own)
-        names = ("viscous", "elastic", "J_min", "J_max", "speed", "displaced")
-        values = np.array([own[0], own[1], -own[2], own[3], own[4], self.segments.displaced()])
+        names = ("viscous", "elastic", "J_min", "J_max", "speed", "strain_rate", "displaced")
+        values = np.array([own[0], own[1], -own[2], *own[3:], self.segments.displaced()])
         top = global_maximum(self.comm, values)
-        top[2], top[4] = -top[2], np.sqrt(top[4])
+        top[2], top[4:6] = -top[2], np.sqrt(top[4:6])
         return dict(zip(names, top.tolist(), strict=True))
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:

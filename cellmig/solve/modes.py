@@ -25,8 +25,8 @@ class Modes(GhostedField):
 
     Attributes
     ----------
-    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1 [-].
-        Noise is added to them, from which a mode can grow that becomes the fastest one.
+    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1
+        [-].  Noise is added to them, from which a mode can grow that becomes the fastest one.
 
     Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
     """
@@ -46,10 +46,12 @@ class Modes(GhostedField):
         self._noise = NOISE * (number / 2.0**31 - 1.0)
         self.owned[:] = self._noise
 
-    def follow(self, iterations: int = 1) -> dict[str, float]:
-        """Go on by some iterations: rates of the modes, "sound" [1/µs²] and "viscosity" [1/µs]; collective."""
+    def follow(self, known: bool = False) -> dict[str, float]:
+        """Rates of the modes, "sound" [1/µs²] and "viscosity" [1/µs], which may be `known` from shortly before;
+        collective.
+        """
         k, out = self._kernel, np.zeros((self._part.n_owned + 4, 4))
-        for _ in range(iterations):
+        for _ in range(1 if known else FIRST):
             self.owned[:] += self._noise
             self.exchange()
             k("respond", k["shear_modulus"], k["dilation_modulus"], self.memory, out, 0)

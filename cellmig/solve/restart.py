@@ -47,6 +47,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
                           if name.startswith(kind)} for kind in ("particle ", "surface "))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     m.state.u[m.part.at_surface] = surface["renewed"][m.part.own_surface]
+    m.segments.turn = surface["turn"]
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
@@ -99,10 +100,11 @@ def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values of the owned surface particles, to write to: u when the lists were made, x at the last row of the tables,
-    forces of plates.
+    """Values of the owned surface particles, to write to: u when the lists were made, turns then, x at the last row
+    of the tables, forces of plates.
     """
-    found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
+    found = {"renewed": m.segments.renewed_at, "turn": m.segments.turn[m.part.own_surface],
+             "place": m.accounts.impulses.place}
     return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
 
 

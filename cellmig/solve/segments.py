@@ -35,6 +35,8 @@ class Segments:
     lists : ContactLists -- segments near other cells; None without contact.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
     renewals : int -- number of renewals.
+    turn : (m,) float -- turns of the outlines of this rank's cells at the surface particles, followed from the start
+        [rad].
     """
 
     FIELDS = (
@@ -75,6 +77,7 @@ class Segments:
         self.lists: ContactLists | None = None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
         self.renewed_at = np.zeros((len(part.own_surface), 2))
+        self.turn = s.turn
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
         k["segment"] = part.numbering.local(s.ids[self.ends])
         k["length"], k["n_segments"] = s.length[self.number], len(self.number)
@@ -141,7 +144,10 @@ class Segments:
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contacts is not None:
-            pairs = contact_pairs(part.surfaces, x, self._contacts.reach.max() + self.skin, self._within, around)
+            if self._contacts.own:
+                self.turn = part.surfaces.followed(self.turn, x, self._places.on)
+            farthest = self._contacts.reach.max() + self.skin
+            pairs = contact_pairs(part.surfaces, x, farthest, self._within, self.turn, around)
             self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
 
     def _within(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ class StepControl:
         drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
         tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
-        self._follows = not terms.has_director  # whose stresses and torques the modes do not have
+        self._follows = not terms.director_acts  # the modes lack its stresses and torques
         law = terms.director_law if terms.director == "relaxing" else None
         mobility = law.mobility if law is not None else 0.0
         self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf

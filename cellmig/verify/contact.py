@@ -56,10 +56,12 @@ def energy(law: Any, outlines: Sequence[np.ndarray], lengths: Sequence[np.ndarra
 
 
 def own_energy(law: Any, outline: np.ndarray, length: np.ndarray) -> float:
-    """Energy [pN] of an outline (m, 2) [µm] with itself: the same sum, in which a segment's own edge and the edges
-    beside it do not count; `length` (m,) are reference lengths [µm].
+    """Energy [pN] of an outline (m, 2) [µm] with itself: the same sum, in which a segment's own edge and those up to
+    one edge away do not count, nor parts that it faces across the inside: the outline is to have none that are
+    near; `length` (m,) are reference lengths [µm].
     """
-    total, beside = 0.0, np.isin(np.arange(len(outline)), [0, 1, len(outline) - 1])
+    m = len(outline)
+    total, beside = 0.0, np.isin(np.arange(m), [0, 1, m - 1])
     for k, (start, end) in enumerate(zip(outline, np.roll(outline, -1, axis=0), strict=True)):
         acts = ~np.roll(beside, k)
         total += 0.5 * law.bond_density * length[k] * mean_potential(law, start, end, outline, acts)

@@ -5,42 +5,56 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellmig.meshfree.contact import TIP, Surfaces, contact_pairs
+from cellmig.geometry import polygons
+from cellmig.meshfree.contact import Surfaces, contact_pairs
 
 pytestmark = pytest.mark.serial
 THIN = 0.01  # distance of what faces each other [µm]
 
 
-def pairs(corners: list, spacing: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of one outline within 2 THIN: middles of both segments (p, 2, 2) [µm], and segments between them (p,)."""
+def pairs(corners: list, spacing: float = 0.2, before: list | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of one outline within 2 THIN: middles of both segments (p, 2, 2) [µm], and segments between them (p,).
+
+    `before` : the corners from which the turns are followed.
+    """
+    x, surfaces = outline(corners, spacing)
+    turn = outline(before, spacing)[1].turn if before else surfaces.turn
+    at = np.arange(len(x))
+    turn = surfaces.followed(turn, x, at)
+    found = contact_pairs(surfaces, x, 2 * THIN, lambda a, b: np.full(len(a), 2 * THIN), turn, at)
+    between = np.abs(found[:, 0] - found[:, 1])
+    return 0.5 * (x + x[surfaces.after])[found], np.minimum(between, len(x) - between)
+
+
+def outline(corners: list, spacing: float) -> tuple[np.ndarray, Surfaces]:
+    """Surface particles (n, 2) [µm] of a polygon."""
     ring = np.array(corners, float)
     sides = np.roll(ring, -1, axis=0) - ring
     x = np.concatenate([a + np.linspace(0, 1, max(1, round(np.hypot(*d) / spacing)), endpoint=False)[:, None] * d
                         for a, d in zip(ring, sides, strict=True)])
     n, at = len(x), np.arange(len(x))
     after, before = np.roll(at, -1), np.roll(at, 1)
-    surfaces = Surfaces(at, np.zeros(n, int), after, before, np.full(n, spacing), np.ones(n, bool))
-    found = contact_pairs(surfaces, x, 2 * THIN, lambda a, b: np.full(len(a), 2 * THIN), at)
-    between = np.abs(found[:, 0] - found[:, 1])
-    return 0.5 * (x + x[after])[found], np.minimum(between, n - between)
+    side = x[after] - x
+    turn = polygons.turn(side[before], side)
+    return x, Surfaces(at, np.zeros(n, int), after, before, np.full(n, spacing), np.ones(n, bool), turn)
 
 
 def test_both_sides_of_a_fold_are_pairs() -> None:
     middle, between = pairs([[-3, -3], [3, -3], [3, 3], [THIN / 2, 3], [THIN / 2, 0], [-THIN / 2, 0], [-THIN / 2, 3],
                              [-3, 3]])
-    assert len(middle) > 20 and (between > TIP).all()
+    assert len(middle) > 20 and (between > 1).all()
     assert (np.abs(middle[..., 0]) < 0.2).all() and (middle[..., 1] > 0.0).all()
 
 
 def test_both_sides_of_a_thin_part_are_none() -> None:
-    finger = [[0, 0], [4, 0], [4, 2], [8, 2], [8, 2 + THIN], [4, 2 + THIN], [4, 4], [0, 4]]
-    assert not len(pairs(finger)[0])
+    assert not len(pairs([[0, 0], [8, 0], [8, THIN], [0, THIN]])[0])
 
 
 def test_a_part_that_has_turned_over_at_its_tip_is_still_none() -> None:
-    """The last segment of the tip has passed through the side before it: the turns of the outline no longer tell."""
-    tip = [[0, 0], [4, 0], [4, 2], [6, 2], [5.8, 2 - THIN], [4, 2 + 2 * THIN], [4, 4], [0, 4]]
-    assert not len(pairs(tip, spacing=3.0)[0])
+    """The last segment of the tip has passed through the side before it."""
+    before, now = ([[0, -2], [3, 0], [6, 0], [5.8, y], [3, 2 * THIN], [0, 2]] for y in (THIN, -THIN))
+    assert not len(pairs(now, 3.0, before)[0])
+    assert len(pairs(now, 3.0)[0])  # the turns of now alone do not tell it from a fold
 
 
 def test_fingers_that_grow_towards_each_other_are_pairs() -> None:

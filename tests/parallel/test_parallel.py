@@ -229,8 +229,8 @@ def test_a_rank_knows_where_surfaces_near_its_own_are_and_lists_all_their_contac
     def within(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.where(a == b, 0.3, 0.8)
 
-    everything = contact_pairs(surfaces, x, 0.8, within, np.arange(len(x)))
-    of_near = contact_pairs(surfaces, known, 0.8, within, near)
+    everything = contact_pairs(surfaces, x, 0.8, within, surfaces.turn, np.arange(len(x)))
+    of_near = contact_pairs(surfaces, known, 0.8, within, surfaces.turn, near)
     found = [acting(surfaces, pairs, own) for pairs in (of_near, everything)]
     assert 20 < len(found[0]) <= len(everything)
     assert np.array_equal(*found)
@@ -242,7 +242,7 @@ def test_contact_lists_have_a_node_for_each_particle_and_cell_that_it_is_near() 
     scene = discretise(case("paper", "cells.0.repeat=[2, 2]", grid))
     surfaces = Surfaces.of(scene)
     pairs = contact_pairs(surfaces, scene.X[surfaces.ids], 0.8, lambda a, b: np.where(a == b, -1.0, 0.8),
-                          np.arange(len(surfaces.ids)))
+                          surfaces.turn, np.arange(len(surfaces.ids)))
     assert (surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]).all()
     lists = ContactLists.of(surfaces, pairs)
     of_pair = np.repeat(np.arange(len(lists.source)), np.diff(lists.first))

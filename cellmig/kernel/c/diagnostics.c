@@ -1,12 +1,14 @@
 /* What step control and tables ask for. */
 
-/* Local bounds V J λmax(F⁻ᵀ K F⁻¹) of viscous and elastic stiffness, extremes of J, the largest
- * speed². */
-void limits(const KernelData *s, double out[5])
+/* Local bounds V J λmax(F⁻ᵀ K F⁻¹) of viscous and elastic stiffness, extremes of J, the largest speed² and |d|², of the
+ * rate of deformation d = sym(Ḟ F⁻¹). */
+void limits(const KernelData *s, double out[6])
 {
-    double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0;
+    double viscous = 0, elastic = 0, low = INFINITY, high = -INFINITY, speed = 0, strain = 0;
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = *block_at(s, b);
+        v4 R[1][4];
+        gather(s, &block, 1, s->state + D, R);
         for (int lane = 0; lane < block.lanes; lane++) {
             const long i = block.row + lane;
             const double *F = s->F + 16 * b + lane, *K = s->bound + 3 * i, *v = s->state + 2 * D * i + D;
@@ -28,9 +30,13 @@ void limits(const KernelData *s, double out[5])
             if (!(J <= high)) high = J;
             const double v2 = v[0] * v[0] + v[1] * v[1];
             if (!(v2 <= speed)) speed = v2;
+            const double d00 = R[0][0][lane] * d - R[0][2][lane] * c, d11 = R[0][3][lane] * a - R[0][1][lane] * b_;
+            const double d01 = R[0][2][lane] * a - R[0][0][lane] * b_ + R[0][1][lane] * d - R[0][3][lane] * c;
+            const double d2 = (d00 * d00 + d11 * d11 + 0.5 * d01 * d01) / (J * J);
+            if (!(d2 <= strain)) strain = d2;
         }
     }
-    out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed;
+    out[0] = viscous; out[1] = elastic; out[2] = low; out[3] = high; out[4] = speed; out[5] = strain;
 }
 
 /* Energies of the elastic stabilisation, ½ modulus |C u|², by rows. */

@@ -1,17 +1,20 @@
-/* The operators of viscosity and of sound on the current configuration, whose fastest modes the step control follows. */
+/* The operators of viscosity and of sound in the current configuration, whose fastest modes limit the step. */
 
-/* Accelerations out (n_owned, 4) of x and y at `axis`, by isotropic stresses with these moduli by stencil against the
- * gradient of the same two numbers of `mode` (n_local, 4). */
+/* Accelerations (n_owned, 4) of the numbers `at` and at + 1 of `mode` (n_local, 4), by isotropic stresses with moduli
+ * against shear and dilation, by stencil. */
 void respond(const KernelData *s, const double *shear, const double *bulk, const double *mode, double *out, long at)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         const Block *block = block_at(s, b);
-        const double *F = s->F + 16 * b;
-        const v4 f[D][D] = {{load(F), load(F + 8)}, {load(F + 4), load(F + 12)}}, V = load(s->volume + 4L * block->stencil);
-        v4 r[1][4], P[D][D];
+        const double *f = s->F + 16 * b;
+        const v4 F[D][D] = {{load(f), load(f + 8)}, {load(f + 4), load(f + 12)}};
+        const v4 V = load(s->volume + 4L * block->stencil), G = load(shear + 4L * block->stencil);
+        v4 r[1][4], P[D][D], A[D][D], pressure, rate;
         gather(s, block, 1, mode + at, r);
         const v4 R[D][D] = {{r[0][0], r[0][2]}, {r[0][1], r[0][3]}};
-        isotropic_stress(0, V * load(shear + 4L * block->stencil), V * load(bulk + 4L * block->stencil), f, R, P);
+        bulk_damping_stress(0, V * load(bulk + 4L * block->stencil), F, R, P, &pressure, &rate);
+        shear_stress(0, V * G, F, R, A);
+        add_stress(P, A);
         store_stress(s, block, P);
     }
     for (long b = 0; b < s->n_owned_blocks; b++) {
