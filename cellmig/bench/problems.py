@@ -40,7 +40,7 @@ class Setting:
     dilation: float = 2.2
     surface_refinement: float = 1.0
     integrator: str = "leapfrog"
-    step_factor: float = 0.9
+    step_factor: float = 0.8
     stabilisation: float = 1.0
     hourglass_modulus: float = 0.16
     modulus: float = 5.0

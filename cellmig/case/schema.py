@@ -27,7 +27,7 @@ class Time:
                              maximum=1_000_000)
     step: float | str = quantity("us", "time step; \"auto\": a fraction of the largest stable step", "auto", above=0,
                                  words=("auto",))
-    step_factor: float = quantity("", "fraction of the largest stable step for \"auto\"", 0.9, above=0, maximum=1)
+    step_factor: float = quantity("", "fraction of the largest stable step for \"auto\"", 0.8, above=0, maximum=1)
     integrator: str = parameter("\"leapfrog\", a type of PETSc's TS, or \"auto\": of leapfrog and bdf the one that is "
                                 "cheaper in a trial; \"static\": equilibria, one for each sample", "leapfrog",
                                 known=TS_TYPES)

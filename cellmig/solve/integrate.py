@@ -17,7 +17,7 @@ from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, wid
 
 BATCH = 200  # largest number of steps before the stable step is computed again
 STRAIN = 0.1  # largest change of the deformation until then [-]
-PRESSED, SHORT = 0.22, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
+PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
 # Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
 COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]

@@ -63,7 +63,7 @@ def choices(quick: bool, seed: int) -> list[Choice]:
         Choice("reduced_bulk_modulus", "reduced bulk modulus [MPa]", (2, 5, 20),
                lambda case: 1e-6 * case.materials["cytoplasm"].reduced_bulk_modulus,
                key("materials.cytoplasm.reduced_bulk_modulus={:g} MPa")),
-        Choice("step_factor", "time step over the stable one", (0.45, 0.9),
+        Choice("step_factor", "time step over the stable one", (0.4, 0.8),
                lambda case: case.time.step_factor, key("time.step_factor={:g}")),
         Choice("equilibrium_distance", "equilibrium distance of both adhesions [nm]", (10, 20),
                lambda case: 1e3 * case.substrate.equilibrium_distance, _equilibrium_distances),

@@ -610,8 +610,8 @@ def test_the_schema_lists_every_law_with_its_units_and_bounds() -> None:
     radius = properties["cells"]["items"]["anyOf"][0]["properties"]["radius"]
     assert radius["type"] == "string" and "[um]" in radius["description"] and "> 0 um" in radius["description"]
     assert properties["time"]["properties"]["step_factor"] == {
-        "type": "number", "exclusiveMinimum": 0, "maximum": 1, "default": 0.9,
-        "description": "fraction of the largest stable step for \"auto\" [-], > 0 and <= 1; default: 0.9"}
+        "type": "number", "exclusiveMinimum": 0, "maximum": 1, "default": 0.8,
+        "description": "fraction of the largest stable step for \"auto\" [-], > 0 and <= 1; default: 0.8"}
 
 
 def test_a_new_law_reaches_case_file_schema_and_messages_by_its_declaration(written: Callable[..., Path],
