@@ -61,8 +61,10 @@ class StepControl:
         self.stabilisation, self.viscous, self.elastic, self.stiffening = rates.max(axis=0)  # 1/µs twice, 1/µs² twice
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
         self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
-        # a gap between cells is closed from both sides; the strongest of their bonds stand for all
-        between = max(terms.contacts.laws if terms.contacts is not None else (), default=None, key=_strength)
+        # a gap between cells is closed from both sides; the strongest of their bonds stand for all, and for the wall of
+        # a cell against itself, which ends at its equilibrium distance and has no gap for a softer contact
+        laws = terms.contacts.laws if terms.contacts is not None else ()
+        between = max(laws, default=None, key=lambda law: (law.work > 0.0, _strength(law)))
         self._contacts = [(terms.substrate, 1.0), (between, 2.0)]
         acting = [law is not None and law.stiffness(0.0) > 0.0 for law, _ in self._contacts]
         self.touches = any(acting)

@@ -152,3 +152,16 @@ def test_contact_lengths_are_those_within_three_equilibrium_distances_of_each_pa
     with built(row({"cells": ["Cell-2", "Cell-3"], "equilibrium_distance": "4 nm"})) as sim:
         _, *length = (cell["cell_contact_um"] for cell in sim.sample()[0])
     assert length[0] == pytest.approx(length[1]) and length[0] > 0.05 and length[2] == 0.0
+
+
+def test_the_wall_of_a_cell_against_itself_does_not_shorten_the_step() -> None:
+    """It is ten times as stiff as the bonds between cells, which set the step where cells touch."""
+    with built(case("paper", per_cell=150)) as sim:
+        assert sim.terms.contacts.own
+        between = sim.terms.contact
+        steps = sim.control.stable(gaps=np.array([1.0, 0.94 * between.equilibrium_distance]))
+        wall = sim.terms.contacts.laws[sim.terms.contacts.of_pair(0, 0)]
+        assert wall.stiffness(0.0099) > 5.0 * between.stiffness(0.0099)
+        bonds = 2.0 * between.stiffness(0.94 * between.equilibrium_distance) * sim.control._length_per_mass
+        c, omega2 = sim.control.stabilisation + sim.control.viscous, sim.control.elastic + sim.control.stiffening + bonds
+        assert 0.5 * c * steps["contact"] + 0.25 * omega2 * steps["contact"] ** 2 == pytest.approx(1.0, rel=1e-9)
