@@ -17,6 +17,7 @@ from .source import Source
 from .values import declared
 
 MOST_PARTICLES = 1e9
+NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("equilibrium_distance", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
@@ -32,6 +33,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _names(source, cells)
     _parts(source, found)
     _pairs(source, found)
+    _walls(source, found)
     _equilibria(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
     if on_substrate:
@@ -139,6 +141,17 @@ def _pairs(source: Source, found: dict[str, Any]) -> None:
         line = source.place(pairs[first][1])[1]
         source.reject((*pairs[second][1], "cells"), f"'{a}' and '{b}' are named before, in adhesion.pairs.{first}"
                                                     + (f" in line {line}" if line else ""))
+
+
+def _walls(source: Source, found: dict[str, Any]) -> None:
+    """Note laws between cells that do not keep them out of each other."""
+    laws = [(pair.law, (*path, "law")) for pair, path in found["pairs"]]
+    for law, path in [(found["contact"], ("adhesion", "cells", "law")), *laws]:
+        if law is None or not law.work or law.cutoff <= law.equilibrium_distance:
+            continue  # no bonds, or a mistake that is told already
+        if float(law.slope(NARROW * law.equilibrium_distance)) >= 0.0:
+            source.reject(path, f"{show(law.law)} does not repel at {NARROW:g} of its equilibrium distance, so that "
+                                "cells would pass into each other: its slope has to be negative there")
 
 
 def _equilibria(source: Source, found: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ from scenes import built, case, everywhere, forces
 
 from cellmig.case import registry
 from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError
 from cellmig.model.seifert import WALL
 
 GAP = 0.014  # of neighbours in a row [µm]: bonds pull, and there is no repulsion
@@ -98,6 +99,24 @@ def test_laws_of_different_kinds_stand_side_by_side_in_one_kernel(monkeypatch: p
     assert found == pytest.approx([bonds[0], -bonds[0] - springs[2], springs[2]], rel=1e-9)
 
 
+def test_a_law_between_cells_that_does_not_repel_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Rope(Spring):
+        def slope(self, r):
+            return where(r < self.equilibrium_distance, 0.0, super().slope(r))
+
+    monkeypatch.setattr(registry, "_LAWS", {kind: dict(known) for kind, known in registry._LAWS.items()})
+    registry.law("adhesion", "test-rope")(Rope)
+    tree = row({"cells": ["Cell-1", "Cell-2"], "bond_density": "500 /um^2"}).resolved()
+    for wrong in (tree["adhesion"]["cells"], tree["adhesion"]["pairs"][0]):
+        wrong |= {"law": "test-rope", "well_depth": "0.024 pN um", "equilibrium_distance": "10 nm"}
+        for key in ("attraction", "cutoff"):
+            wrong.pop(key, None)
+    with pytest.raises(CaseError) as error:
+        from_dict(tree)
+    for place in ("adhesion.cells.law", "adhesion.pairs.0.law"):
+        assert f"{place}: 'test-rope' does not repel at 0.01 of its equilibrium distance" in str(error.value)
+
+
 def test_the_energy_of_a_colony_closes_with_bonds_by_kind() -> None:
     with built(case("colony", per_cell=100)) as sim:
         sim.sample()
@@ -163,5 +182,6 @@ def test_the_wall_of_a_cell_against_itself_does_not_shorten_the_step() -> None:
         wall = sim.terms.contacts.laws[sim.terms.contacts.of_pair(0, 0)]
         assert wall.stiffness(0.0099) > 5.0 * between.stiffness(0.0099)
         bonds = 2.0 * between.stiffness(0.94 * between.equilibrium_distance) * sim.control._length_per_mass
-        c, omega2 = sim.control.stabilisation + sim.control.viscous, sim.control.elastic + sim.control.stiffening + bonds
+        k = sim.control
+        c, omega2 = k.stabilisation + k.viscous, k.elastic + k.stiffening + bonds
         assert 0.5 * c * steps["contact"] + 0.25 * omega2 * steps["contact"] ** 2 == pytest.approx(1.0, rel=1e-9)
