@@ -171,7 +171,7 @@ class Run:
             self._stop(stop_signals)
         if self.stopping:
             return STOPPED, self.stopping
-        if self._integrator.finished and self.simulation.time < stop:
+        if self._integrator.finished and (self.simulation.time < stop or stop < self.end):
             return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
         return DONE, ""
 

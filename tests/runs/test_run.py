@@ -455,6 +455,13 @@ def test_options_of_petsc_are_obeyed(alone, runs, tmp_path, options, integrator,
         assert np.abs(u - reference).max() < error * np.abs(reference).max()
 
 
+def test_a_run_whose_steps_end_at_a_sample_ends_there(alone, tmp_path):
+    words = ("--set", "time.samples=10", "--set", "time.frames=1", "-ts_dt", "1e-3", "-ts_max_steps", "20")
+    done = alone(PAPER, *SHORT, *words, "--out", tmp_path / "run")
+    assert (done.returncode, done.stderr) == (0, "") and "the 20 steps of -ts_max_steps are taken" in done.stdout
+    assert read_manifest(tmp_path / "run")["time_us"] == pytest.approx(0.02)
+
+
 def test_an_option_that_nothing_uses_is_reported(cellmig, tmp_path):
     done = cellmig(2, PAPER, *SHORT, "--out", tmp_path / "run", "-ts_typ", "rk")
     assert done.returncode == 0 and "nothing has asked for -ts_typ rk so far: is it misspelt?" in done.stdout
