@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 from ..geometry import polygons
 from .body import Scene
 
+CLOSE = 3  # steps along an outline up to which two segments meet in a fold only
+
 
 @dataclass(frozen=True)
 class Surfaces:
@@ -134,19 +136,23 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
 
 
 def _face_outside(surfaces: Surfaces, turn: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether the outside of a cell is between two segments of its outline, a < b (k,) int, if they face each other;
-    (k,) bool.
+    """Whether the outside of a cell may be between two segments of its outline, a < b (k,) int; (k,) bool.
 
     From a part of an outline to one that it faces across the inside, the outline turns by +π either way; to one that it
-    faces across a fold, by -π one way and by 3π the other way.
+    faces across a fold, by -π one way and by 3π the other way.  Segments next to each other but for a few meet in folds
+    alone: elsewhere short ones between them may turn over.
     """
-    angle = np.zeros(len(a))
+    outside = np.zeros(len(a), bool)
     for cell in np.unique(surfaces.cell[a]):
         mine = surfaces.cell[a] == cell
         loop = np.flatnonzero((surfaces.cell == cell) & surfaces.outer)
-        along = np.cumsum(turn[loop])
-        angle[mine] = along[b[mine] - loop[0]] - along[a[mine] - loop[0]]
-    return np.abs(angle - np.pi) > 0.5 * np.pi
+        along, first, last = np.cumsum(turn[loop]), a[mine] - loop[0], b[mine] - loop[0]
+        angle, steps = along[last] - along[first], last - first
+        back = len(loop) - steps
+        least = np.where(steps <= back, angle, 2.0 * np.pi - angle)
+        far = np.minimum(steps, back) > CLOSE
+        outside[mine] = np.where(far, np.abs(angle - np.pi) > 0.75 * np.pi, least < -0.5 * np.pi)
+    return outside
 
 
 def acting(surfaces: Surfaces, pairs: np.ndarray, own: np.ndarray) -> np.ndarray:

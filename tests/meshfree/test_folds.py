@@ -63,3 +63,9 @@ def test_fingers_that_grow_towards_each_other_are_pairs() -> None:
             [4, 2 + THIN / 2], [4, 4], [0, 4]]
     middle, _ = pairs(jaws)
     assert len(middle) > 10 and (middle[..., 0] > 1.9).all()
+
+
+def test_a_short_segment_that_turns_over_at_a_corner_makes_no_pair() -> None:
+    places = (3.0, 2 * THIN), (3.0 - 0.5 * THIN, -0.5 * THIN)
+    before, now = ([[0, 0], [3, 0], place, [3, 3], [0, 3]] for place in places)
+    assert not len(pairs(now, 3.0, before)[0])
