@@ -12,6 +12,8 @@ Vector = tuple  # two numbers, or arrays of them
 
 def either(yes: Any, one: tuple, other: tuple) -> tuple:
     """Nested numbers of one tuple where `yes`, else of the other; C computes only the one that is chosen."""
+    if hasattr(yes, "either"):
+        return yes.either(one, other)
     return tuple(either(yes, a, b) if isinstance(a, tuple) else np.where(yes, a, b)
                  for a, b in zip(one, other, strict=True))
 

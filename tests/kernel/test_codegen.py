@@ -17,8 +17,9 @@ from scenes import example
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import either
 from cellmig.case.registry import laws
-from cellmig.kernel.codegen import SHAPES, LawError, Translator, shapes_of
+from cellmig.kernel.codegen import SHAPES, Translator, shapes_of
 from cellmig.kernel.source import text_of
+from cellmig.kernel.symbols import LawError
 from cellmig.kernel.terms import FORMULAS, SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
 from cellmig.meshfree.terms import Contacts, Terms
@@ -72,7 +73,7 @@ LIMIT = 0.25
 class Formulas:
     """What a law's formula may have, one method for each; F and the rest are arguments as the translator knows them."""
 
-    rate, least, whole = 0.7, 0.2, 3
+    rate, least, whole, words = 0.7, 0.2, 3, True
 
     def exponential(self, r):
         return exp(-self.rate * r) + np.exp(-900.0 * r * r)
@@ -97,6 +98,12 @@ class Formulas:
     def other(self, r):
         a, b = r, self.powers(r)
         return a * log(b) - sqrt(cbrt(b))
+
+    def repeated(self, r):
+        total = 0.0
+        for k, a in enumerate([r, 2.0 * r, -r]):
+            total = total + (k + 1) * a * a
+        return total if self.words else r
 
 
 @pytest.mark.parametrize("number", ["double", "v4"])
@@ -133,10 +140,8 @@ class Wrong:
     def unknown(self, r):
         return exp2(r)  # noqa: F821
 
-    def loop(self, r):
-        for _ in range(3):
-            r = r * 2.0
-        return r
+    def asking(self, r):
+        return r if r > 0.0 else -r
 
     def wordy(self, r):
         return r * self.words
@@ -167,10 +172,11 @@ class Wrong:
 
 
 @pytest.mark.parametrize(("method", "line", "what"), [
-    ("unknown", 1, "'exp2(r)' is not translated to C; a formula has numbers"), ("loop", 1, "is no assignment"),
+    ("unknown", 1, "'return exp2(r)' is not translated to C: name 'exp2' is not defined"),
+    ("asking", 1, "what depends on a value is where(condition, a, b)"),
     ("wordy", 1, "'self.words' is no number"), ("missing", 1, "'self.nothing' is no number"),
-    ("twice", 1, "where takes 3"), ("between", 1, "'0.0 < r < 1.0' is not translated"), ("endless", 0, "calls itself"),
-    ("silent", 0, "returns nothing"), ("name", 1, "'undefined' is not translated"), ("whole", 1, "is not translated"),
+    ("twice", 1, "where takes 3"), ("between", 1, "not if, and, or, a < b < c"), ("endless", 1, "calls itself"),
+    ("silent", 0, "returns nothing"), ("name", 1, "name 'undefined' is not defined"), ("whole", 1, "is not translated"),
     ("uneven", 1, "two tuples of the same shape")])
 def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(method: str, line: int, what: str) -> None:
     with pytest.raises(LawError) as error:
