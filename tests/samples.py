@@ -5,28 +5,37 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
-def deformations(n: int = 200) -> np.ndarray:
-    """Random F (2, 2, n) with stretch, shear and rotation: 0.3 < J, turns up to half a circle."""
+def deformations(n: int = 200, d: int = 2) -> np.ndarray:
+    """Random F (d, d, n) with stretch, shear and rotation: 0.3 < J, turns up to half a circle."""
     rng = np.random.default_rng(1)
-    F = np.eye(2)[:, :, None] + 0.35 * rng.standard_normal((2, 2, 3 * n))
+    F = np.eye(d)[:, :, None] + 0.35 * rng.standard_normal((d, d, 3 * n))
     F = F[:, :, determinant(F) > 0.3][:, :, :n]
     assert F.shape[2] == n
-    return np.einsum("ijn,jkn->ikn", rotations(n), F)
+    return np.einsum("ijn,jkn->ikn", rotations(n, d=d), F)
 
 
-def rotations(n: int, seed: int = 2) -> np.ndarray:
+def rotations(n: int, seed: int = 2, d: int = 2) -> np.ndarray:
+    if d == 3:
+        return Rotation.random(n, random_state=seed).as_matrix().transpose(1, 2, 0)
     a = np.random.default_rng(seed).uniform(-np.pi, np.pi, n)
     return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
 
 
-def rates(n: int = 200) -> np.ndarray:
-    return np.random.default_rng(3).standard_normal((2, 2, n))
+def spin(d: int) -> np.ndarray:
+    """A rate of rotation (d, d)."""
+    W = np.array([[0.0, -1.0, 0.4], [1.0, 0.0, -0.7], [-0.4, 0.7, 0.0]])
+    return W[:d, :d]
 
 
-def vectors(n: int = 200) -> np.ndarray:
-    return np.random.default_rng(4).standard_normal((2, n))
+def rates(n: int = 200, d: int = 2) -> np.ndarray:
+    return np.random.default_rng(3).standard_normal((d, d, n))
+
+
+def vectors(n: int = 200, d: int = 2) -> np.ndarray:
+    return np.random.default_rng(4).standard_normal((d, n))
 
 
 def distances(law: Any) -> np.ndarray:
@@ -38,7 +47,7 @@ def distances(law: Any) -> np.ndarray:
 
 
 def determinant(F: np.ndarray) -> np.ndarray:
-    return F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    return F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] if len(F) == 2 else np.linalg.det(np.moveaxis(F, -1, 0))
 
 
 def slope(function: Any, x: np.ndarray, step: float) -> np.ndarray:

@@ -10,7 +10,6 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from cellmig.case.pointwise import pointwise
-from cellmig.meshfree.rkpm import components
 from cellmig.simulation import Simulation
 
 GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 / 18))
@@ -31,7 +30,7 @@ def loads(X: np.ndarray, surface: np.ndarray, stress: Callable[[np.ndarray], np.
 def tangent(sim: Simulation, u: np.ndarray, time: float) -> sparse.csc_matrix:
     """Derivative of the internal forces of one cell by u (2n, 2n), x before y; velocities are u/time."""
     t, h = sim.scene.templates[0], 1e-6
-    g = components(t.G)
+    g = t.G
     H = np.array([[g[j] @ u[:, i] for j in range(2)] for i in range(2)])
 
     def stress(H: np.ndarray) -> np.ndarray:

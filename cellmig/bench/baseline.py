@@ -19,7 +19,6 @@ from cellmig.kernel.codegen import Translator
 from cellmig.kernel.source import text_of
 from cellmig.kernel.toolchain import loaded
 from cellmig.meshfree.body import Scene
-from cellmig.meshfree.rkpm import components
 
 from .timing import STILL, Timer
 
@@ -99,11 +98,9 @@ class Baseline:
         """Prepare both implementations."""
         self.materials, self.size = scene.materials, scene.size
         templates = [scene.templates[k] for k in scene.kind]
-        G = sparse.block_diag([t.G for t in templates], "csr")
-        G.sort_indices()
-        self.G = components(G)
+        self.G = [sparse.block_diag([t.G[k] for t in templates], "csr") for k in range(2)]
         self.H = [(-part.T).tocsr() for part in self.G]
-        for part in self.H:
+        for part in [*self.G, *self.H]:
             part.sort_indices()
         self.S = sparse.block_diag([t.S for t in templates], "csr")
         self.V, self.mass = scene.field("V"), scene.field("mass")
@@ -111,7 +108,7 @@ class Baseline:
         self.F = np.zeros((scene.size, 2, 2)) + np.eye(2)
         self.Q = np.zeros((scene.size, 2, 2))
         self.force, self.u, self.v = (np.zeros((scene.size, 2)) for _ in range(3))
-        self._prepare_c(G)
+        self._prepare_c(self.G[0])
 
     def _prepare_c(self, G: Any) -> None:
         parts, chosen, self._vectors = [text_of("simd.h")], [], []

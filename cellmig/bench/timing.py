@@ -133,7 +133,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
         "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.part.numbering.n_rows),
         "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
-        "neighbours": float(np.mean([t.G.nnz / t.G.shape[0] for t in sim.scene.templates])),
+        "neighbours": float(np.mean([t.G[0].nnz / len(t.X) for t in sim.scene.templates])),
         "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
         "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,
         "ns": ns, "us": {name: [1e6 * t for t in wall] for name, wall in us.items()}}

@@ -53,7 +53,7 @@ def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     own = np.zeros(scene.size, bool)
     own[owned] = True
     first, second, shared = own.copy(), own.copy(), np.zeros(scene.size, bool)
-    patterns = lru_cache(lambda k: pattern(scene.templates[k].G))
+    patterns = lru_cache(lambda k: pattern(scene.templates[k].G[0]))
     for c in np.unique(scene.cell[owned]):
         part = slice(scene.offset[c], scene.offset[c + 1])
         if own[part].all():
@@ -138,7 +138,7 @@ def _patterns(scene: Scene, numbering: Numbering) -> np.ndarray:
     ids = numbering.ids[: numbering.n_rows]
     own = np.argsort(ids, kind="stable")
     bounds = np.searchsorted(ids[own], scene.offset)
-    pattern_of = lru_cache(lambda k: pattern(scene.templates[k].G))
+    pattern_of = lru_cache(lambda k: pattern(scene.templates[k].G[0]))
     for c in np.flatnonzero(np.diff(bounds)):
         rows = own[bounds[c] : bounds[c + 1]]
         at = ids[rows] - scene.offset[c]
@@ -169,22 +169,22 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     H_JI.  `laplacian` and `bending` contain C and -Cᵀ.
     """
     stencils = Stencils(scene, numbering, blocks)
-    G, C = ([getattr(t, name) for t in scene.templates] for name in "GC")
+    G, C = list(map(list, zip(*(t.G for t in scene.templates), strict=True))), [t.C for t in scene.templates]
     extended: Any = list
     if terms.single:
-        G, C = ([rounded(m) for m in matrices] for matrices in (G, C))
+        G, C = [[rounded(m) for m in part] for part in G], [rounded(m) for m in C]
         extended = partial(map, with_rest)
     out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
            "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
     out |= {name: stencils.by_lane(scene.field(name)) for name in ("viscosity", "shear_modulus", "dilation_modulus")}
-    G, H, C, B = (list(extended(m)) for m in (G, [_adjoint(m) for m in G], C, [_adjoint(m) for m in C]))
-    first, group, lane, owned, kind, at, out["column"] = stencils.entries(G)
+    H, B = [list(extended(map(_adjoint, part))) for part in G], list(extended(map(_adjoint, C)))
+    G, C = [list(extended(part)) for part in G], list(extended(C))
+    first, group, lane, owned, kind, at, out["column"] = stencils.entries(G[0])
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((2, first[-1], 8))
-    g = _values(G, kind, at)
-    gradient[group, pair], gradient[group, pair + 2] = g.real, g.imag
-    h = np.where(owned, _values(H, kind, at), 0)  # rows of ghosts are needed for their stress only
-    adjoint[group, pair], adjoint[group, pair + 2] = h.real, h.imag
+    for k in range(len(G)):
+        gradient[group, pair + 2 * k] = _values(G[k], kind, at)
+        adjoint[group, pair + 2 * k] = np.where(owned, _values(H[k], kind, at), 0)  # of ghosts only stresses count
     if terms.stabilised or terms.stiffened:
         out |= {name: stencils.by_lane(scene.field(name)) for name in ("bending_weight", "bending_modulus")}
         first_C, group, lane, owned, kind, at, out["column_laplacian"] = stencils.entries(C)
@@ -255,8 +255,7 @@ _TWICE_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
 
 def rounded(m: sparse.csr_matrix) -> sparse.csr_matrix:
     """A matrix in single precision, but for the diagonal: that makes rows sum to zero, for motions as a whole."""
-    single = np.complex64 if np.iscomplexobj(m.data) else np.float32
-    out = sparse.csr_matrix((m.data.astype(single).astype(m.data.dtype), m.indices, m.indptr), m.shape)
+    out = sparse.csr_matrix((m.data.astype(np.float32).astype(float), m.indices, m.indptr), m.shape)
     on = _diagonal(out)
     out.data[on] = 0.0
     out.data[on] = -(out @ np.ones(m.shape[0]))[out.indices[on]]
@@ -267,7 +266,7 @@ def with_rest(m: sparse.csr_matrix) -> sparse.csr_matrix:
     """A matrix with a further entry at the end of each row: what single precision lacks of the diagonal."""
     on = _diagonal(m)
     rest, row = m.data[on], m.indices[on]
-    rest = rest - rest.astype(np.complex64 if np.iscomplexobj(rest) else np.float32)
+    rest = rest - rest.astype(np.float32)
     data, columns = (np.insert(a, m.indptr[row + 1], b) for a, b in ((m.data, rest), (m.indices, row)))
     further = np.append(0, np.cumsum(np.bincount(row, minlength=m.shape[0])))
     return sparse.csr_matrix((data, columns, m.indptr + further), m.shape)

@@ -9,10 +9,10 @@ from typing import Any
 from ..meshfree.stabilisation import BulkDamping, Stabilisation
 from ..meshfree.terms import Terms
 from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
+from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
-from ..model.plane_strain import PlaneStrain
 from ..model.pressure import Pressure
 from ..model.protrusion import ProtrusionForce
 
@@ -51,7 +51,7 @@ SURFACE_TERMS = (
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
-            (PlaneStrain(), "v4", "shear_stress", "shear_stress", ()),
+            (Continuum(), "v4", "shear_stress", "shear_stress", ()),
             (Couple(), "double", "force", "couple_force", ()))
 
 # What the step calls at its stages, by the arguments that are there.

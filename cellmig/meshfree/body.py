@@ -31,7 +31,7 @@ class Template:
     surface : (m,) int -- surface particles along closed loops, the outer one counterclockwise, holes clockwise.
     after : (m,) int -- index in `surface` of the next particle on the loop.
     parts : dict of (k,) int -- by name of a part of the boundary, indices in `surface` where its segments begin.
-    G : (n, n) complex CSR -- gradients ∂/∂X + i ∂/∂Y of the shape functions at the particles [1/µm].
+    G : (n, n) CSR for each direction -- derivatives of the shape functions at the particles, of one pattern [1/µm].
     C : (n, n) CSR -- Laplacians at the particles, zero for linear fields [1/µm²].
     bending_weight : (n,) -- dissipation of the stabilisation over |C v|² at rest [pN µs µm²].
     bending_modulus : (n,) -- twice the energy of the elastic stabilisation over |C u|² [pN µm²].
@@ -47,7 +47,7 @@ class Template:
     surface: np.ndarray
     after: np.ndarray
     parts: dict[str, np.ndarray]
-    G: sparse.csr_matrix
+    G: rkpm.Gradient
     C: sparse.csr_matrix
     bending_weight: np.ndarray
     bending_modulus: np.ndarray
@@ -114,7 +114,7 @@ class Template:
     @cached_property
     def bound(self) -> np.ndarray:
         """Components 00, 11, 01 of Σ_J G⊗G/m_J (n, 3) [1/(µm fg)]: squared frequency per volume and modulus."""
-        g = rkpm.components(self.G)
+        g = self.G
         by_mass = sparse.diags(1.0 / self.mass)
         return np.column_stack([np.asarray((a.multiply(b) @ by_mass).sum(axis=1)).ravel()
                                 for a, b in ((g[0], g[0]), (g[1], g[1]), (g[0], g[1]))])
@@ -142,7 +142,7 @@ class Template:
     def diffusion(self) -> float:
         """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: the fastest relaxation rate per diffusivity."""
         V, root = sparse.diags(self.V), sparse.diags(1.0 / np.sqrt(self.V))
-        parts = [g @ root for g in rkpm.components(self.G)]
+        parts = [g @ root for g in self.G]
         return _largest(sum(g.T @ V @ g for g in parts), len(self.X))
 
     @cached_property
@@ -154,7 +154,7 @@ class Template:
         """
         n, root = len(self.X), 1.0 / np.sqrt(self.mass)
         scale = sparse.diags(root)
-        gx, gy = (g @ scale for g in rkpm.components(self.G))
+        gx, gy = (g @ scale for g in self.G)
         viscous = _strain_operator(gx, gy, self.V, self.viscosity, self.damping)
         elastic = _strain_operator(gx, gy, self.V, self.shear_modulus, self.dilation_modulus)
         return (_largest(scale @ self.S @ scale, n), _largest(viscous, 2 * n), _largest(elastic, 2 * n),
@@ -221,7 +221,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     missed = MISSED * V * square
     modulus = np.where(nucleus, inner.numerical_modulus, body.numerical_modulus)
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
-    R = recovery(X, G, support, nucleus)
+    R = recovery(X, G[0], support, nucleus)
     parts = {"surface": np.arange(len(surface)), **(layout.parts or {})}
     return Template(X, V, nucleus, surface, after, parts, G, C, missed * viscosity, missed * modulus, R, spacing, laws,
                     bulk_viscosity * spacing * wave)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from ..geometry import polygons
 from ..geometry.delaunay import areas, triangles
 
+Gradient = tuple[sparse.csr_matrix, ...]  # derivatives by the directions, of one pattern
 CHUNK = 2000  # particles whose arrays fit into the processor's cache
 
 
@@ -72,8 +73,8 @@ def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
     return np.maximum(radius, 1.15 * longest)
 
 
-def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None) -> sparse.csr_matrix:
-    """Gradients of the shape functions at the particles, G[I, J] = ∇N_J(X_I).
+def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None) -> Gradient:
+    """Gradients of the shape functions at the particles, G[k][I, J] = ∂N_J/∂X_k at X_I.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
 
     Returns
     -------
-    (n, n) complex CSR [1/µm] -- ∂/∂X + i ∂/∂Y, exact for linear fields; the pattern is symmetric, rows sum to zero.
+    (n, n) CSR [1/µm] for each direction, of one symmetric pattern -- exact for linear fields; rows sum to zero.
 
     Raises ValueError if a particle has too few neighbours for a linear basis.
 
@@ -106,11 +107,11 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
         some = bounds[first : first + CHUNK + 1]
         on = slice(some[0], some[-1])
         parts.append(_gradients_of(X[I[on]] - X[J[on]], support[J[on]], support.max(), some[:-1] - some[0]))
-    return _zero_row_sums(sparse.csr_matrix((np.concatenate(parts), J, bounds), (n, n)))
+    return _zero_row_sums(np.concatenate(parts), J, bounds)
 
 
 def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray) -> np.ndarray:
-    """Gradients (e,) complex [1/µm] of the entries of k particles.
+    """Gradients (e, d) [1/µm] of the entries of k particles.
 
     Entry e has the vector d (e, 2) [µm] from a neighbour to the particle, and the support a (e,) [µm] of the neighbour;
     `start` (k,) is the first entry of each particle, `scale` [µm] makes the basis dimensionless.
@@ -136,19 +137,17 @@ def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray)
         db = -np.linalg.solve(M, np.einsum("nij,nj->ni", dM, b)[:, :, None])[:, :, 0]
         G[:, k] = np.einsum("ei,ei->e", db[I], p) * w + np.einsum("ei,ei->e", b[I], dp) * w
         G[:, k] += np.einsum("ei,ei->e", b[I], p) * dw[:, k]
-    return G[:, 0] + 1j * G[:, 1]
-
-
-def components(G: sparse.csr_matrix) -> list[sparse.csr_matrix]:
-    """The real matrices ∂/∂X and ∂/∂Y of gradients G, with its pattern, in its unit."""
-    return [sparse.csr_matrix((np.ascontiguousarray(part), G.indices, G.indptr), G.shape)
-            for part in (G.data.real, G.data.imag)]
-
-
-def _zero_row_sums(G: sparse.csr_matrix) -> sparse.csr_matrix:
-    """G, in place, with a diagonal that makes its rows sum to zero."""
-    G.setdiag(G.diagonal() - np.asarray(G.sum(axis=1)).ravel())
     return G
+
+
+def _zero_row_sums(entries: np.ndarray, indices: np.ndarray, indptr: np.ndarray) -> Gradient:
+    """Matrices of entries (e, d), with a diagonal that makes their rows sum to zero."""
+    n, G = len(indptr) - 1, []
+    for part in entries.T:
+        matrix = sparse.csr_matrix((np.ascontiguousarray(part), indices, indptr), (n, n))
+        matrix.setdiag(matrix.diagonal() - np.asarray(matrix.sum(axis=1)).ravel())
+        G.append(matrix)
+    return tuple(G)
 
 
 def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -184,8 +183,8 @@ def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
     return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
 
 
-def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray,
-               solve: Callable[..., np.ndarray] = factorised) -> sparse.csr_matrix:
+def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray,
+               solve: Callable[..., np.ndarray] = factorised) -> Gradient:
     r"""Gradients closest to G for which nodal integration satisfies the divergence theorem, Σ_I V_I G_IJ = ∮ n N_J ds.
 
     Without the correction D a uniform stress causes forces inside the body.  D minimises Σ D_IJ² / w_IJ, where w is the
@@ -194,7 +193,7 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
 
     Parameters
     ----------
-    G : (n, n) complex CSR [1/µm] -- as `gradients` returns them.
+    G : (n, n) CSR [1/µm] for each direction -- as `gradients` returns them.
     X : (n, 2) -- positions [µm].
     V : (n,) -- volumes [µm²].
     support : (n,) -- support radii [µm].
@@ -203,29 +202,29 @@ def consistent(G: sparse.csr_matrix, X: np.ndarray, V: np.ndarray, support: np.n
 
     Returns
     -------
-    (n, n) complex CSR [1/µm] -- with the pattern of G.
+    (n, n) CSR [1/µm] for each direction -- with the pattern of G.
 
     Source: derived here, as a variationally consistent integration (Chen, Hillman & Rüter 2013) in which trial and test
     functions have the same corrected gradients, so that the forces have an energy.
     """
-    n = len(X)
-    rows = np.repeat(np.arange(n), np.diff(G.indptr))
-    d = X[G.indices] - X[rows]
-    w = window(np.linalg.norm(d, axis=1) / support[G.indices])[0]
+    n, column, start = len(X), G[0].indices, G[0].indptr
+    rows = np.repeat(np.arange(n), np.diff(start))
+    d = X[column] - X[rows]
+    w = window(np.linalg.norm(d, axis=1) / support[column])[0]
     p = np.column_stack([np.ones(len(d)), d])
-    M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], G.indptr[:-1])
+    M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], start[:-1])
     fit = np.linalg.solve(np.linalg.cholesky(M)[rows], (w[:, None] * p)[:, :, None])[:, :, 0]
-    Y = [sparse.csr_matrix((f, G.indices, G.indptr), G.shape) for f in fit.T]
+    Y = [sparse.csr_matrix((f, column, start), (n, n)) for f in fit.T]
     V2 = sparse.diags(V**2)
-    A = sparse.diags(np.bincount(G.indices, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
-    missing = surface_normals(X, segments) - np.column_stack([V @ g for g in components(G)])
+    A = sparse.diags(np.bincount(column, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
+    missing = surface_normals(X, segments) - np.column_stack([V @ g for g in G])
     free = np.ones(n, bool)
     free[_three(X, segments[:, 0])] = False  # γ is determined up to a linear function, which does not change D
     gamma = np.zeros((n, 2))
     gamma[free] = solve(A.tocsc()[free][:, free], missing[free])
-    part = w[:, None] * gamma[G.indices] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
-    D = V[rows] * (part[:, 0] + 1j * part[:, 1])
-    return _zero_row_sums(sparse.csr_matrix((G.data + D, G.indices, G.indptr), G.shape))
+    part = w[:, None] * gamma[column] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
+    entries = np.column_stack([g.data for g in G]) + V[rows, None] * part
+    return _zero_row_sums(entries, column, start)
 
 
 def _three(X: np.ndarray, surface: np.ndarray) -> np.ndarray:

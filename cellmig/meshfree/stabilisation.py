@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from ..model.plane_strain import PlaneStrain
+from ..model.continuum import Continuum
+from ..model.tensors import applied, cofactors, combined, contracted, outer
 
 # Of the power μ V |∇v|² of shear waves, nodal integration with a support of 2.2 spacings misses this share of
 # μ V ℓ² |∇²v|², where ℓ² is the mean of the squared distances of neighbours: then waves of 4 spacings and more lose
@@ -52,7 +53,7 @@ def _both_ways(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return I[order], J[order]
 
 
-class Stabilisation(PlaneStrain):
+class Stabilisation(Continuum):
     """Viscosity against Laplacians of v; no field that is linear in the current positions x is resisted.
 
     The power is weight |r|² / (F : F - J), with r = C v - Ḟ F⁻¹ C u, where C are the Laplacians of `laplacian`: r is
@@ -65,24 +66,20 @@ class Stabilisation(PlaneStrain):
         """Stress q [pN µm], conjugate to C v, and -q ⊗ F⁻¹ C u [pN], to Ḟ; bend is C u [1/µm], bend_rate C v in
         1/(µm µs), the weight in pN µs µm².
         """
-        (R00, R01), (R10, R11) = Fdot
-        w0, w1 = self.pulled_back(F, bend)
-        r0, r1 = bend_rate
+        w = self.pulled_back(F, bend)
         k = weight / (self.first_invariant(F) - 1.0 - self.volume_ratio(F))
-        q0 = k * (r0 - R00 * w0 - R01 * w1)
-        q1 = k * (r1 - R10 * w0 - R11 * w1)
-        return (q0, q1), ((-q0 * w0, -q0 * w1), (-q1 * w0, -q1 * w1))
+        q = tuple(k * (r - a) for r, a in zip(bend_rate, applied(Fdot, w), strict=True))
+        return q, combined((-1.0, outer(q, w)))
 
 
-class BulkDamping(PlaneStrain):
+class BulkDamping(Continuum):
     """Numerical damping of sound: a pressure against the rate of dilation tr d, as the bulk viscosity of hydrocodes."""
 
     def stress(self, viscosity, F, Fdot):
         """First Piola-Kirchhoff stress viscosity tr d J F⁻ᵀ [Pa], minus its pressure [Pa] and J̇ [1/µs]; viscosity in
         Pa µs.
         """
-        (F00, F01), (F10, F11) = F
-        (R00, R01), (R10, R11) = Fdot
-        rate = R00 * F11 - R01 * F10 - R10 * F01 + R11 * F00
+        cofactor = cofactors(F)
+        rate = contracted(Fdot, cofactor)
         pressure = viscosity * rate * (1.0 / self.volume_ratio(F))
-        return ((pressure * F11, -pressure * F10), (-pressure * F01, pressure * F00)), pressure, rate
+        return combined((pressure, cofactor)), pressure, rate

@@ -6,6 +6,7 @@ from numpy import cbrt, sqrt
 
 from ..case.registry import law, quantity
 from .nematic import Nematic
+from .tensors import cofactors, combined
 
 
 @law("material", "gel")
@@ -32,13 +33,9 @@ class Gel(Nematic):
 
     def stress(self, F):
         """First Piola-Kirchhoff stress of pressure and network, P = -J p F⁻ᵀ + G J^{-2/3} (F - I1/3 F⁻ᵀ) [Pa]."""
-        (F00, F01), (F10, F11) = F
-        (p00, p01), (p10, p11) = self.pressure_stress(F)
         J, I1 = self.volume_ratio(F), self.first_invariant(F)
         g = self.shear_modulus / cbrt(J * J)
-        h = g * I1 / (3.0 * J)
-        return ((p00 + g * F00 - h * F11, p01 + g * F01 + h * F10),
-                (p10 + g * F10 + h * F01, p11 + g * F11 - h * F00))
+        return combined((1.0, self.pressure_stress(F)), (g, F), (-g * I1 / (3.0 * J), cofactors(F)))
 
     def out_of_plane(self, F):
         """Cauchy stress normal to the plane, σ33 = -p + G J^{-5/3} (1 - I1/3) [Pa]."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 from numpy import cbrt, log, sqrt
 
 from ..case.registry import law, quantity
-from .plane_strain import PlaneStrain
+from .continuum import Continuum
+from .tensors import SPACE, cofactors, combined, contracted, product, transposed
 
 
 @law("material", "mooney-rivlin")
-class MooneyRivlin(PlaneStrain):
+class MooneyRivlin(Continuum):
     r"""Hyperelastic solid with the energy W = C1 (I1 - 3 I3^{1/3}) + C2 (I2 - 3 I3^{2/3}) + λ/2 (ln I3)² [Pa].
 
-    In plane strain the third principal stretch is 1, so that C = FᵀF has the invariants I1 = C11 + C22 + 1, I2 = I3 +
-    C11 + C22 and I3 = det C > 0.  At rest, the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
+    C = FᵀF has the invariants I1 = tr C, I2 = (I1² - tr C²)/2 and I3 = det C > 0; in plane strain the third principal
+    stretch is 1.  At rest, the shear modulus is G = 2 (C1 + C2) and the bulk modulus K = 4 λ [Pa].
     Source: equations (8) and (9) of Bai, Lin & Zeng (2019), after Fried & Johnson (1988).
     """
 
@@ -56,27 +57,22 @@ class MooneyRivlin(PlaneStrain):
 
     def energy(self, F):
         """Energy W per reference volume [Pa], equation (8)."""
+        C = product(transposed(F), F)
         I1, I3 = self.first_invariant(F), self.volume_ratio(F) ** 2
+        I2 = 0.5 * (I1 * I1 - contracted(C, C) - float(SPACE - len(F)))
         a = cbrt(I3)
         volume = 0.5 * self.volumetric_modulus * log(I3) ** 2
-        return self.C1 * (I1 - 3.0 * a) + self.C2 * (I3 + I1 - 1.0 - 3.0 * a * a) + volume
+        return self.C1 * (I1 - 3.0 * a) + self.C2 * (I2 - 3.0 * a * a) + volume
 
     def stress(self, F):
         """First Piola-Kirchhoff stress P = F S [Pa], with S of equation (9)."""
-        (F00, F01), (F10, F11) = F
         J = self.volume_ratio(F)
-        C00 = F00 * F00 + F10 * F10
-        C11 = F01 * F01 + F11 * F11
-        C01 = F00 * F01 + F10 * F11
         I3 = J * J
         a = cbrt(I3)
-        first = self.C1 + self.C2 * (C00 + C11 + 1.0)
-        third = (self.C1 * a + 2.0 * self.C2 * a * a - self.volumetric_modulus * log(I3)) / I3
-        S00 = 2.0 * (first - self.C2 * C00 - third * C11)
-        S11 = 2.0 * (first - self.C2 * C11 - third * C00)
-        S01 = 2.0 * (third - self.C2) * C01
-        return ((F00 * S00 + F01 * S01, F00 * S01 + F01 * S11),
-                (F10 * S00 + F11 * S01, F10 * S01 + F11 * S11))
+        first = 2.0 * (self.C1 + self.C2 * self.first_invariant(F))
+        third = 2.0 * (self.volumetric_modulus * log(I3) - self.C1 * a - 2.0 * self.C2 * a * a) / J
+        FC = product(F, product(transposed(F), F))
+        return combined((first, F), (-2.0 * self.C2, FC), (third, cofactors(F)))
 
     def out_of_plane(self, F):
         """Cauchy stress normal to the plane, σ33 = S33 / J [Pa]."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from numpy import log, sqrt
 
 from ..case.registry import law, quantity
-from .plane_strain import PlaneStrain
+from .continuum import Continuum
+from .tensors import cofactors, combined, dot, outer
 
 
 @law("material", "nematic")
-class Nematic(PlaneStrain):
+class Nematic(Continuum):
     r"""Viscous liquid crystal with the Cauchy stress σ = -p I + 2 μ d - η (∇h)ᵀ∇h - ζ h⊗h [Pa].
 
     d is the rate of deformation [1/µs] and h the director [-].  The pressure is that of a slightly compressible fluid,
@@ -56,10 +57,8 @@ class Nematic(PlaneStrain):
 
     def pressure_stress(self, F):
         """First Piola-Kirchhoff stress of the pressure, P = -J p F⁻ᵀ [Pa]."""
-        (F00, F01), (F10, F11) = F
         J = self.volume_ratio(F)
-        mean = 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)
-        return (mean * F11, -mean * F10), (-mean * F01, mean * F00)
+        return combined((0.5 * self.reduced_bulk_modulus * (J - 1.0 / J), cofactors(F)))
 
     def viscous_stress(self, F, Fdot):
         """First Piola-Kirchhoff stress P = 2 μ J d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹); its power P : Ḟ is dissipated."""
@@ -67,34 +66,24 @@ class Nematic(PlaneStrain):
 
     def current_gradient(self, F, gradient):
         """Current gradient g of the director's angle [1/µm]: F⁻ᵀ times its reference `gradient` [1/µm]."""
-        (F00, F01), (F10, F11) = F
-        a, b = gradient
-        rJ = 1.0 / self.volume_ratio(F)
-        return (F11 * a - F10 * b) * rJ, (F00 * b - F01 * a) * rJ
+        return self.pushed_forward(F, gradient)
 
     def director_energy(self, F, gradient):
         """Energy of the director field η |g|² / 2, per reference volume [Pa]."""
-        g0, g1 = self.current_gradient(F, gradient)
-        return 0.5 * self.eta * (g0 * g0 + g1 * g1)
+        g = self.current_gradient(F, gradient)
+        return 0.5 * self.eta * dot(g, g)
 
     def director_flux(self, F, gradient):
         """Derivative of the energy of the director field by the reference gradient, η F⁻¹ g [pN/µm]."""
-        k0, k1 = self.pulled_back(F, self.current_gradient(F, gradient))
-        return self.eta * k0, self.eta * k1
+        return tuple(self.eta * k for k in self.pulled_back(F, self.current_gradient(F, gradient)))
 
     def director_stress(self, F, gradient):
         """Derivative of the energy of the director field by F, P = -g⊗(η F⁻¹ g) [Pa]."""
-        g0, g1 = self.current_gradient(F, gradient)
-        k0, k1 = self.director_flux(F, gradient)
-        return (-g0 * k0, -g0 * k1), (-g1 * k0, -g1 * k1)
+        return combined((-1.0, outer(self.current_gradient(F, gradient), self.director_flux(F, gradient))))
 
     def active_stress(self, F, director):
         """First Piola-Kirchhoff stress of -ζ h⊗h, P = -ζ J h⊗(F⁻¹ h) [Pa]; the `director` h is a unit vector [-]."""
-        (F00, F01), (F10, F11) = F
-        h0, h1 = director
-        k0 = -self.zeta * (F11 * h0 - F01 * h1)
-        k1 = -self.zeta * (F00 * h1 - F10 * h0)
-        return (h0 * k0, h0 * k1), (h1 * k0, h1 * k1)
+        return combined((-self.zeta * self.volume_ratio(F), outer(director, self.pulled_back(F, director))))
 
     def out_of_plane(self, F):
         """Cauchy stress normal to the plane, σ33 = -p [Pa]."""

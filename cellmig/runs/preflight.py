@@ -94,7 +94,7 @@ def _finer(t: Template, ratio: float) -> Template:
     """A template with its lengths times `ratio`."""
     viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
                   if m and (v := m.numerical_viscosity(t.spacing))) if t.bending_weight.any() else 1.0
-    return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=t.G / ratio, C=t.C / ratio**2,
+    return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=tuple(g / ratio for g in t.G), C=t.C / ratio**2,
                                bending_weight=viscous * ratio**4 * t.bending_weight,
                                bending_modulus=ratio**4 * t.bending_modulus,
                                spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t

@@ -35,7 +35,8 @@ class Stiffness:
         self._column = m.part.in_petsc[base.ids]
         self.start = int(self._column[0]) if n else 0
         self.shape = 2 * n, 2 * scene.size
-        self._G = self._wide([t.G for t in scene.templates], base.n_rows)
+        wide = [self._wide([t.G[k] for t in scene.templates], base.n_rows) for k in range(2)]
+        self._G = wide[0]
         owned = (self._G.indices >= self.start) & (self._G.indices < self.start + n)
         self._row = np.repeat(np.arange(base.n_rows), np.diff(self._G.indptr))
         left = sparse.coo_matrix((np.flatnonzero(owned), (self._G.indices[owned] - self.start, self._row[owned])),
@@ -43,12 +44,12 @@ class Stiffness:
         self.pattern = (_pattern(left, left.shape) @ _pattern(self._G, self._G.shape)).tocsr()
         self.pattern.sort_indices()
         self.diagonal = np.searchsorted(_places(self.pattern), np.arange(n) * (scene.size + 1) + self.start)
-        columns = [self._G.data.real, self._G.data.imag]
+        columns = [part.data for part in wide]
         self._laplacian = None
         if m.terms.stabilised or m.terms.stiffened:
             C = [t.C for t in scene.templates]
-            wide, bending = self._wide(C, base.n_rows), np.zeros(self._G.nnz)
-            bending[np.searchsorted(_places(self._G), _places(wide))] = wide.data
+            near, bending = self._wide(C, base.n_rows), np.zeros(self._G.nnz)
+            bending[np.searchsorted(_places(self._G), _places(near))] = near.data
             columns.append(bending)
             self._laplacian = csr_rows(scene, base, C, base.n_rows, len(base.ids))
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices

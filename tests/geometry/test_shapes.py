@@ -94,7 +94,8 @@ def test_a_denser_surface_takes_its_particles_from_the_inside(name: str, refinem
     assert len(dense.X) == 331
     assert along(even) / along(dense) == pytest.approx(refinement, rel=0.1)  # measured -4.2 to +9.1 %
     assert dense.V.sum() == pytest.approx(even.V.sum(), rel=0.002)  # measured 0.17 %: polygons for circles
-    assert np.abs(dense.G @ dense.X[:, 0] - 1.0).max() < 1e-13  # measured 7e-15
+    for g, slope in zip(dense.G, (1.0, 0.0), strict=True):
+        assert np.abs(g @ dense.X[:, 0] - slope).max() < 1e-13  # measured 7e-15
 
 
 @every
@@ -178,23 +179,24 @@ def test_nucleus_has_its_share_of_the_area(name: str) -> None:
 @every
 def test_gradients_of_linear_fields_are_exact(name: str, count: int) -> None:
     t = cell(name, count)
-    assert np.abs(t.G @ (2.0 + t.X @ np.array([0.7, -1.3])) - (0.7 - 1.3j)).max() < 1e-12  # measured 3e-14
+    for g, slope in zip(t.G, (0.7, -1.3), strict=True):
+        assert np.abs(g @ (2.0 + t.X @ np.array([0.7, -1.3])) - slope).max() < 1e-12  # measured 3e-14
 
 
 @every
 def test_gradients_obey_the_divergence_theorem(name: str, count: int) -> None:
     t = cell(name, count)
-    total, normal = t.V @ t.G, rkpm.surface_normals(t.X, t.segments)
-    error = np.abs(np.column_stack([total.real, total.imag]) - normal).max()
+    total, normal = np.column_stack([t.V @ g for g in t.G]), rkpm.surface_normals(t.X, t.segments)
+    error = np.abs(total - normal).max()
     assert error < 1e-11 * np.abs(normal).max()  # measured 4e-13
 
 
 def test_kernels_do_not_reach_across_a_hollow() -> None:
     t = cell("notch", 1000)
     side = np.where((t.X[:, 1] > 2.0), np.sign(t.X[:, 0]), 0.0)  # the notch parts the arms above y = -1
-    rows = np.repeat(np.arange(1000), np.diff(t.G.indptr))
-    near = np.linalg.norm(t.X[rows] - t.X[t.G.indices], axis=1)
-    assert (side[rows] * side[t.G.indices] >= 0).all()
+    rows = np.repeat(np.arange(1000), np.diff(t.G[0].indptr))
+    near = np.linalg.norm(t.X[rows] - t.X[t.G[0].indices], axis=1)
+    assert (side[rows] * side[t.G[0].indices] >= 0).all()
     assert near.max() < 2.2 * t.spacing * 1.2
 
 

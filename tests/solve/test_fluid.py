@@ -259,8 +259,7 @@ def anew(t: Template, x: np.ndarray) -> tuple:
 
 def lost_anew(t: Template, V: np.ndarray, G: Any, S: Any, v: np.ndarray) -> float:
     """Power that viscosity and stabilisation take from the velocities v."""
-    gradient = G @ v
-    L = np.stack([gradient.real, gradient.imag], axis=-1)
+    L = np.stack([g @ v for g in G], axis=-1)
     d = 0.5 * (L + L.transpose(0, 2, 1))
     return float(2.0 * MU * (V @ (d**2).sum(axis=(1, 2))) + (v * (S @ v)).sum())
 

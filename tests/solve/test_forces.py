@@ -70,17 +70,15 @@ def assembled(sim: Simulation, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray
     theta = None if sim.mechanics.director is None else everywhere(sim, sim.mechanics.director.owned[:, 0])
     for c, kind in enumerate(scene.kind):
         t, part = scene.templates[kind], slice(scene.offset[c], scene.offset[c + 1])
-        g = t.G @ u[part], t.G @ v[part]
-        F, rate = (np.array([[a[:, i].real, a[:, i].imag] for i in range(2)]) for a in g)
+        F, rate = (np.array([[g @ a[part, i] for g in t.G] for i in range(2)]) for a in (u, v))
         F = F + np.eye(2)[:, :, None]
         given = {"F": F, "Fdot": rate}
         if theta is not None:
-            G = t.G.tocoo()
-            difference = theta[part][G.col] - theta[part][G.row]
-            difference -= 2 * np.pi * np.rint(difference / (2 * np.pi))
-            slope = np.zeros(len(t.X), complex)
-            np.add.at(slope, G.row, G.data * difference)
-            given["gradient"] = np.array([slope.real, slope.imag])
+            given["gradient"] = np.zeros((2, len(t.X)))
+            for slope, G in zip(given["gradient"], (g.tocoo() for g in t.G), strict=True):
+                difference = theta[part][G.col] - theta[part][G.row]
+                difference -= 2 * np.pi * np.rint(difference / (2 * np.pi))
+                np.add.at(slope, G.row, G.data * difference)
             given["director"] = np.array([np.cos(theta[part]), np.sin(theta[part])])
         J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
         cofactor = np.array([[F[1, 1], -F[1, 0]], [-F[0, 1], F[0, 0]]])
@@ -101,7 +99,7 @@ def assembled(sim: Simulation, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray
 
 def divergence(t: Template, Q: np.ndarray) -> np.ndarray:
     """Forces (n, 2) [pN/µm] of stresses V P (2, 2, n) [pN]."""
-    return -np.column_stack([(t.G.T @ (Q[i, 0] - 1j * Q[i, 1])).real for i in range(2)])
+    return -np.column_stack([sum(g.T @ q for g, q in zip(t.G, row, strict=True)) for row in Q])
 
 
 @pytest.mark.parametrize("name", SCENES)
