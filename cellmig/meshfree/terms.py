@@ -118,9 +118,12 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     alone = len(case.cells) == 1
     contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
                      "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
-    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"))
+    # Lips on a substrate become so thin that their sides pass through each other, which walls outside make violent.
+    lips = case.substrate is not None and case.substrate.work > 0.0
+    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"),
+                (lips and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
     own = unless(never, "contact of a cell with itself", True, False)
-    repels = never is None
+    repels = [never is None and (not lips or pair.itself) for pair in case.pairs] + [never is None and not lips]
     contacts = _contacts(case, contact, between, own, repels) if contact or own else None
     push = case.protrusion
     protrusion = unless(why((push is None, "the case has none"),
@@ -156,10 +159,11 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  skipped=skipped)
 
 
-def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: bool) -> Contacts:
+def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:
     """Laws of all pairs of cells; `between` is that of most, and `contact` the same or None if no two cells meet.
 
-    own : bool -- whether a cell has a law with itself;  repels : whether that does anything.
+    own : bool -- whether a cell has a law with itself;  repels : whether that does anything, by pair of the case, and
+    at the end for cells that no pair names with themselves.
     """
     pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
     given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
@@ -171,7 +175,7 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
     first = number(contact) if contact is not None else 0
     others = [number(BetweenCells.of(solid(law))) if contact is not None else 0 for law in given[:-1]]
     between_kinds = np.array([*others, first])[pairing.between]
-    of_own = [number(_repulsion(given[n], case.substrate, repels)) if own else 0 for n in pairing.own]
+    of_own = [number(_repulsion(given[n], case.substrate, repels[n])) if own else 0 for n in pairing.own]
     return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
 
 

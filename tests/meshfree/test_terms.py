@@ -13,7 +13,7 @@ from cellmig.model.seifert import WALL, BetweenCells
 pytestmark = pytest.mark.serial
 
 ITSELF = "contact of a cell with itself"
-SOLIDS = "solids of convex outline"
+SOLIDS, LIPS = "solids of convex outline", "on a substrate only if a pair names it"
 
 
 def of(name: str, *sets: str):
@@ -46,11 +46,13 @@ def test_a_cell_that_is_named_with_itself_has_the_distance_of_that_law_and_repel
     contacts = of("paper", 'adhesion.pairs=[{cells = ["Cell-2", "Cell-2"], equilibrium_distance = "30 nm"}]').contacts
     own = [contacts.laws[contacts.of_pair(n, n)] for n in range(3)]
     assert [law.equilibrium_distance for law in own] == [0.01, 0.03, 0.01]
-    assert [law.bond_density * law.well_depth for law in own] == pytest.approx([240.0] * 3)  # as the substrate pulls
+    wall = [law.bond_density * law.well_depth for law in own]
+    assert wall == pytest.approx([0.0, 240.0, 0.0])  # as the substrate pulls, but only of what is named
 
 
 @pytest.mark.parametrize(("name", "sets", "own", "reason"), [
-    ("one_cell", (), True, None), ("paper", (), True, None), ("nucleus", (), False, SOLIDS),
+    ("one_cell", (), False, LIPS), ("paper", (), False, LIPS), ("nucleus", (), False, SOLIDS),
+    ("paper", ("adhesion.substrate.attraction=0",), True, None),
     ("squeezed_disc", (), False, "not in a static case"), ("beam", (), False, "not in a static case"),
     ("nucleus", ('cells.0.displacement=["0 um", "x**2 um"]',), True, None)])
 def test_fluids_and_what_is_not_convex_can_meet_themselves(name: str, sets: tuple, own: bool,

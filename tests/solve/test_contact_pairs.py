@@ -175,7 +175,7 @@ def test_contact_lengths_are_those_within_three_equilibrium_distances_of_each_pa
 
 def test_the_wall_of_a_cell_against_itself_does_not_shorten_the_step() -> None:
     """It is ten times as stiff as the bonds between cells, which set the step where cells touch."""
-    with built(case("paper", per_cell=150)) as sim:
+    with built(case("paper", 'adhesion.pairs=[{cells = ["Cell-1", "Cell-1"]}]', per_cell=150)) as sim:
         assert sim.terms.contacts.own
         between = sim.terms.contact
         steps = sim.control.stable(gaps=np.array([1.0, 0.94 * between.equilibrium_distance]))
