@@ -169,7 +169,8 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     H_JI.  `laplacian` and `bending` contain C and -Cᵀ.
     """
     stencils = Stencils(scene, numbering, blocks)
-    G, C = list(map(list, zip(*(t.G for t in scene.templates), strict=True))), [t.C for t in scene.templates]
+    G = [[t.G[k] for t in scene.templates] for k in range(len(scene.templates[0].G))]
+    C = [t.C for t in scene.templates]
     extended: Any = list
     if terms.single:
         G, C = [[rounded(m) for m in part] for part in G], [rounded(m) for m in C]

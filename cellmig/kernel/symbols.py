@@ -21,7 +21,7 @@ FUNCTIONS = {"log": (1, "log", "v4_log"), "sqrt": (1, "sqrt", "v4_sqrt"), "cbrt"
 FUNCTIONS |= {name: (1, c, f"v4_of_{c}") for name, c in (
     ("exp", "exp"), ("sin", "sin"), ("cos", "cos"), ("tan", "tan"), ("arctan", "atan"), ("sinh", "sinh"),
     ("cosh", "cosh"), ("tanh", "tanh"), ("absolute", "fabs"))}
-OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "true_divide": "/"}
+OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 COMPARISONS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">="}
 CHOICE = "either"  # beginning of the operation of a number that `either` chooses
 _MOST = 64  # a whole power up to which is a product
@@ -110,10 +110,9 @@ class Trace:
             for _ in range(int(right) - 1):
                 product = product * a
             return product
-        if (name == "multiply" and 0.0 in (left, right)) or (name in ("divide", "true_divide") and left == 0.0):
+        if (name == "multiply" and 0.0 in (left, right)) or (name == "divide" and left == 0.0):
             return 0.0
-        if (name in ("multiply", "divide", "true_divide") and right == 1.0) or (
-                name in ("add", "subtract") and right == 0.0):
+        if (name in ("multiply", "divide") and right == 1.0) or (name in ("add", "subtract") and right == 0.0):
             return a
         if (name == "multiply" and left == 1.0) or (name == "add" and left == 0.0):
             return b

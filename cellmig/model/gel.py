@@ -41,4 +41,4 @@ class Gel(Nematic):
         """Cauchy stress normal to the plane, σ33 = -p + G J^{-5/3} (1 - I1/3) [Pa]."""
         J, I1 = self.volume_ratio(F), self.first_invariant(F)
         network = self.shear_modulus / (cbrt(J * J) * J) * (1.0 - I1 / 3.0)
-        return 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J) + network
+        return self.mean_stress(F) + network

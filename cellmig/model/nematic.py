@@ -57,29 +57,29 @@ class Nematic(Continuum):
 
     def pressure_stress(self, F):
         """First Piola-Kirchhoff stress of the pressure, P = -J p F⁻ᵀ [Pa]."""
+        return combined((self.mean_stress(F), cofactors(F)))
+
+    def mean_stress(self, F):
+        """Cauchy stress -p = k (J - 1/J) / 2 of compression [Pa]."""
         J = self.volume_ratio(F)
-        return combined((0.5 * self.reduced_bulk_modulus * (J - 1.0 / J), cofactors(F)))
+        return 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)
 
     def viscous_stress(self, F, Fdot):
         """First Piola-Kirchhoff stress P = 2 μ J d F⁻ᵀ [Pa], with d = sym(Ḟ F⁻¹); its power P : Ḟ is dissipated."""
         return self.shear_stress(self.viscosity, F, Fdot)
 
-    def current_gradient(self, F, gradient):
-        """Current gradient g of the director's angle [1/µm]: F⁻ᵀ times its reference `gradient` [1/µm]."""
-        return self.pushed_forward(F, gradient)
-
     def director_energy(self, F, gradient):
         """Energy of the director field η |g|² / 2, per reference volume [Pa]."""
-        g = self.current_gradient(F, gradient)
+        g = self.pushed_forward(F, gradient)
         return 0.5 * self.eta * dot(g, g)
 
     def director_flux(self, F, gradient):
         """Derivative of the energy of the director field by the reference gradient, η F⁻¹ g [pN/µm]."""
-        return tuple(self.eta * k for k in self.pulled_back(F, self.current_gradient(F, gradient)))
+        return tuple(self.eta * k for k in self.pulled_back(F, self.pushed_forward(F, gradient)))
 
     def director_stress(self, F, gradient):
         """Derivative of the energy of the director field by F, P = -g⊗(η F⁻¹ g) [Pa]."""
-        return combined((-1.0, outer(self.current_gradient(F, gradient), self.director_flux(F, gradient))))
+        return combined((-1.0, outer(self.pushed_forward(F, gradient), self.director_flux(F, gradient))))
 
     def active_stress(self, F, director):
         """First Piola-Kirchhoff stress of -ζ h⊗h, P = -ζ J h⊗(F⁻¹ h) [Pa]; the `director` h is a unit vector [-]."""
@@ -87,5 +87,4 @@ class Nematic(Continuum):
 
     def out_of_plane(self, F):
         """Cauchy stress normal to the plane, σ33 = -p [Pa]."""
-        J = self.volume_ratio(F)
-        return 0.5 * self.reduced_bulk_modulus * (J - 1.0 / J)
+        return self.mean_stress(F)

@@ -10,8 +10,7 @@ SPACE = 3  # dimensions of space, of which a picture in the plane leaves one out
 
 def dot(a, b):
     """Scalar product a·b of vectors."""
-    first, *others = [x * y for x, y in zip(a, b, strict=True)]
-    return sum(others, first)
+    return _total([x * y for x, y in zip(a, b, strict=True)])
 
 
 def transposed(A):
@@ -57,8 +56,7 @@ def cofactors(A):
     if len(A) == 2:
         (a, b), (c, d) = A
         return (d, -c), (-b, a)
-    rows = [cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])]
-    return tuple(rows)
+    return cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
 
 
 def cross(a, b):
@@ -72,5 +70,6 @@ def determinant(A):
 
 
 def _total(values):
+    """Sum of some numbers, without a zero to begin with."""
     first, *others = values
     return sum(others, first)

@@ -11,6 +11,7 @@ from ..case.pointwise import pointwise
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
+from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
 from .tables import further_columns
@@ -76,7 +77,7 @@ class Sampler:
     def nodal_stress(self) -> tuple[np.ndarray, np.ndarray]:
         """Cauchy stress of all rows (n_rows, 3, 3) [Pa] as the laws have it, not recovered, and J (n_rows,)."""
         F, rate = self.mechanics.state.tensors()
-        J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+        J = determinant(F)
         everything = {"F": F, "Fdot": rate, **self.mechanics.director_fields()}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
         for law, on in self._some_rows():

@@ -125,7 +125,7 @@ class Run:
                     continue
                 if stop > 0.0:
                     self._advance(stop)
-                status, cause = self._ended_early(stop, stop_signals)
+                status, cause = self._ended_early(stop_signals)
                 with self.timers("output"):
                     self._write_outputs(sample or bool(cause), frame or bool(cause))
                 if cause:
@@ -164,14 +164,14 @@ class Run:
         stop_signals = self.comm.allreduce(len(stop_signals))
         self.stopping = "asked to stop" if stop_signals else "the wall time is used up"
 
-    def _ended_early(self, stop: float, stop_signals: Sequence[int]) -> tuple[int, str]:
-        """Exit code and cause if the run ends at the output time `stop` [µs] before its end; an empty cause if not."""
+    def _ended_early(self, stop_signals: Sequence[int]) -> tuple[int, str]:
+        """Exit code and cause if the run ends before its end; an empty cause if not."""
         if not self.stopping and self.comm.allreduce(len(stop_signals)):
             self._save()
             self._stop(stop_signals)
         if self.stopping:
             return STOPPED, self.stopping
-        if self._integrator.finished and (self.simulation.time < stop or stop < self.end):
+        if self._integrator.finished and self.simulation.time < self.end:
             return DONE, f"the {self._integrator.steps} steps of -ts_max_steps are taken"
         return DONE, ""
 

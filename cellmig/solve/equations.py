@@ -8,6 +8,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
+from ..model.tensors import determinant
 from ..parallel.reduce import global_maximum
 from .mechanics import Mechanics
 from .stiffness import Stiffness, fill
@@ -65,7 +66,7 @@ class Equations:
         a = m.rate()[:, 2:].copy()
         self.evaluated += 1
         late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
-        if (_determinant(m.state.F_of_rows) <= 0.0).any() or late:
+        if (m.state.J_of_rows <= 0.0).any() or late:
             a[:] = np.nan  # Newton's method shortens its step, else TS cuts the time step
         return a
 
@@ -76,13 +77,13 @@ class Equations:
     def begin(self) -> None:
         """Note J at the start of a time step; collective."""
         self.mechanics.rate()
-        self._start = _determinant(self.mechanics.state.F_of_rows)
+        self._start = self.mechanics.state.J_of_rows
 
     def _error_of_J(self, first: bool) -> np.ndarray:
         """What J of the rows has (n_rows,) [-] beyond its linear change, or beyond the start of the step at `first`."""
         F = self.mechanics.state.F_of_rows.copy()
         change, self._last = F - self._last if not first else F, F
-        return _determinant(F) - self._start if first else _determinant(change)
+        return self.mechanics.state.J_of_rows - self._start if first else determinant(change.reshape(-1, 2, 2).T)
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:
@@ -153,8 +154,3 @@ class Equations:
         self.matrix.destroy()
         if self.geometric is not None:
             self.geometric.destroy()
-
-
-def _determinant(F: np.ndarray) -> np.ndarray:
-    """Determinants (n,) of F (n, 4)."""
-    return F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]

@@ -217,13 +217,12 @@ class Integrator:
         self.choose()
         if self.dt < LEAST_STEP:
             self.fail(f"the stable step fell to {self.dt:.2g} µs (set by {self.mechanism})")
-        most = max(1, min(BATCH, int(STRAIN / (self.dt * limits["strain_rate"] + 1e-300))))
+        most = [BATCH, STRAIN / (self.dt * limits["strain_rate"] + 1e-300)]
         if self.touches:
             m.state.forget_contacts()
             room = 0.5 * m.segments.skin - limits["displaced"]
-            most = min(most, SHORT) if self._compression(self.gaps) > 0.5 else most
-            most = max(1, min(most, int(0.5 * room / (self.dt * limits["speed"] + 1e-300))))
-        return most
+            most += [0.5 * room / (self.dt * limits["speed"] + 1e-300)] + [SHORT] * (self._compression(self.gaps) > 0.5)
+        return max(1, int(min(most)))
 
     def choose(self) -> None:
         """Set the step for the limits of the state at the begin of the batch and for the expected gaps."""

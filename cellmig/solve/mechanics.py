@@ -209,8 +209,7 @@ class Mechanics:
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
         """Global id and J [-] of the particle with the largest |ln J|, or not finite, or of a known id; collective."""
-        F = self.state.F_of_rows[: self.n_owned]
-        J = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
+        J = self.state.J_of_rows[: self.n_owned]
         J = np.where(np.isfinite(J) & np.isfinite(self.state.owned).all(axis=1), J, -np.inf)
         share = np.minimum(J, 1.0 / np.maximum(J, 1e-300))  # J or 1/J, whichever is below 1
         if known is not None:

@@ -32,6 +32,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
               for name, values in (_of_particles(m) | by_row).items()}
     number = np.searchsorted(m.segments.number, m.part.own_surface)
     of_segments = {name: values[number] for name, values in _of_segments(m).items()}
+    of_segments["turn"] = m.segments.turn[m.part.own_surface]
     arrays |= {f"surface {name}": gathered(m.comm, m.part.own_surface, values, len(m.surfaces.ids))
                for name, values in (_of_surface(m) | of_segments).items()}
     if m.terms.contacts is not None:
@@ -100,11 +101,10 @@ def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
-    """Values of the owned surface particles, to write to: u when the lists were made, turns then, x at the last row
-    of the tables, forces of plates.
+    """Values of the owned surface particles, to write to: u when the lists were made, x at the last row of the tables,
+    forces of plates.
     """
-    found = {"renewed": m.segments.renewed_at, "turn": m.segments.turn[m.part.own_surface],
-             "place": m.accounts.impulses.place}
+    found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
     return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
 
 

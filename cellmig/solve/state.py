@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from ..kernel.fields import Field, step_memory
 from ..kernel.kernel import Kernel, aligned_zeros
 from ..kernel.layout import Numbering, stencil_arrays
+from ..model.tensors import determinant
 from ..parallel.ghosts import GhostedField
 from .subdomain import Subdomain
 
@@ -140,6 +141,11 @@ class State(GhostedField):
     def F_of_rows(self) -> np.ndarray:
         """F (n_rows, 4) [-], row by row; current after `Mechanics.rate`."""
         return self.by_row(self._kernel["F"])
+
+    @property
+    def J_of_rows(self) -> np.ndarray:
+        """J (n_rows,) [-]; current after `Mechanics.rate`."""
+        return determinant(self.F_of_rows.reshape(-1, 2, 2).T)
 
     def extremes(self) -> np.ndarray:
         """Extremes of this rank (4,): minus the least gap [µm] and the largest stiffness of contacts [1/µs²] since they

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from petsc4py import PETSc
 
+from ..model.tensors import determinant
 from ..parallel.options import default_options, original_errors
 from .mechanics import Mechanics
 from .plates import PlateContact
@@ -137,7 +138,7 @@ class Static:
         held = m.loads.held
         r[held] = self._scale * (m.state.u[held] - m.loads.prescribed())
         F = m.state.tensors()[0][..., : m.n_owned]
-        if (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] <= 0.0).any():
+        if (determinant(F) <= 0.0).any():
             r[:] = np.nan  # a line search shortens its step, else the load step is halved
         out.setArray(r.ravel())
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scenes import built, case, everywhere
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import eigsh
 
 from cellmig.case.load import from_dict
+from cellmig.meshfree.body import _strain_operator
 from cellmig.simulation import Simulation
 from cellmig.solve.modes import CAUTION
 from cellmig.solve.step import NumericsError
@@ -28,15 +29,9 @@ def fastest(sim: Simulation) -> tuple[float, float]:
         inverse, volume, root = np.linalg.inv(F), t.V * np.linalg.det(F), sparse.diags(1.0 / np.sqrt(t.mass))
         gx, gy = (sum(sparse.diags(inverse[:, j, i]) @ G[j] for j in range(2)) @ root for i in range(2))
 
-        def largest(shear, bulk, n=n, gx=gx, gy=gy, volume=volume):
-            def apply(v):
-                x, y = v[:n], v[n:]
-                d00, d11, d01 = gx @ x, gy @ y, 0.5 * (gy @ x + gx @ y)
-                p = bulk * (d00 + d11)
-                s00, s11, s01 = volume * (2 * shear * d00 + p), volume * (2 * shear * d11 + p), volume * 2 * shear * d01
-                return np.concatenate([gx.T @ s00 + gy.T @ s01, gx.T @ s01 + gy.T @ s11])
-
-            return eigsh(LinearOperator((2 * n, 2 * n), apply, dtype=float), 1, tol=1e-5, return_eigenvectors=False)[0]
+        def largest(shear, bulk, gx=gx, gy=gy, volume=volume):
+            operator = _strain_operator(gx, gy, volume, shear, bulk)
+            return eigsh(operator, 1, tol=1e-5, return_eigenvectors=False)[0]
 
         found.append((largest(t.shear_modulus, t.dilation_modulus), largest(t.viscosity, t.damping)))
     return tuple(np.max(found, axis=0))
