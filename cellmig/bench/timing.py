@@ -159,9 +159,9 @@ def _output(sim: Simulation, timer: Timer) -> dict[str, list[float]]:
 
 def traffic(kernel: Any) -> float:
     """Smallest memory traffic of the internal force in a step on this rank [B]."""
-    read = {"gradient": 1, "adjoint": 1, "column": 2, "column_laplacian": 2, "laplacian": 1, "bending": 1, "bent": 2,
+    read = {"gradient": 1, "adjoint": 1, "column": 2, "laplacian": 1, "bending": 1, "bent": 2,
             "first": 2, "block": 2, "volume": 1, "per_mass": 1, "bulk_damping": 1}
-    changed = {"state": 1, "F": 2, "Q": 2, "step_memory": 2}
+    changed = {"state": 1, "F": 2, "bend": 2, "Q": 2, "step_memory": 2}
     sizes = {name: kernel[name].nbytes for name in {**read, **changed} if name in kernel._arrays}
     return float(sum(sizes[name] * times for name, times in {**read, **changed}.items() if name in sizes))
 

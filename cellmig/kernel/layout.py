@@ -166,34 +166,46 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     """Coefficients by stencil, (stencils, 4) and (groups, k), with the kernel's names and units.
 
     `first, column, gradient, adjoint` contain G and H, which is -Gᵀ: the force on J is the sum over I of V P of I times
-    H_JI.  `laplacian` and `bending` contain C and -Cᵀ.
+    H_JI.  `laplacian` and `bending` contain C and -Cᵀ, whose entries come first.
     """
-    stencils = Stencils(scene, numbering, blocks)
-    G = [[t.G[k] for t in scene.templates] for k in range(len(scene.templates[0].G))]
-    C = [t.C for t in scene.templates]
+    stencils, D = Stencils(scene, numbering, blocks), len(scene.templates[0].G)
+    parts = [[t.G[k] for t in scene.templates] for k in range(D)]
+    parts.append([_on_pattern(t.C, t.G[0]) for t in scene.templates])
     extended: Any = list
     if terms.single:
-        G, C = [[rounded(m) for m in part] for part in G], [rounded(m) for m in C]
+        parts = [[rounded(m) for m in part] for part in parts]
         extended = partial(map, with_rest)
+    adjoints = [list(extended(map(_adjoint, part))) for part in parts]
+    parts = [list(extended(part)) for part in parts]
     out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
            "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
     out |= {name: stencils.by_lane(scene.field(name)) for name in ("viscosity", "shear_modulus", "dilation_modulus")}
-    H, B = [list(extended(map(_adjoint, part))) for part in G], list(extended(map(_adjoint, C)))
-    G, C = [list(extended(part)) for part in G], list(extended(C))
-    first, group, lane, owned, kind, at, out["column"] = stencils.entries(G[0])
+    bends = terms.stabilised or terms.stiffened
+    first, near, group, lane, owned, kind, at, out["column"] = stencils.entries(parts[-1], bends)
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((2, first[-1], 8))
-    for k in range(len(G)):
-        gradient[group, pair + 2 * k] = _values(G[k], kind, at)
-        adjoint[group, pair + 2 * k] = np.where(owned, _values(H[k], kind, at), 0)  # of ghosts only stresses count
-    if terms.stabilised or terms.stiffened:
+    for k in range(D):
+        gradient[group, pair + 2 * k] = _values(parts[k], kind, at)  # of ghosts only stresses count:
+        adjoint[group, pair + 2 * k] = np.where(owned, _values(adjoints[k], kind, at), 0)
+    if bends:
         out |= {name: stencils.by_lane(scene.field(name)) for name in ("bending_weight", "bending_modulus")}
-        first_C, group, lane, owned, kind, at, out["column_laplacian"] = stencils.entries(C)
+        first_C = np.append(0, np.cumsum(near))
+        stencil = np.repeat(np.arange(len(near)), np.diff(first))[group]
+        close = group - first[stencil] < near[stencil]
+        group, lane, owned, kind, at = (a[close] for a in (group + (first_C - first)[stencil], lane, owned, kind, at))
         laplacian, bending = np.zeros((2, first_C[-1], 4))
-        laplacian[group, lane] = _values(C, kind, at)
-        bending[group, _TWICE_LANE[lane]] = np.where(owned, _values(B, kind, at), 0)
+        laplacian[group, _TWICE_LANE[lane]] = _values(parts[D], kind, at)
+        bending[group, _TWICE_LANE[lane]] = np.where(owned, _values(adjoints[D], kind, at), 0)
         out |= {"first_laplacian": first_C, "laplacian": laplacian, "bending": bending}
     return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
+
+
+def _on_pattern(m: sparse.csr_matrix, wider: sparse.csr_matrix) -> sparse.csr_matrix:
+    """A CSR matrix on the pattern of a wider one, with zeros where it has no entries."""
+    found = [np.repeat(np.arange(a.shape[0]), np.diff(a.indptr)) * a.shape[1] + a.indices for a in (wider, m)]
+    data = np.zeros(wider.nnz)
+    data[np.searchsorted(*found)] = m.data
+    return sparse.csr_matrix((data, wider.indices, wider.indptr), wider.shape)
 
 
 class Stencils:
@@ -218,24 +230,30 @@ class Stencils:
         out[self._stencil, self._lane] = values[self._ids]
         return out
 
-    def entries(self, matrices: list) -> tuple[np.ndarray, ...]:
+    def entries(self, matrices: list, nonzero_first: bool) -> tuple[np.ndarray, ...]:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
-        Returns the first group of each stencil (stencils + 1,) int; group, lane, whether owned, template and place in
-        its CSR of each entry, (k,) int; four times the neighbours (groups, 4) int.  Entries of a lane ascend by id.
+        Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero
+        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; four times
+        the neighbours (groups, 4) int.  Entries of a lane ascend by id, `nonzero_first` those that are not zero.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
+        close = _values(matrices, kind, at) != 0.0
+        if nonzero_first:
+            order = np.lexsort((~close, lanes))  # stable
+            at, kind, close = at[order], kind[order], close[order]
         for k, m in enumerate(matrices):
             columns[kind == k] = m.indices[at[kind == k]]
         count = np.bincount(lanes, minlength=len(self._ids))
-        longest = np.maximum.reduceat(count, self._lead) if len(count) else count
+        longest, near = (np.maximum.reduceat(n, self._lead) if len(n) else n
+                         for n in (count, np.bincount(lanes[close], minlength=len(self._ids))))
         first, stencil = np.append(0, np.cumsum(longest)), self._stencil[lanes]
         group = first[stencil] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
         lane = self._lane[lanes]
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
         neighbours[group, lane] = self._place[self._offset[lanes] + columns]
-        return first, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
+        return first, near, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:

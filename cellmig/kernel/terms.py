@@ -97,4 +97,5 @@ PARTS = (
 def sizes(terms: Terms) -> dict[str, int]:
     """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
     return {"D": 2, "STABILISED": terms.stabilised, "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
-            "ACTIVE": terms.active, "DIRECTOR": terms.has_director, "CONSTRAINED": terms.load_curves is not None}
+            "BENDS": terms.stabilised or terms.stiffened, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
+            "CONSTRAINED": terms.load_curves is not None}

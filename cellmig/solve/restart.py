@@ -87,8 +87,8 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
-    """Writable arrays by blocks (n_blocks, k, 4): F, and forces and stresses of the last kick."""
-    found = {"F": m.state.changing["F"], **_step_memory(m)}
+    """Writable arrays by blocks (n_blocks, k, 4): F, Laplacians, and forces and stresses of the last kick."""
+    found = {**{name: m.state.changing[name] for name in ("F", "bend")}, **_step_memory(m)}
     return found | m.director.by_block if m.director is not None else found
 
 

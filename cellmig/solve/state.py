@@ -40,6 +40,7 @@ class State(GhostedField):
         Field("acceleration", "double *", "(2,)", "µm/µs²", "of the body force"),
         Field("inverse_mass", "double *", "(n_rows,)", "µm/fg", "1/m"),
         Field("F", "double *", "(n_blocks, 4, 4)", "-", "deformation gradients: components by lanes"),
+        Field("bend", "double *", "(n_blocks, 2, 4)", "1/µm", "Laplacians C u: components by lanes"),
         Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
         Field("bent", "double *", "(n_rows, 2)", "pN µm", "of stabilisation, from the first pass to the second"),
         Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
@@ -52,8 +53,7 @@ class State(GhostedField):
         Field("column", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
         Field("gradient", "coefficient *", "(groups, 8)", "1/µm", "G"),
         Field("adjoint", "coefficient *", "(groups, 8)", "1/µm", "-Gᵀ"),
-        Field("first_laplacian", "long *", "(stencils + 1,)", "", "groups of the next three"),
-        Field("column_laplacian", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
+        Field("first_laplacian", "long *", "(stencils + 1,)", "", "those of the next two, the first of each stencil"),
         Field("laplacian", "coefficient *", "(groups, 4)", "1/µm²", "C"),
         Field("bending", "coefficient *", "(groups, 4)", "1/µm²", "-Cᵀ"),
         Field("bending_weight", "double *", "(stencils, 4)", "pN µs µm²", "of the viscous stabilisation"),
@@ -98,7 +98,7 @@ class State(GhostedField):
         k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
-        k["bent"] = np.zeros((part.capacity, 2))
+        k["bend"], k["bent"] = np.zeros((n_blocks, 2, 4)), np.zeros((part.capacity, 2))
         k["force"] = np.zeros((part.capacity, 2))
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
         for name in ("bound", "viscous_weight", "elastic_weight"):
@@ -134,8 +134,10 @@ class State(GhostedField):
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory."""
-        return {"state": self.memory, "F": self._kernel["F"], "step_memory": self._kernel["step_memory"]}
+        """Arrays that steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory, and
+        Laplacians (n_blocks, 2, 4) [1/µm].
+        """
+        return {"state": self.memory, **{name: self._kernel[name] for name in ("F", "bend", "step_memory")}}
 
     @property
     def F_of_rows(self) -> np.ndarray:

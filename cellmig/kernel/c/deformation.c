@@ -1,14 +1,15 @@
 /* Deformation gradients F and their rates, by blocks, lanes 00 10 01 11. */
 
-/* F = I + ∇u from the displacements as they are. */
+/* F = I + ∇u, and Laplacians C u, from the displacements as they are. */
 void deformation(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 h[1][4];
-        gather(s, block_at(s, b), 1, s->state, h);
+        v4 h[1][4], bend[1][D];
+        gather_both(s, block_at(s, b), 1, BENDS, s->state, h, bend);
         h[0][0] += 1.0;
         h[0][3] += 1.0;
         for (int c = 0; c < 4; c++) store(s->F + 16 * b + 4 * c, h[0][c]);
+        for (int c = 0; BENDS && c < D; c++) store(s->bend + 4 * (D * b + c), bend[0][c]);
     }
 }
 

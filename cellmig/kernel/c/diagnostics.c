@@ -43,8 +43,8 @@ void limits(const KernelData *s, double out[6])
 void stiffness_energy(const KernelData *s, double *out)
 {
     for (const Block *block = block_at(s, 0), *end = block + s->n_owned_blocks; block < end; block++) {
-        v4 bend[1][4];
-        gather_laplacians(s, block, 1, bend);
+        v4 gradient[1][4], bend[1][D];
+        gather_both(s, block, 1, 1, s->state, gradient, bend);
         const v4 modulus = load(s->bending_modulus + 4L * block->stencil);
         const v4 energy = 0.5 * modulus * (bend[0][0] * bend[0][0] + bend[0][1] * bend[0][1]);
         for (int i = 0; i < block->lanes; i++) out[block->row + i] = energy[i];

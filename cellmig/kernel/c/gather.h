@@ -14,54 +14,49 @@ static inline void neighbours(const uint32_t *column, size_t c[4])
     c[3] = pair[1] >> 32;
 }
 
-/* Σ G x field over the neighbours of n blocks of one stencil, lanes 00 10 01 11. */
+/* Adds a group of four neighbours of n blocks of one stencil to sums with G, by lanes (00 10 01 11); for Laplacians, to
+ * those with C, by lanes (0 1), (2 3). */
+INLINED void add_gradient(const KernelData *s, long k, const int laplacians, long l, const Block *block, const int n,
+                          const double *field, v4 grad[][4], v4 bend[][2])
+{
+    const coefficient *g = s->gradient + 8 * k, *C = s->laplacian + 4 * l;
+    size_t c[4];
+    neighbours(s->column + 4 * k, c);
+    __builtin_prefetch(g + 8 * AHEAD);
+    for (int m = 0; m < n; m++) {
+        const double *x = field + 4L * block[m].shift;
+        const v4 x0 = twice(x + c[0]), x1 = twice(x + c[1]), x2 = twice(x + c[2]), x3 = twice(x + c[3]);
+        grad[m][0] = fma4(x0, even_of(g), grad[m][0]);
+        grad[m][1] = fma4(x1, odd_of(g), grad[m][1]);
+        grad[m][2] = fma4(x2, even_of(g + 4), grad[m][2]);
+        grad[m][3] = fma4(x3, odd_of(g + 4), grad[m][3]);
+        if (!laplacians) continue;
+        bend[m][0] = fma4(halves(x0, x1), even_of(C), bend[m][0]);
+        bend[m][1] = fma4(halves(x2, x3), odd_of(C), bend[m][1]);
+    }
+}
+
+/* Σ G x field over the neighbours of n blocks of one stencil, lanes 00 10 01 11, and if they are asked for Laplacians
+ * Σ C field by lanes: neighbours that these have come first. */
+INLINED void gather_both(const KernelData *s, const Block *block, const int n, const int laplacians,
+                         const double *field, v4 grad[][4], v4 bend[][D])
+{
+    v4 acc[MOST][4] = {{{0}}}, sum[MOST][2] = {{{0}}};
+    long k = s->first[block->stencil];
+    const long end = s->first[block->stencil + 1];
+    if (laplacians)
+        for (long l = s->first_laplacian[block->stencil]; l < s->first_laplacian[block->stencil + 1]; l++, k++)
+            add_gradient(s, k, 1, l, block, n, field, acc, sum);
+    for (; k < end; k++) add_gradient(s, k, 0, 0, block, n, field, acc, sum);
+    for (int m = 0; m < n; m++) transpose(acc[m], grad[m]);
+    for (int m = 0; laplacians && m < n; m++) {
+        bend[m][0] = SHUFFLE(sum[m][0], sum[m][1], 0, 2, 4, 6);
+        bend[m][1] = SHUFFLE(sum[m][0], sum[m][1], 1, 3, 5, 7);
+    }
+}
+
+/* Σ G x field alone. */
 INLINED void gather(const KernelData *s, const Block *block, const int n, const double *field, v4 grad[][4])
 {
-    v4 acc[MOST][4] = {{{0}}};
-    for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
-        const coefficient *a = s->gradient + 8 * k;
-        __builtin_prefetch(a + AHEAD * 8);
-        size_t c[4];
-        neighbours(s->column + 4 * k, c);
-        for (int m = 0; m < n; m++) {
-            const double *x = field + 4L * block[m].shift;
-            const v4 x0 = twice(x + c[0]), x1 = twice(x + c[1]), x2 = twice(x + c[2]), x3 = twice(x + c[3]);
-            acc[m][0] = fma4(x0, even_of(a), acc[m][0]);
-            acc[m][1] = fma4(x1, odd_of(a), acc[m][1]);
-            acc[m][2] = fma4(x2, even_of(a + 4), acc[m][2]);
-            acc[m][3] = fma4(x3, odd_of(a + 4), acc[m][3]);
-        }
-    }
-    for (int m = 0; m < n; m++) transpose(acc[m], grad[m]);
-}
-
-/* Laplacians of the state of n blocks of one stencil, (C u, C v) by lanes. */
-INLINED void gather_laplacians(const KernelData *s, const Block *block, const int n, v4 bend[][4])
-{
-    v4 acc[MOST][4] = {{{0}}};
-    for (long k = s->first_laplacian[block->stencil]; k < s->first_laplacian[block->stencil + 1]; k++) {
-        const coefficient *a = s->laplacian + 4 * k;
-        size_t c[4];
-        neighbours(s->column_laplacian + 4 * k, c);
-        for (int m = 0; m < n; m++) {
-            const double *x = s->state + 4L * block[m].shift;
-            for (int i = 0; i < 4; i++) acc[m][i] = fma4(load(x + c[i]), splat(a[i]), acc[m][i]);
-        }
-    }
-    for (int m = 0; m < n; m++) transpose(acc[m], bend[m]);
-}
-
-/* Adds to f, rows (0 1), (2 3), the forces of s->bent on n blocks of one stencil: its sums with -Cᵀ. */
-INLINED void gather_bent(const KernelData *s, const Block *block, const int n, v4 f[][2])
-{
-    for (long k = s->first_laplacian[block->stencil]; k < s->first_laplacian[block->stencil + 1]; k++) {
-        const coefficient *a = s->bending + 4 * k;
-        size_t c[4];
-        neighbours(s->column_laplacian + 4 * k, c);
-        for (int m = 0; m < n; m++) {
-            const double *q = s->bent + 2L * block[m].shift;
-            f[m][0] = fma4(halves(twice(q + c[0] / 2), twice(q + c[1] / 2)), even_of(a), f[m][0]);
-            f[m][1] = fma4(halves(twice(q + c[2] / 2), twice(q + c[3] / 2)), odd_of(a), f[m][1]);
-        }
-    }
+    gather_both(s, block, n, 0, field, grad, 0);
 }

@@ -20,7 +20,7 @@ void respond(const KernelData *s, const double *shear, const double *bulk, const
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = *block_at(s, b);
         v4 f[1][2];
-        gather_stress(s, &block, 1, f);
+        gather_stress(s, &block, 1, 0, f);
         for (int i = 0; i < block.lanes; i++)
             for (int c = 0; c < D; c++)
                 out[4L * (block.row + i) + at + c] = -s->inverse_mass[block.row + i] * f[0][i / 2][2 * (i % 2) + c];

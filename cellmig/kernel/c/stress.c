@@ -69,8 +69,8 @@ static inline void store_bent(const KernelData *s, const Block *block, const v4 
 /* Adds the viscous stress and that of the stabilisation, with the Laplacians (C u, C v).  What they dissipate is the
  * viscous loss of a viscous material: the stabilisation restores what nodal integration misses of it. */
 INLINED void viscous(const KernelData *s, const Block *block, StepMemory *memory, const int material,
-                     const v4 F[D][D], const v4 R[D][D], const v4 bend[4], v4 V, double accounted_dt, double dt,
-                     v4 P[D][D], v4 bent[D])
+                     const v4 F[D][D], const v4 R[D][D], const v4 bend[2 * D], v4 V, double accounted_dt,
+                     double dt, v4 P[D][D], v4 bent[D])
 {
     if (!STABILISED && !has_viscous_stress(material)) return;
     v4 W[D][D] = {{{0}}}, work = {0};
@@ -131,7 +131,7 @@ static inline void store_stress(const KernelData *s, const Block *block, const v
 
 /* Stress of block b, of this material, from F and Ḟ (lanes 00 10 01 11); work over the steps is accounted. */
 INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[4], const v4 r[4],
-                             const v4 bend[4], double accounted_dt, double dt)
+                             const v4 bend[2 * D], double accounted_dt, double dt)
 {
     const Block *block = block_at(s, b);
     const v4 F[D][D] = {{f[0], f[2]}, {f[1], f[3]}}, R[D][D] = {{r[0], r[2]}, {r[1], r[3]}};
@@ -142,7 +142,7 @@ INLINED void stress_of_block(const KernelData *s, long b, const int material, co
     if (STIFFENED)
         for (int i = 0; i < D; i++) bent[i] = load(s->bending_modulus + 4L * block->stencil) * bend[i];
     viscous(s, block, memory, material, F, R, bend, V, accounted_dt, dt, P, bent);
-    if (STABILISED || STIFFENED) store_bent(s, block, bent);
+    if (BENDS) store_bent(s, block, bent);
     active(s, b, memory, material, F, R, V, accounted_dt, dt, P);
     if (BULK_DAMPED) {
         const v4 viscosity = V * load(s->bulk_damping + 4L * block->stencil);
@@ -151,24 +151,31 @@ INLINED void stress_of_block(const KernelData *s, long b, const int material, co
     store_stress(s, block, P);
 }
 
-/* Stresses of n blocks of one stencil at b, after F += F_lag Ḟ; `range` gets the extremes of J. */
+/* A quantity a time later, which is stored. */
+static inline v4 advanced(double *at, double time, v4 rate)
+{
+    const v4 now = load(at) + time * rate;
+    store(at, now);
+    return now;
+}
+
+/* Stresses of n blocks of one stencil at b, after F += F_lag Ḟ and C u likewise; `range` gets the extremes of J. */
 INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F_lag, double accounted_dt, double dt,
                               v4 range[2])
 {
     const Block *block = block_at(s, b);
-    v4 r[MOST][4], bend[MOST][4];
-    gather(s, block, n, s->state + D, r);
-    if (STABILISED || STIFFENED) gather_laplacians(s, block, n, bend);
+    v4 r[MOST][4], rate[MOST][D];
+    gather_both(s, block, n, BENDS, s->state + D, r, rate);
     for (int m = 0; m < n; m++) {
-        v4 f[4];
-        for (int c = 0; c < 4; c++) {
-            double *F = s->F + 16 * (b + m) + 4 * c;
-            f[c] = load(F) + F_lag * r[m][c];
-            store(F, f[c]);
+        v4 f[4], bend[2 * D];
+        for (int c = 0; c < 4; c++) f[c] = advanced(s->F + 16 * (b + m) + 4 * c, F_lag, r[m][c]);
+        for (int c = 0; BENDS && c < D; c++) {
+            bend[c] = advanced(s->bend + 4 * (D * (b + m) + c), F_lag, rate[m][c]);
+            bend[D + c] = rate[m][c];
         }
         extend_range(f, block[m].lanes, range);
         switch (block->material) {
-#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], bend[m], accounted_dt, dt); break;
+#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], bend, accounted_dt, dt); break;
             EACH_MATERIAL(CASE)
         }
     }
