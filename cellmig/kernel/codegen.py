@@ -13,16 +13,16 @@ from typing import Any
 
 from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
 
-SHAPES = {"F": (2, 2), "Fdot": (2, 2), "gradient": (2,), "director": (2,), "bend": (2,), "bend_rate": (2,)}  # by name
-ANNOTATED = {"Vector": (2,)}  # of others by their annotation; the rest are scalars
+RANKS = {"F": 2, "Fdot": 2, "gradient": 1, "director": 1, "bend": 1, "bend_rate": 1}  # of tensors, by their names
+ANNOTATED = {"Vector": (2,)}  # shapes of others by their annotation; the rest are scalars
 
 
 class Translator:
     """Translates methods of one law; `parameters` lists the attributes they use, in order of the vector `p`."""
 
-    def __init__(self, law: Any, number: str):
+    def __init__(self, law: Any, number: str, dimension: int = 2):
         """`number` is the C type of a quantity: "double", or "v4" for four particles at a time."""
-        self.law, self.number = law, number
+        self.law, self.number, self.dimension = law, number, dimension
         self.parameters: list[str] = []
 
     def function(self, method: str, name: str, results: tuple[str, ...] = ()) -> str:
@@ -32,7 +32,7 @@ class Translator:
 
         Raises LawError.
         """
-        trace, shapes = Trace(self.parameters), shapes_of(getattr(type(self.law), method))
+        trace, shapes = Trace(self.parameters), shapes_of(getattr(type(self.law), method), self.dimension)
         given = [mapped(lambda text: trace.node(text, one=False), indexed(a, shape)) for a, shape in shapes.items()]
         result = traced(self.law, method, trace, given)
         declared = [f"const {self.number} {a}{_brackets(shape)}" for a, shape in shapes.items()]
@@ -163,10 +163,11 @@ def _needed(values: tuple) -> list[Symbol]:
     return sorted(found, key=lambda v: v.number)
 
 
-def shapes_of(method: Any) -> dict[str, tuple]:
+def shapes_of(method: Any, dimension: int = 2) -> dict[str, tuple]:
     """Shapes of the arguments of a pointwise method."""
     arguments = list(inspect.signature(method).parameters.values())[1:]
-    return {a.name: SHAPES.get(a.name, ANNOTATED.get(a.annotation, ())) for a in arguments}
+    return {a.name: (dimension,) * RANKS[a.name] if a.name in RANKS else ANNOTATED.get(a.annotation, ())
+            for a in arguments}
 
 
 def _brackets(shape: tuple) -> str:

@@ -32,7 +32,7 @@ def step_memory(terms: Terms) -> np.dtype:
     external_work : of each lane [pN].  Single precision is enough where no force is made of them; what a scene lacks is
     empty.
     """
-    stabilised, active = int(terms.stabilised), int(terms.active)
-    return np.dtype([("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4), ("viscous", "f4", (4, 4)),
-                     ("bent", "f4", (2 * stabilised, 4)), ("bulk", "f4", (1, 4)),
-                     ("external_work", "f8", (4 * active,)), ("active", "f4", (4 * active, 4))])
+    stabilised, active, D = int(terms.stabilised), int(terms.active), terms.dimension
+    return np.dtype([("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4), ("viscous", "f4", (D * D, 4)),
+                     ("bent", "f4", (D * stabilised, 4)), ("bulk", "f4", (1, 4)),
+                     ("external_work", "f8", (4 * active,)), ("active", "f4", (D * D * active, 4))])

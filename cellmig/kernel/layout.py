@@ -177,18 +177,26 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
         extended = partial(map, with_rest)
     adjoints = [list(extended(map(_adjoint, part))) for part in parts]
     parts = [list(extended(part)) for part in parts]
-    out = {"volume": stencils.by_lane(scene.field("V")), "bulk_damping": stencils.by_lane(scene.field("damping")),
-           "per_mass": stencils.by_lane(1.0 / scene.field("mass"))}
-    out |= {name: stencils.by_lane(scene.field(name)) for name in ("viscosity", "shear_modulus", "dilation_modulus")}
     bends = terms.stabilised or terms.stiffened
-    first, near, group, lane, owned, kind, at, out["column"] = stencils.entries(parts[-1], bends)
+    fields = {"volume": "V", "bulk_damping": "damping"}
+    fields |= {name: name for name in ("viscosity", "shear_modulus", "dilation_modulus")}
+    fields |= {name: name for name in ("bending_weight", "bending_modulus") if bends}
+    out = {name: stencils.by_lane(scene.field(attribute)) for name, attribute in fields.items()}
+    out["per_mass"] = stencils.by_lane(1.0 / scene.field("mass"))
+    return out | (_plane if D == 2 else _space)(stencils, parts, adjoints, bends)
+
+
+def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
+    """Coefficients in groups of a neighbour to each lane, those with Laplacians first."""
+    D = len(parts) - 1
+    first, near, group, lane, owned, kind, at, column = stencils.entries(parts[-1], bends)
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((2, first[-1], 8))
     for k in range(D):
         gradient[group, pair + 2 * k] = _values(parts[k], kind, at)  # of ghosts only stresses count:
         adjoint[group, pair + 2 * k] = np.where(owned, _values(adjoints[k], kind, at), 0)
+    out = {"first": first, "column": column, "gradient": gradient, "adjoint": adjoint}
     if bends:
-        out |= {name: stencils.by_lane(scene.field(name)) for name in ("bending_weight", "bending_modulus")}
         first_C = np.append(0, np.cumsum(near))
         stencil = np.repeat(np.arange(len(near)), np.diff(first))[group]
         close = group - first[stencil] < near[stencil]
@@ -197,7 +205,17 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
         laplacian[group, _TWICE_LANE[lane]] = _values(parts[D], kind, at)
         bending[group, _TWICE_LANE[lane]] = np.where(owned, _values(adjoints[D], kind, at), 0)
         out |= {"first_laplacian": first_C, "laplacian": laplacian, "bending": bending}
-    return out | {"first": first, "gradient": gradient, "adjoint": adjoint}
+    return out
+
+
+def _space(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
+    """Coefficients lane by lane, each neighbour's G and C together."""
+    first, place, owned, kind, at, column = stencils.rows(parts[0])
+    gradient, adjoint = np.zeros((2, first[-1], len(parts)))
+    for k in range(len(parts) if bends else len(parts) - 1):
+        gradient[place, k] = _values(parts[k], kind, at)
+        adjoint[place, k] = np.where(owned, _values(adjoints[k], kind, at), 0)
+    return {"first": first, "column": column, "gradient": gradient, "adjoint": adjoint}
 
 
 def _on_pattern(m: sparse.csr_matrix, wider: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -254,6 +272,26 @@ class Stencils:
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
         neighbours[group, lane] = self._place[self._offset[lanes] + columns]
         return first, near, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
+
+
+    def rows(self, matrices: list) -> tuple[np.ndarray, ...]:
+        """Entries of CSR matrices, one for each template, lane by lane, an even number of each.
+
+        Returns the first entry of each lane, (4 stencils + 1,) int; place, whether owned, template and place in its CSR
+        of each entry, (k,) int; six times the neighbours (entries,) int.  Entries of a lane ascend by id.
+        """
+        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
+        kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
+        for k, m in enumerate(matrices):
+            columns[kind == k] = m.indices[at[kind == k]]
+        count = np.bincount(lanes, minlength=len(self._ids))
+        length = np.zeros(4 * self._count, np.int64)
+        length[4 * self._stencil + self._lane] = count + count % 2
+        first = np.append(0, np.cumsum(length))
+        place = first[(4 * self._stencil + self._lane)[lanes]] + np.arange(len(at)) - (np.cumsum(count) - count)[lanes]
+        neighbours = np.repeat(self._itself, length.reshape(-1, 4).sum(axis=1))
+        neighbours[place] = self._place[self._offset[lanes] + columns]
+        return first, place, self._owned[lanes], kind, at, (6 * neighbours).astype(np.uint32)
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:

@@ -74,7 +74,7 @@ def _kernel_data(fields: Sequence[Field]) -> str:
 
 def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
     """Functions of the surface terms that a scene has, and of formulas without parameters."""
-    functions = [Translator(formula, number).function(method, name, results)
+    functions = [Translator(formula, number, terms.dimension).function(method, name, results)
                  for formula, number, method, name, results in FORMULAS]
     for term in SURFACE_TERMS:
         found = term.formula(terms)
@@ -141,7 +141,7 @@ def _load_curves(laws: Sequence | None, vectors: dict[str, list[float]]) -> str:
 
 def _materials(materials: Sequence, terms: Terms, vectors: dict[str, list[float]]) -> str:
     """Stresses of each material, and for each method the choice among those that have it."""
-    parts, translators = [], [Translator(material, "v4") for material in materials]
+    parts, translators = [], [Translator(material, "v4", terms.dimension) for material in materials]
     for method, (taken, shape) in STRESSES.items():
         absent = (method.startswith("director") and terms.director == "none") or (
             method == "active_stress" and not terms.active)

@@ -52,6 +52,7 @@ SURFACE_TERMS = (
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
             (Continuum(), "v4", "shear_stress", "shear_stress", ()),
+            (Continuum(), "v4", "volume_ratio", "volume_ratio", ()),
             (Couple(), "double", "force", "couple_force", ()))
 
 # What the step calls at its stages, by the arguments that are there.
@@ -81,7 +82,8 @@ def _of_surface(term: SurfaceTerm) -> Part:
 
 # In the order of the C source, the stages behind them and step.c at the end.
 PARTS = (
-    *(Part(name, _always) for name in ("layout.h", "gather.h", "exchange.h", "deformation.c", "stress.c",
+    Part("layout.h", _always), Part("plane.h", lambda t: t.dimension == 2), Part("space.h", lambda t: t.dimension == 3),
+    *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
     *map(_of_surface, SURFACE_TERMS),
     Part("boundary.c", lambda t: t.load_curves is not None, {
@@ -96,6 +98,6 @@ PARTS = (
 
 def sizes(terms: Terms) -> dict[str, int]:
     """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
-    return {"D": 2, "STABILISED": terms.stabilised, "BULK_DAMPED": terms.bulk_damped, "STIFFENED": terms.stiffened,
-            "BENDS": terms.stabilised or terms.stiffened, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
-            "CONSTRAINED": terms.load_curves is not None}
+    return {"D": terms.dimension, "STABILISED": terms.stabilised, "STIFFENED": terms.stiffened,
+            "BENDS": terms.stabilised or terms.stiffened, "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active,
+            "DIRECTOR": terms.has_director, "CONSTRAINED": terms.load_curves is not None}

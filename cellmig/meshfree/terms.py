@@ -65,6 +65,7 @@ class Terms:
     acceleration : tuple or None -- of the body force (2,) [µm/µs²].
     load_curves : tuple or None -- laws of kind load_curve of supports, loads and plates.
     single : bool -- whether the coefficients of neighbours are stored in single precision.
+    dimension : int -- 2, plane strain, or 3.
     skipped : dict -- by name of an absent term, the reason for the log.
     """
 
@@ -83,6 +84,7 @@ class Terms:
     acceleration: tuple | None = None
     load_curves: tuple[LoadCurve, ...] | None = None
     single: bool = False
+    dimension: int = 2
     skipped: dict = field(default_factory=dict)
 
     @property

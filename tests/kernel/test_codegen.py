@@ -17,7 +17,7 @@ from scenes import example
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import either
 from cellmig.case.registry import laws
-from cellmig.kernel.codegen import SHAPES, Translator, shapes_of
+from cellmig.kernel.codegen import RANKS, Translator, shapes_of
 from cellmig.kernel.source import text_of
 from cellmig.kernel.symbols import LawError
 from cellmig.kernel.terms import FORMULAS, SURFACE_TERMS
@@ -187,7 +187,7 @@ def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(meth
 
 def pointwise_methods(kind: str) -> list[tuple[str, str]]:
     """(law, method) for all methods of formulas: those with arguments that the translator knows."""
-    known = {"material": set(SHAPES), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
+    known = {"material": set(RANKS), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
     functions = [(name, method, set(inspect.signature(f).parameters) - {"self"}) for name, cls in laws(kind).items()
                  for method, f in inspect.getmembers(cls, inspect.isfunction) if not method.startswith(("_", "pair"))]
     return [(name, method) for name, method, arguments in functions if arguments and arguments <= known]

@@ -16,10 +16,10 @@ static void director_torque(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         const Block block = *block_at(s, b);
-        const double *f = s->F + 16 * b, *gradient = s->director_gradient + 4 * D * b;
-        const v4 F[D][D] = {{load(f), load(f + 8)}, {load(f + 4), load(f + 12)}};
+        const double *gradient = s->director_gradient + 4 * D * b;
         const v4 g[D] = {load(gradient), load(gradient + 4)};
-        v4 flux[D] = {{0}};
+        v4 F[D][D], flux[D] = {{0}};
+        load_F(s, b, F);
         director_flux(s, block.material, F, g, flux);
         for (int i = 0; i < block.lanes; i++)
             for (int c = 0; c < D; c++)

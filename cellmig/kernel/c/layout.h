@@ -5,7 +5,9 @@
  * copies of a cell have, share coefficients and are computed together.
  */
 
-enum { TANGENT, NORMAL };                     /* axes: along the substrate, as the push, and away from it */
+enum { TANGENT, NORMAL = D - 1 }; /* axes: along the substrate, as the push, and away from it */
+
+enum { AHEAD = 48 }; /* coefficients stream from memory: they are prefetched this many groups of neighbours ahead */
 
 /* Rows row … row + lanes - 1; the local numbers of their neighbours are those of the stencil plus `shift`; whether
  * other forces than those of stresses act on them. */

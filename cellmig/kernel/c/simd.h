@@ -66,6 +66,7 @@ static inline v4 odd_double(const double *a) { const v4 x = load(a); return SHUF
 /* Of four coefficients in single or double precision, the first and the third twice; the second and the fourth. */
 #define even_of(a) _Generic((a), const float *: even_single, const double *: even_double)(a)
 #define odd_of(a) _Generic((a), const float *: odd_single, const double *: odd_double)(a)
+#define four_of(a) _Generic((a), const float *: load_single, const double *: load)(a)
 
 #ifdef __AVX512VL__
 enum { MOST = 3 }; /* blocks at a time, whose sums fill the registers */

@@ -68,13 +68,13 @@ int rate(const KernelData *s, double *out, double accounted_dt)
     if (after_forces(s, 0.0)) return 1;
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block block = *block_at(s, b);
-        v4 f[1][2];
+        v4 f[1][FORCES];
         divergence(s, b, 1, f);
         for (int i = 0; i < block.lanes; i++)
             for (int c = 0; c < D; c++) {
                 const long row = block.row + i, k = 2 * D * row + c;
                 out[k] = s->state[k + D];
-                out[k + D] = s->inverse_mass[row] * f[0][i / 2][2 * (i % 2) + c] + s->acceleration[c];
+                out[k + D] = s->inverse_mass[row] * force_on(f[0], i, c) + s->acceleration[c];
             }
     }
     hold_rates(s, out);

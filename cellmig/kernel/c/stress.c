@@ -3,16 +3,22 @@
 /* P : R, the power of a stress per volume. */
 static inline v4 power(const v4 P[D][D], const v4 R[D][D])
 {
-    return fma4(P[0][0], R[0][0], P[0][1] * R[0][1]) + fma4(P[1][0], R[1][0], P[1][1] * R[1][1]);
+    v4 sum = {0};
+    for (int i = 0; i < D; i++) {
+        v4 row = P[i][D - 1] * R[i][D - 1];
+        for (int j = D - 1; j--;) row = fma4(P[i][j], R[i][j], row);
+        sum += row;
+    }
+    return sum;
 }
 
 /* ½ (Δtₙ Pₙ + Δtₙ₊₁ Pₙ₊₁) : Ḟ, the trapezoidal work of a stress that depends on the rate; Pₙ₊₁ is remembered. */
 static inline v4 work_of_stress(float *memory, const v4 P[D][D], const v4 R[D][D], double accounted_dt, double dt)
 {
     v4 mean[D][D];
-    for (int i = 0; i < 4; i++) {
-        mean[i / 2][i % 2] = fma4(splat(0.5 * accounted_dt), load_single(memory + 4 * i), 0.5 * dt * P[i / 2][i % 2]);
-        store_single(memory + 4 * i, P[i / 2][i % 2]);
+    for (int i = 0; i < D * D; i++) {
+        mean[i / D][i % D] = fma4(splat(0.5 * accounted_dt), load_single(memory + 4 * i), 0.5 * dt * P[i / D][i % D]);
+        store_single(memory + 4 * i, P[i / D][i % D]);
     }
     return power(mean, R);
 }
@@ -33,12 +39,12 @@ static inline void add(double *account, v4 amount) { store(account, load(account
 /* P += A. */
 static inline void add_stress(v4 P[D][D], v4 A[D][D])
 {
-    for (int i = 0; i < 4; i++) P[i / 2][i % 2] += A[i / 2][i % 2];
+    for (int i = 0; i < D * D; i++) P[i / D][i % D] += A[i / D][i % D];
 }
 
 static inline void scale(v4 A[D][D], v4 V)
 {
-    for (int i = 0; i < 4; i++) A[i / 2][i % 2] *= V;
+    for (int i = 0; i < D * D; i++) A[i / D][i % D] *= V;
 }
 
 /* V P of what stores energy: the material, and the gradient of the director. */
@@ -47,23 +53,12 @@ INLINED void elastic(const KernelData *s, long b, const int material, const v4 F
     stress(s, material, F, P);
     if (has_director_stress(material)) {
         const double *gradient = s->director_gradient + 4 * D * b;
-        const v4 g[D] = {load(gradient), load(gradient + 4)};
-        v4 T[D][D];
+        v4 g[D], T[D][D];
+        for (int c = 0; c < D; c++) g[c] = load(gradient + 4 * c);
         director_stress(s, material, F, g, T);
         add_stress(P, T);
     }
     scale(P, V);
-}
-
-/* What resists Laplacians (C u, C v): the rows of s->bent that the block has. */
-static inline void store_bent(const KernelData *s, const Block *block, const v4 q[D])
-{
-    const v4 rows[2] = {SHUFFLE(q[0], q[1], 0, 4, 1, 5), SHUFFLE(q[0], q[1], 2, 6, 3, 7)};
-    double *bent = s->bent + D * (long)block->row;
-    if (block->lanes == 4)
-        for (int i = 0; i < 2; i++) store(bent + 4 * i, rows[i]);
-    else
-        memcpy(bent, rows, sizeof(double) * D * (size_t)block->lanes);
 }
 
 /* Adds the viscous stress and that of the stabilisation, with the Laplacians (C u, C v).  What they dissipate is the
@@ -96,8 +91,8 @@ INLINED void active(const KernelData *s, long b, StepMemory *memory, const int m
 {
     if (!has_active_stress(material)) return;
     const double *axis = s->director_axis + 4 * D * b;
-    const v4 h[D] = {load(axis), load(axis + 4)};
-    v4 A[D][D];
+    v4 h[D], A[D][D];
+    for (int c = 0; c < D; c++) h[c] = load(axis + 4 * c);
     active_stress(s, material, F, h, A);
     scale(A, V);
     add_stress(P, A);
@@ -116,25 +111,14 @@ static inline v4 bulk_damping(StepMemory *memory, v4 viscosity, const v4 F[D][D]
     return work;
 }
 
-/* The rows of Q that block b has: V P of its particles, by entries 00 10 01 11; lanes that it lacks have no volume. */
-static inline void store_stress(const KernelData *s, const Block *block, const v4 P[D][D])
-{
-    const v4 lanes[4] = {P[0][0], P[1][0], P[0][1], P[1][1]};
-    double *Q = s->Q + D * D * (long)block->row;
-    v4 rows[4];
-    transpose(lanes, rows);
-    if (block->lanes == 4)
-        for (int i = 0; i < 4; i++) store(Q + 4 * i, rows[i]);
-    else
-        memcpy(Q, rows, sizeof(v4) * (size_t)block->lanes);
-}
-
-/* Stress of block b, of this material, from F and Ḟ (lanes 00 10 01 11); work over the steps is accounted. */
-INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[4], const v4 r[4],
+/* Stress of block b, of this material, from F and Ḟ (entries by columns); work over the steps is accounted. */
+INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[D * D], const v4 r[D * D],
                              const v4 bend[2 * D], double accounted_dt, double dt)
 {
     const Block *block = block_at(s, b);
-    const v4 F[D][D] = {{f[0], f[2]}, {f[1], f[3]}}, R[D][D] = {{r[0], r[2]}, {r[1], r[3]}};
+    v4 F[D][D], R[D][D];
+    matrix_of(f, F);
+    matrix_of(r, R);
     const v4 V = load(s->volume + 4L * block->stencil);
     StepMemory *memory = s->step_memory + b;
     v4 P[D][D], bent[D] = {{0}};
@@ -142,13 +126,12 @@ INLINED void stress_of_block(const KernelData *s, long b, const int material, co
     if (STIFFENED)
         for (int i = 0; i < D; i++) bent[i] = load(s->bending_modulus + 4L * block->stencil) * bend[i];
     viscous(s, block, memory, material, F, R, bend, V, accounted_dt, dt, P, bent);
-    if (BENDS) store_bent(s, block, bent);
     active(s, b, memory, material, F, R, V, accounted_dt, dt, P);
     if (BULK_DAMPED) {
         const v4 viscosity = V * load(s->bulk_damping + 4L * block->stencil);
         add(memory->artificial_dissipation, bulk_damping(memory, viscosity, F, R, accounted_dt, dt, P));
     }
-    store_stress(s, block, P);
+    store_stress(s, block, P, bent);
 }
 
 /* A quantity a time later, which is stored. */
@@ -164,11 +147,11 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
                               v4 range[2])
 {
     const Block *block = block_at(s, b);
-    v4 r[MOST][4], rate[MOST][D];
+    v4 r[MOST][D * D], rate[MOST][D];
     gather_both(s, block, n, BENDS, s->state + D, r, rate);
     for (int m = 0; m < n; m++) {
-        v4 f[4], bend[2 * D];
-        for (int c = 0; c < 4; c++) f[c] = advanced(s->F + 16 * (b + m) + 4 * c, F_lag, r[m][c]);
+        v4 f[D * D], bend[2 * D];
+        for (int k = 0; k < D * D; k++) f[k] = advanced(s->F + 4 * (D * D * (b + m) + k), F_lag, r[m][k]);
         for (int c = 0; BENDS && c < D; c++) {
             bend[c] = advanced(s->bend + 4 * (D * (b + m) + c), F_lag, rate[m][c]);
             bend[D + c] = rate[m][c];
