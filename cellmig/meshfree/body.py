@@ -57,9 +57,19 @@ class Template:
     damping: np.ndarray
 
     @cached_property
+    def facets(self) -> np.ndarray:
+        """Indices in `surface` of the ends of its segments (m, 2) int."""
+        return np.column_stack([np.arange(len(self.after)), self.after])
+
+    @cached_property
     def segments(self) -> np.ndarray:
         """Particles at both ends of the segments of the surface (m, 2) int."""
-        return np.column_stack([self.surface, self.surface[self.after]])
+        return self.surface[self.facets]
+
+    @cached_property
+    def outer(self) -> np.ndarray:
+        """Whether segments are on the outer loop (m,) bool."""
+        return self.loop == 0
 
     @cached_property
     def before(self) -> np.ndarray:
@@ -82,7 +92,7 @@ class Template:
         return self._by_law("density") * self.V
 
     @cached_property
-    def segment_length(self) -> np.ndarray:
+    def facet_size(self) -> np.ndarray:
         """Reference lengths of the segments from each surface particle to the next (m,) [µm]."""
         return polygons.sides(self.X[self.segments])
 
@@ -235,7 +245,7 @@ class Scene:
     ----------
     templates : list of Template -- one for each kind of cell.
     kind : (cells,) int -- index of the template of each cell.
-    centre : (cells, 2) -- centres of the cells [µm].
+    centre : (cells, d) -- centres of the cells [µm].
     materials : list -- the material laws that occur.
     material_of : list -- for each template, the indices of the laws of body and nucleus in `materials`.
     """
@@ -250,6 +260,11 @@ class Scene:
     def offset(self) -> np.ndarray:
         """First global id of each cell, and at the end the number of all particles (cells + 1,) int."""
         return np.concatenate([[0], np.cumsum([len(self.templates[k].X) for k in self.kind])])
+
+    @property
+    def dimension(self) -> int:
+        """Number of dimensions, 2 or 3."""
+        return self.centre.shape[1]
 
     @property
     def size(self) -> int:
@@ -267,7 +282,7 @@ class Scene:
 
     @cached_property
     def X(self) -> np.ndarray:
-        """Reference positions (size, 2) [µm]."""
+        """Reference positions (size, d) [µm]."""
         return self.field("X") + self.centre[self.cell]
 
     @cached_property

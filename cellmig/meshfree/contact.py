@@ -16,39 +16,58 @@ CLOSE = 3  # steps along an outline up to which two segments meet in a fold only
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Surface particles of all cells, loop by loop; a segment goes by its first particle.
+    """Surface particles of all cells, and the facets between them: segments in two dimensions, triangles in three.
+
+    In two dimensions particles are in order, loop by loop, and a segment goes by its first particle.
 
     Attributes
     ----------
     ids : (m,) int -- global ids.
     cell : (m,) int -- cells.
-    after, before : (m,) int -- indices of the next and of the previous particle on the loop.
-    length : (m,) -- reference length of the segment from a particle to the next [µm].
-    outer : (m,) bool -- whether a particle is on the outer loop; in holes there are no bonds and no protrusion.
-    turn : (m,) -- angle at a particle from the segment before to that after it, in the reference configuration [rad].
+    facets : (f, d) int -- indices of the corners of each facet, counterclockwise from outside, of one cell each.
+    size : (f,) -- reference length [µm] or area [µm²] of the facets.
+    outer : (f,) bool -- whether a facet is on the outer surface; in holes there are no bonds and no protrusion.
+    after, before : (m,) int -- indices of the next and of the previous particle on the loop; in two dimensions only.
+    turn : (m,) -- angle at a particle from the segment before to that after it, in the reference configuration [rad];
+        in two dimensions only.
     """
 
     ids: np.ndarray
     cell: np.ndarray
+    facets: np.ndarray
+    size: np.ndarray
+    outer: np.ndarray
     after: np.ndarray
     before: np.ndarray
-    length: np.ndarray
-    outer: np.ndarray
     turn: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene) -> Surfaces:
         """Surfaces of a scene."""
         rings = [scene.surface(c) for c in range(len(scene.kind))]
+        used = [scene.templates[k] for k in scene.kind]
         start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
-        after = np.concatenate([a + scene.templates[k].after for a, k in zip(start, scene.kind, strict=False)])
+        ids, cell = np.concatenate(rings), np.repeat(np.arange(len(rings)), np.diff(start))
+        facets = np.concatenate([a + t.facets for a, t in zip(start, used, strict=False)])
+        size, outer = (np.concatenate([getattr(t, name) for t in used]) for name in ("facet_size", "outer"))
+        if scene.dimension > 2:
+            none = np.zeros(0, np.int64)
+            return cls(ids, cell, facets, size, outer, none, none, np.zeros(0))
+        after = facets[:, 1]
         before = np.argsort(after)
-        cell = np.repeat(np.arange(len(rings)), np.diff(start))
-        length = np.concatenate([scene.templates[k].segment_length for k in scene.kind])
-        outer = np.concatenate([scene.templates[k].loop == 0 for k in scene.kind])
-        ids = np.concatenate(rings)
         side = scene.X[ids[after]] - scene.X[ids]
-        return cls(ids, cell, after, before, length, outer, polygons.turn(side[before], side))
+        return cls(ids, cell, facets, size, outer, after, before, polygons.turn(side[before], side))
+
+    @property
+    def on_outside(self) -> np.ndarray:
+        """Whether particles are on the outer surface of their cell (m,) bool."""
+        found = np.zeros(len(self.ids), bool)
+        found[self.facets[self.outer]] = True
+        return found
+
+    def touching(self, some: np.ndarray) -> np.ndarray:
+        """Whether facets have a corner among `some` (m,) bool, (f,) bool."""
+        return some[self.facets].any(axis=1)
 
     def followed(self, turn: np.ndarray, x: np.ndarray, on: np.ndarray) -> np.ndarray:
         """Turns (m,) [rad] that were `turn` (m,), at particles `on` (k,) int for the positions x (m, 2) [µm] of now.

@@ -28,7 +28,7 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
     `on_substrate`, `in_contact` and `with_itself` tell whether bonds or repulsion act to the substrate, between cells,
     and between the parts of an outline.
     """
-    s, deepest = surfaces, SHARE * float(surfaces.length.mean())
+    s, deepest = surfaces, SHARE * float(surfaces.size.mean())
     low = int(np.argmin(x[:, 1]))
     if on_substrate and -x[low, 1] > deepest:
         return Overlap(int(s.ids[low]), f"cell {s.cell[low] + 1} is {-x[low, 1]:.3g} µm below the substrate",
@@ -61,7 +61,7 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
     cell : (n,) int -- their cells.
     at : (n, 2) -- their positions [µm].
     """
-    s, deepest = surfaces, SHARE * float(surfaces.length.mean())
+    s, deepest = surfaces, SHARE * float(surfaces.size.mean())
     within = ~np.isin(ids, s.ids)
     for c in np.unique(cell):
         on, of = (np.arange(*np.searchsorted(numbers, [c, c + 1])) for numbers in (s.cell, cell))

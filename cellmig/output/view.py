@@ -77,17 +77,17 @@ class ImpulsesView(Protocol):
 
     @property
     def bond(self) -> np.ndarray:
-        """Impulses by the substrate (n_segments, 2, 3) [pN µs/µm]."""
+        """Impulses by the substrate (n_facets, d, 2 d - 1) [pN µs/µm]."""
 
     @property
     def contact(self) -> np.ndarray:
         """Impulses by other cells (slots, 2) [pN µs/µm]."""
 
     def of_surface(self, values: np.ndarray) -> np.ndarray:
-        """Values of bonds (n_segments, 2, 3) by surface particle (k, 3)."""
+        """Values of bonds (n_facets, d, 2 d - 1) by surface particle (k, 3)."""
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Begin again with impulses bond (n_segments, 2, 3), contact (slots, 2) [pN µs/µm], at x (k,) [µm]."""
+        """Begin again with impulses bond (n_facets, d, 2 d - 1), contact (slots, 2) [pN µs/µm], at x (k,) [µm]."""
 
 
 class AccountsView(Protocol):

@@ -10,14 +10,13 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-FIELDS = {"id": (1, PETSc.IntType), "X": (2, PETSc.RealType), "u": (2, PETSc.RealType), "v": (2, PETSc.RealType),
-          "theta": (1, PETSc.RealType), "loss": (5, PETSc.RealType)}
+WIDTH = {"id": 1, "theta": 1, "loss": 5}  # numbers of a particle; others have one for each dimension
 
 
 class Swarm:
     """Particles of this rank, with their fields.
 
-    These are id; positions X and displacements u (n, 2) [µm], velocities v (n, 2) [µm/µs], angles of the director
+    These are id; positions X and displacements u (n, d) [µm], velocities v (n, d) [µm/µs], angles of the director
     (n,) [rad], and the losses and impulses accumulated so far (n, 5).
     """
 
@@ -25,11 +24,12 @@ class Swarm:
         """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
         self.comm = comm
         self.dm = PETSc.DMSwarm().create(comm=comm)
-        self.dm.setDimension(2)
+        self._width = {name: WIDTH.get(name, fields["X"].shape[1]) for name in ("id", "X", "u", "v", "theta", "loss")}
+        self.dm.setDimension(self._width["X"])
         self.dm.setType(PETSc.DMSwarm.Type.BASIC)
         self.dm.initializeFieldRegister()
-        for name, (width, kind) in FIELDS.items():
-            self.dm.registerField(name, width, dtype=kind)
+        for name, width in self._width.items():
+            self.dm.registerField(name, width, dtype=PETSc.IntType if name == "id" else PETSc.RealType)
         self.dm.finalizeFieldRegister()
         self.dm.setLocalSizes(len(fields["id"]), 16)
         for name, values in fields.items():
@@ -38,7 +38,7 @@ class Swarm:
     @contextmanager
     def field(self, name: str) -> Iterator[np.ndarray]:
         """A field as an array to read or write in place, (n,) or (n, width), in its unit."""
-        width = FIELDS[name][0] if name in FIELDS else 1
+        width = self._width.get(name, 1)
         try:
             values = self.dm.getField(name)
             yield values.reshape(-1, width) if width > 1 else values
@@ -58,7 +58,7 @@ class Swarm:
         self["DMSwarm_rank"] = owner
         self.dm.migrate(remove_sent_points=True)
         order = np.argsort(self["id"], kind="stable")
-        for name in FIELDS:
+        for name in self._width:
             self[name] = self[name][order]
 
     def destroy(self) -> None:

@@ -33,7 +33,7 @@ class Accounts:
         Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction on the substrate"),
         Field("protrusion_impulse", "double *", "(n_local,)", "pN µs/µm", "of the push along x"),
         Field("external_work", "double *", "(n_local,)", "pN", "of push, loads, plates, supports and activity"),
-        Field("bond_impulse", "double *", "(n_segments, 2, 3)", "pN µs/µm", "see `Impulses.bond`"),
+        Field("bond_impulse", "double *", "(n_facets, d, 2 d - 1)", "pN µs/µm", "see `Impulses.bond`"),
         Field("contact_impulse", "double *", "(slots, 2)", "pN µs/µm", "see `Impulses.contact`"),
         Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "slot for the impulse of a node"),
     )
@@ -80,8 +80,8 @@ class Accounts:
 class Impulses:
     """Impulses on the surfaces of a rank since the last row of the tables.
 
-    bond : (segments, 2, 3) -- by the substrate on the ends of segments: along y, drag and push along x [pN µs/µm];
-    contact : (slots, 2) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- surface particle
+    bond : (facets, d, 2 d - 1) -- by the substrate on the corners of facets: normal, drag and push along it [pN µs/µm];
+    contact : (slots, d) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- surface particle
     times the number of cells plus the other cell; slot 0 is for particles of other ranks;  mine : (n,) int -- this
     rank's surface particles;  place : (n,) -- their x at the last row [µm].
     """
@@ -93,16 +93,18 @@ class Impulses:
         self.cells, self.mine = len(part.scene.kind), part.own_surface
         self.key = np.full(1, -1)
         self.place = np.zeros(len(self.mine))
-        kernel["bond_impulse"], kernel["contact_impulse"] = np.zeros((len(self._segments), 2, 3)), np.zeros((1, 2))
+        d = part.scene.dimension
+        kernel["bond_impulse"] = np.zeros((len(self._segments), d, 2 * d - 1))
+        kernel["contact_impulse"] = np.zeros((1, d))
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """Impulses of bonds (n_segments, 2, 3) and contacts (slots, 2) [pN µs/µm], by the names of the fields."""
+        """Impulses of bonds (n_facets, d, 2 d - 1) and contacts (slots, 2) [pN µs/µm], by the names of the fields."""
         return {name: self._kernel[name] for name in ("bond_impulse", "contact_impulse")}
 
     @property
     def bond(self) -> np.ndarray:
-        """Impulses by the substrate (n_segments, 2, 3) [pN µs/µm]."""
+        """Impulses by the substrate (n_facets, d, 2 d - 1) [pN µs/µm]."""
         return self._kernel["bond_impulse"]
 
     @property
@@ -111,7 +113,7 @@ class Impulses:
         return self._kernel["contact_impulse"]
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Begin again with impulses bond (n_segments, 2, 3), contact (slots, 2) [pN µs/µm], at x (n,) [µm]."""
+        """Begin again with impulses bond (n_facets, d, 2 d - 1), contact (slots, 2) [pN µs/µm], at x (n,) [µm]."""
         self.place[:], self.bond[:], self.contact[:] = x, bond, contact
 
     def follow(self, lists: ContactLists) -> None:
@@ -123,14 +125,15 @@ class Impulses:
         """Slots of keys (k,), which are created if they are new."""
         if len(fresh := np.setdiff1d(key, self.key)):
             before, self.key = self.contact, np.concatenate([self.key, fresh])
-            self._kernel["contact_impulse"] = np.concatenate([before, np.zeros((len(fresh), 2))])
+            self._kernel["contact_impulse"] = np.concatenate([before, np.zeros((len(fresh), before.shape[1]))])
         order = np.argsort(self.key)
         return order[np.searchsorted(self.key, key, sorter=order)]
 
     def of_surface(self, values: np.ndarray) -> np.ndarray:
-        """Sums (n, 3) of values (n_segments, 2, 3) of any unit over both segments of own surface particles."""
-        at = [np.searchsorted(self._segments, some) for some in (self.mine, self._surfaces.before[self.mine])]
-        return values[at[0], 0] + values[at[1], 1]
+        """Sums (n, k) of values (n_segments, d, k) of any unit over the facets of own surface particles."""
+        total = np.zeros((len(self._surfaces.ids), values.shape[2]))
+        np.add.at(total, self._surfaces.facets[self._segments], values)
+        return total[self.mine]
 
     def saved(self, comm: MPI.Comm) -> dict[str, np.ndarray | None]:
         """Keys (k,) and impulses (k, 2) [pN µs/µm] for a checkpoint, ordered by key, on rank 0; collective."""

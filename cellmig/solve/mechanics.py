@@ -131,11 +131,11 @@ class Mechanics:
         t.F_lag = t.dt_prev = dt
 
     def rate(self) -> np.ndarray:
-        """(v, a) of the owned particles (n_owned, 4) [µm/µs, µm/µs²] in the current state; collective.
+        """(v, a) of the owned particles (n_owned, 2 d) [µm/µs, µm/µs²] in the current state; collective.
 
         Updates F, reactions and loads.  Raises PETSc.Error where an exchange of ghosts failed.
         """
-        out = np.zeros((self.n_owned + 4, 4))
+        out = np.zeros((self.n_owned + 4, 2 * self.scene.dimension))
         self.state.exchange()
         if self.kernel("rate", out, float(self.times.accounted_dt)):
             raise PETSc.Error(75)
@@ -228,8 +228,8 @@ class Mechanics:
         return self.accounts.rates()
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
-        """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of one of SURFACE_TERMS, by its name."""
-        force, energy = np.zeros((self.part.capacity, 2)), np.zeros(self.part.capacity)
+        """Force (n_owned, d) [pN/µm] and energy (n_owned,) [pN] of one of SURFACE_TERMS, by its name."""
+        force, energy = np.zeros((self.part.capacity, self.scene.dimension)), np.zeros(self.part.capacity)
         self.kernel(f"add_{term}", force, energy, 0.0, 0.0)
         return force[: self.n_owned], energy[: self.n_owned]
 

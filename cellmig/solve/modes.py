@@ -25,7 +25,7 @@ class Modes(GhostedField):
 
     Attributes
     ----------
-    memory : (capacity, 4) float -- the mode of sound (x, y), and that of viscosity; the largest vector of each is 1
+    memory : (capacity, 2 d) float -- the mode of sound, and that of viscosity; the largest vector of each is 1
         [-].  Noise is added to them, from which a mode can grow that becomes the fastest one.
 
     Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
@@ -39,10 +39,11 @@ class Modes(GhostedField):
 
     def __init__(self, part: Subdomain, kernel: Kernel):
         """Begin with vectors that look like chance; collective."""
-        self._part, self._kernel, self.memory = part, kernel, aligned_zeros((part.capacity, 4))
+        self._part, self._kernel, self._width = part, kernel, 2 * part.scene.dimension
+        self.memory = aligned_zeros((part.capacity, self._width))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
         self.set_ghosts(part.in_petsc[part.numbering.ids[part.n_owned :]])
-        number = (4 * part.ids[:, None] + np.arange(1, 5)) * MULTIPLIER % 2**32
+        number = (self._width * part.ids[:, None] + np.arange(1, self._width + 1)) * MULTIPLIER % 2**32
         self._noise = NOISE * (number / 2.0**31 - 1.0)
         self.owned[:] = self._noise
 
@@ -50,18 +51,18 @@ class Modes(GhostedField):
         """Rates of the modes, "sound" [1/µs²] and "viscosity" [1/µs], which may be `known` from shortly before;
         collective.
         """
-        k, out = self._kernel, np.zeros((self._part.n_owned + 4, 4))
+        k, out = self._kernel, np.zeros((self._part.n_owned + 4, self._width))
         for _ in range(1 if known else FIRST):
             self.owned[:] += self._noise
             self.exchange()
             k("respond", k["shear_modulus"], k["dilation_modulus"], self.memory, out, 0)
-            k("respond", k["viscosity"], k["bulk_damping"], self.memory, out, 2)
+            k("respond", k["viscosity"], k["bulk_damping"], self.memory, out, self._width // 2)
             largest = global_maximum(self._comm, _lengths(out).max(axis=0, initial=0.0))
-            self.owned[:] = out[: self._part.n_owned] * np.repeat(1.0 / np.maximum(largest, 1e-300), 2)
+            self.owned[:] = out[: self._part.n_owned] * np.repeat(1.0 / np.maximum(largest, 1e-300), self._width // 2)
         sound, viscosity = (CAUTION * largest).tolist()
         return {"sound": sound, "viscosity": viscosity}
 
 
 def _lengths(modes: np.ndarray) -> np.ndarray:
-    """Lengths (n, 2) of both vectors of each particle, (n, 4)."""
-    return np.hypot(modes[:, ::2], modes[:, 1::2])
+    """Lengths (n, 2) of both vectors of each particle, (n, 2 d)."""
+    return np.linalg.norm(modes.reshape(len(modes), 2, -1), axis=2)

@@ -25,13 +25,13 @@ class Protrusion:
     """
 
     FIELDS = (
-        Field("push", "double *", "(n_segments, 2)", "pN/µm", "half of β α N σ at the ends of the segments"),
-        Field("pushed", "double *", "(n_segments, 2)", "pN/µm", "forces of the last kick"),
+        Field("push", "double *", "(n_facets, d)", "pN/µm", "half of β α N σ at the ends of the segments"),
+        Field("pushed", "double *", "(n_facets, d)", "pN/µm", "forces of the last kick"),
         Field("n_movers", "long", doc="protruding cells"),
         Field("first_mover", "long *", "(n_movers + 1,)", "", "their particles in `mover`"),
         Field("mover", "int32_t *", "(…,)", "", "all of their surface particles"),
         Field("mover_weight", "double *", "(…,)", "-", "weights of these in the mean of the surface"),
-        Field("mover_of", "int32_t *", "(n_segments,)", "", "protruding cells of the segments"),
+        Field("mover_of", "int32_t *", "(n_facets,)", "", "protruding cells of the segments"),
         Field("first_grip", "long *", "(n_movers + 1,)", "", "their segments in `grip`"),
         Field("grip", "int32_t *", "(…,)", "", "their segments near the substrate"),
         Field("firm", "double", "", "µm", "length of closed bonds that holds a cell"),
@@ -48,7 +48,7 @@ class Protrusion:
         k["push"] = np.where(segments.acts[:, None], size * protruding.alpha[segments.ends], 0.0)
         k["pushed"] = np.zeros(segments.ends.shape)
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
-        share = 0.5 * (s.length + s.length[s.before])[part.pushed]
+        share = 0.5 * (s.size + s.size[s.before])[part.pushed]
         k["mover_weight"] = share / np.repeat(np.add.reduceat(share, first) if len(first) else share, count)
         k["n_movers"], k["first_mover"] = len(cells), np.append(first, len(part.pushed))
         k["mover"] = part.numbering.local(s.ids[part.pushed])
@@ -64,5 +64,5 @@ class Protrusion:
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: the push of the last kick (n_segments, 2) [pN/µm]."""
+        """Arrays that steps change: the push of the last kick (n_facets, d) [pN/µm]."""
         return {"pushed": self._kernel["pushed"]}

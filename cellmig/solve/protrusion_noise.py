@@ -23,7 +23,7 @@ def random_factor(surfaces: Surfaces, law: ProtrusionLaw | None, seed: int, name
         if law is not None and name in law.cells:
             on = np.arange(*bounds[c : c + 2])
             on = on[surfaces.outer[on]]
-            alpha[on] = _of_cell(surfaces.length[on], law, seed, name)
+            alpha[on] = _of_cell(surfaces.size[on], law, seed, name)
     return alpha
 
 

@@ -20,8 +20,8 @@ SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rou
 def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """State between two steps: numbers, the same on all ranks, and arrays on rank 0; collective.
 
-    Arrays (size, ...) are by particle, in the order of ids, or (m, ...) by surface particle, the first end of segments;
-    they have the units of the fields.
+    Arrays (size, ...) are by particle, in the order of ids, (m, ...) by surface particle, or (f, ...) by facet; they
+    have the units of the fields.
     """
     m.resume()
     about = asdict(m.times) | {"renewals": m.segments.renewals}
@@ -30,11 +30,12 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     by_row = {name: m.state.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
     arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
               for name, values in (_of_particles(m) | by_row).items()}
-    number = np.searchsorted(m.segments.number, m.part.own_surface)
-    of_segments = {name: values[number] for name, values in _of_segments(m).items()}
-    of_segments["turn"] = m.segments.turn[m.part.own_surface]
+    of_surface = _of_surface(m) | ({"turn": m.segments.turn[m.part.own_surface]} if len(m.segments.turn) else {})
     arrays |= {f"surface {name}": gathered(m.comm, m.part.own_surface, values, len(m.surfaces.ids))
-               for name, values in (_of_surface(m) | of_segments).items()}
+               for name, values in of_surface.items()}
+    own = m.part.on_surface[m.segments.ends[:, 0]]  # every facet is of the rank of its first corner
+    arrays |= {f"facet {name}": gathered(m.comm, m.segments.number[own], values[own], len(m.surfaces.facets))
+               for name, values in _of_segments(m).items()}
     if m.terms.contacts is not None:
         arrays |= m.accounts.impulses.saved(m.comm)
     return about, {name: values for name, values in arrays.items() if values is not None}
@@ -44,17 +45,17 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit on rank 0; collective."""
     m.undo.aside = False
     everything = broadcast(m.comm, arrays)
-    particle, surface = ({name.removeprefix(kind): values for name, values in everything.items()
-                          if name.startswith(kind)} for kind in ("particle ", "surface "))
+    particle, surface, facet = ({name.removeprefix(kind): values for name, values in everything.items()
+                                 if name.startswith(kind)} for kind in ("particle ", "surface ", "facet "))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     m.state.u[m.part.at_surface] = surface["renewed"][m.part.own_surface]
-    m.segments.turn = surface["turn"]
+    m.segments.turn = surface.get("turn", m.segments.turn)
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
         values[:] = surface[name][m.part.own_surface]
     for name, values in _of_segments(m).items():
-        values[:] = surface[name][m.segments.number]
+        values[:] = facet[name][m.segments.number]
     if m.terms.contacts is not None:
         m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():

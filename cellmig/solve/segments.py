@@ -40,10 +40,10 @@ class Segments:
     """
 
     FIELDS = (
-        Field("n_segments", "long", doc="all segments"),
-        Field("segment", "int32_t *", "(n_segments, 2)", "", "their ends"),
-        Field("length", "double *", "(n_segments,)", "µm", "reference lengths"),
-        Field("n_near", "long", doc="segments near the substrate"),
+        Field("n_facets", "long", doc="all facets"),
+        Field("facet", "int32_t *", "(n_facets, d)", "", "their corners"),
+        Field("facet_size", "double *", "(n_facets,)", "µm or µm²", "reference lengths or areas"),
+        Field("n_near", "long", doc="facets near the substrate"),
         Field("near", "int32_t *", "(n_near,)", "", "their numbers"),
         Field("n_contact_nodes", "long", doc="particles near another cell, see `ContactLists`"),
         Field("contact_node", "int32_t *", "(n_contact_nodes,)", "", "these particles"),
@@ -68,27 +68,27 @@ class Segments:
     def __init__(self, part: Subdomain, kernel: Kernel, state: State):
         """Set segments and laws; search lists are made by the first `renew`."""
         self._part, self._kernel, self._state, s, k = part, kernel, state, part.surfaces, kernel
-        there = part.on_surface | part.on_surface[s.after]
-        acts = there.copy()
-        there[part.pushed] = True
-        self.number = np.flatnonzero(there)
+        acts = s.touching(part.on_surface)
+        pushed = np.zeros(len(s.ids), bool)
+        pushed[part.pushed] = True
+        self.number = np.flatnonzero(acts | (s.touching(pushed) & s.outer))
         self.acts = acts[self.number]
         self.low = np.zeros(len(self.number), bool)
         self.lists: ContactLists | None = None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
-        self.renewed_at = np.zeros((len(part.own_surface), 2))
+        self.renewed_at = np.zeros((len(part.own_surface), part.scene.dimension))
         self.turn = s.turn
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
-        k["segment"] = part.numbering.local(s.ids[self.ends])
-        k["length"], k["n_segments"] = s.length[self.number], len(self.number)
+        k["facet"] = part.numbering.local(s.ids[self.ends])
+        k["facet_size"], k["n_facets"] = s.size[self.number], len(self.number)
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """Ends of the segments in `Surfaces` (e, 2) int."""
-        return np.column_stack([self.number, self._part.surfaces.after[self.number]])
+        """Corners of the facets in `Surfaces` (e, d) int."""
+        return self._part.surfaces.facets[self.number]
 
     def own_places(self) -> np.ndarray:
         """Current positions of this rank's surface particles (k, 2) [µm]."""
@@ -100,7 +100,7 @@ class Segments:
 
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """Segments that start at a particle of this rank: local ends (e, 2) int, current ends (e, 2, 2) [µm]."""
-        ends = self._kernel["segment"]
+        ends = self._kernel["facet"]
         ends = ends[ends[:, 0] < self._part.n_owned]
         return ends, self._state.x(ends)
 
@@ -140,7 +140,7 @@ class Segments:
         x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
         if t.substrate is not None:
             high = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
-            self.low = (x[self.ends, 1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
+            self.low = (x[self.ends, -1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contacts is not None:
@@ -166,7 +166,7 @@ class Segments:
         k["contact_x"], k["contact_force"] = (np.zeros((len(lists.node), 2)) for _ in range(2))
         k["contact_stiffness"] = np.zeros(len(lists.node))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
-        k["contact_length"], k["first_edge"], k["contact_edge"] = s.length[lists.source], lists.first, lists.edge
+        k["contact_length"], k["first_edge"], k["contact_edge"] = s.size[lists.source], lists.first, lists.edge
         k["listed"], k["first_listed"] = np.zeros((len(lists.edge) + 1, 2)), np.zeros(len(lists.first))
         k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 2), np.nan), MARGIN * self.skin
         cell = s.cell[lists.source], lists.other[lists.segment[:, 0]]

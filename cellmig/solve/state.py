@@ -15,12 +15,13 @@ from .subdomain import Subdomain
 
 
 class State(GhostedField):
-    """(ux, uy, vx, vy) [µm, µm/µs] of owned particles and ghosts; F and internal forces of the rows.
+    """(u, v) [µm, µm/µs] of owned particles and ghosts, in d = 2 or 3 dimensions; F and internal forces of the rows.
 
     Attributes
     ----------
-    memory : (capacity, 4) float -- the state, with room for further ghosts [µm, µm/µs].
-    X : (capacity, 2) float -- reference positions [µm].
+    dimension : int -- d.
+    memory : (capacity, 2 d) float -- the state, with room for further ghosts [µm, µm/µs].
+    X : (capacity, d) float -- reference positions [µm].
     numbering : Numbering -- of the present ghosts, those of contacts among them.
     solution : Vec -- the owned part, for PETSc's TS.
     """
@@ -34,25 +35,27 @@ class State(GhostedField):
         Field("n_blocks", "long", doc="blocks of all rows"),
         Field("block", "int32_t *", "(n_blocks, 6)", "",
               "first row, number of rows, stencil, shift, material, whether more than stresses may act"),
-        Field("state", "double *", "(n_local, 4)", "µm, µm/µs", "ux, uy, vx, vy; ghosts are exchanged in each step"),
+        Field("state", "double *", "(n_local, 2 d)", "µm, µm/µs", "u, then v; ghosts are exchanged in each step"),
         Field("state_vec", "void *", doc="what exchanges it: a Vec of PETSc or a `SharedCopies`"),
-        Field("X", "double *", "(n_local, 2)", "µm", "reference positions"),
-        Field("acceleration", "double *", "(2,)", "µm/µs²", "of the body force"),
+        Field("X", "double *", "(n_local, d)", "µm", "reference positions"),
+        Field("acceleration", "double *", "(d,)", "µm/µs²", "of the body force"),
         Field("inverse_mass", "double *", "(n_rows,)", "µm/fg", "1/m"),
-        Field("F", "double *", "(n_blocks, 4, 4)", "-", "deformation gradients: components by lanes"),
-        Field("bend", "double *", "(n_blocks, 2, 4)", "1/µm", "Laplacians C u: components by lanes"),
-        Field("Q", "double *", "(n_rows, 4)", "pN", "V P, from the first pass to the second"),
+        Field("F", "double *", "(n_blocks, d², 4)", "-", "deformation gradients: entries by columns, by lanes"),
+        Field("bend", "double *", "(n_blocks, d, 4)", "1/µm", "Laplacians C u: components by lanes"),
+        Field("Q", "double *", "(n_rows, 4) or (n_rows, 3, 4)", "pN, pN µm",
+              "V P, from the first pass to the second; in three dimensions (V P, bent) of each component"),
         Field("bent", "double *", "(n_rows, 2)", "pN µm", "of stabilisation, from the first pass to the second"),
-        Field("force", "double *", "(n_local, 2)", "pN/µm", "of surfaces and loads, in a step"),
+        Field("force", "double *", "(n_local, d)", "pN/µm", "of surfaces and loads, in a step"),
         Field("step_memory", "StepMemory *", "(n_blocks,)", "", "what the accounts of the next step need of this one"),
         # coefficients by stencil, which blocks with identical patterns share
         Field("volume", "double *", "(stencils, 4)", "µm²", "V"),
         Field("per_mass", "double *", "(stencils, 4)", "µm/fg", "1/m"),
         Field("bulk_damping", "double *", "(stencils, 4)", "Pa µs", "bulk viscosity of the numerical damping"),
-        Field("first", "long *", "(stencils + 1,)", "", "groups of neighbours of each stencil"),
-        Field("column", "uint32_t *", "(groups, 4)", "", "four times the neighbours' local numbers"),
-        Field("gradient", "coefficient *", "(groups, 8)", "1/µm", "G"),
-        Field("adjoint", "coefficient *", "(groups, 8)", "1/µm", "-Gᵀ"),
+        Field("first", "long *", "(stencils + 1,)", "", "groups of neighbours of each stencil; in three dimensions "
+              "(4 stencils + 1,), neighbours of each lane"),
+        Field("column", "uint32_t *", "(groups, 4) or (neighbours,)", "", "2 d times the neighbours' local numbers"),
+        Field("gradient", "coefficient *", "(groups, 8) or (neighbours, 4)", "1/µm", "G; in three dimensions (G, C)"),
+        Field("adjoint", "coefficient *", "(groups, 8) or (neighbours, 4)", "1/µm", "-Gᵀ; in three dimensions and -Cᵀ"),
         Field("first_laplacian", "long *", "(stencils + 1,)", "", "those of the next two, the first of each stencil"),
         Field("laplacian", "coefficient *", "(groups, 4)", "1/µm²", "C"),
         Field("bending", "coefficient *", "(groups, 4)", "1/µm²", "-Cᵀ"),
@@ -61,7 +64,7 @@ class State(GhostedField):
         # step control
         Field("least_gap", "double *", "(1,)", "µm", "least gap to the substrate"),
         Field("J_range", "double *", "(2, 4)", "-", "least and largest J, by lanes"),
-        Field("bound", "double *", "(n_owned, 3)", "1/(µm fg)", "local bound of the stiffness: Σ_J G⊗G/m_J"),
+        Field("bound", "double *", "(n_owned, d (d + 1)/2)", "1/(µm fg)", "local bound of the stiffness: Σ_J G⊗G/m_J"),
         Field("viscous_weight", "double *", "(n_owned,)", "Pa µs", "modulus of that bound, viscous"),
         Field("elastic_weight", "double *", "(n_owned,)", "Pa", "modulus of that bound, elastic"),
     )
@@ -69,10 +72,11 @@ class State(GhostedField):
     def __init__(self, part: Subdomain, kernel: Kernel):
         """Begin at rest in the reference configuration; collective."""
         self._part, self._kernel = part, kernel
-        self.memory, self.X = aligned_zeros((part.capacity, 4)), aligned_zeros((part.capacity, 2))
+        self.dimension = d = part.scene.dimension
+        self.memory, self.X = aligned_zeros((part.capacity, 2 * d)), aligned_zeros((part.capacity, d))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
-        self.solution = PETSc.Vec().createWithArray(self.owned.ravel(), size=(4 * part.n_owned, None), bsize=4,
-                                                    comm=part.comm)
+        self.solution = PETSc.Vec().createWithArray(self.owned.ravel(), size=(2 * d * part.n_owned, None),
+                                                    bsize=2 * d, comm=part.comm)
         kernel["X"], kernel["state"] = self.X, self.memory
         self.renumber(part.numbering)
         self._set_rows()
@@ -90,20 +94,20 @@ class State(GhostedField):
     def _set_rows(self) -> None:
         """Set the coefficients of the rows, and allocate the arrays of results."""
         part, k, blocks, scene = self._part, self._kernel, self._part.blocks, self._part.scene
-        n_blocks = len(blocks.table)
+        n_blocks, d = len(blocks.table), self.dimension
         k["n_owned"], k["n_rows"] = part.n_owned, part.numbering.n_rows
         k["n_shared_blocks"], k["n_owned_blocks"], k["n_blocks"] = blocks.n_shared, blocks.n_owned, n_blocks
         for name, values in stencil_arrays(scene, part.numbering, blocks, part.terms).items():
             k[name] = values
         k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
-        k["F"], k["Q"] = np.zeros((n_blocks, 4, 4)), np.zeros((part.capacity, 4))
-        k["bend"], k["bent"] = np.zeros((n_blocks, 2, 4)), np.zeros((part.capacity, 2))
-        k["force"] = np.zeros((part.capacity, 2))
+        k["F"], k["bend"] = np.zeros((n_blocks, d * d, 4)), np.zeros((n_blocks, d, 4))
+        k["Q"], k["bent"] = np.zeros((part.capacity, 4 if d == 2 else 12)), np.zeros((part.capacity, 2))
+        k["force"] = np.zeros((part.capacity, d))
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
         for name in ("bound", "viscous_weight", "elastic_weight"):
             k[name] = scene.field(name)[part.ids]
-        k["acceleration"] = part.terms.acceleration or (0.0, 0.0)
+        k["acceleration"] = part.terms.acceleration or (0.0,) * d
 
     def set_blocks(self, loaded: np.ndarray) -> None:
         """Set the kernel's blocks; `loaded` (k,) int : local numbers of particles with forces besides stresses."""
@@ -124,30 +128,30 @@ class State(GhostedField):
 
     @property
     def u(self) -> np.ndarray:
-        """Displacements of the owned particles (n_owned, 2) [µm], writable."""
-        return self.owned[:, :2]
+        """Displacements of the owned particles (n_owned, d) [µm], writable."""
+        return self.owned[:, : self.dimension]
 
     @property
     def v(self) -> np.ndarray:
-        """Velocities of the owned particles (n_owned, 2) [µm/µs], writable."""
-        return self.owned[:, 2:]
+        """Velocities of the owned particles (n_owned, d) [µm/µs], writable."""
+        return self.owned[:, self.dimension :]
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: state (capacity, 4) [µm, µm/µs], F (n_blocks, 4, 4) [-], step memory, and
-        Laplacians (n_blocks, 2, 4) [1/µm].
+        """Arrays that steps change: state (capacity, 2 d) [µm, µm/µs], F (n_blocks, d², 4) [-], step memory, and
+        Laplacians (n_blocks, d, 4) [1/µm].
         """
         return {"state": self.memory, **{name: self._kernel[name] for name in ("F", "bend", "step_memory")}}
 
     @property
     def F_of_rows(self) -> np.ndarray:
-        """F (n_rows, 4) [-], row by row; current after `Mechanics.rate`."""
+        """F (n_rows, d²) [-], row by row, entries by columns; current after `Mechanics.rate`."""
         return self.by_row(self._kernel["F"])
 
     @property
     def J_of_rows(self) -> np.ndarray:
         """J (n_rows,) [-]; current after `Mechanics.rate`."""
-        return determinant(self.F_of_rows.reshape(-1, 2, 2).T)
+        return determinant(self.F_of_rows.reshape(-1, self.dimension, self.dimension).T)
 
     def extremes(self) -> np.ndarray:
         """Extremes of this rank (4,): minus the least gap [µm] and the largest stiffness of contacts [1/µs²] since they
@@ -165,8 +169,8 @@ class State(GhostedField):
         self._kernel["least_gap"][:], self._kernel["stiffest_contact"][:] = np.inf, 0.0
 
     def x(self, numbers: np.ndarray) -> np.ndarray:
-        """Current positions (..., 2) [µm] of the particles with local `numbers` (...) int."""
-        return self.X[numbers] + self.memory[numbers, :2]
+        """Current positions (..., d) [µm] of the particles with local `numbers` (...) int."""
+        return self.X[numbers] + self.memory[numbers, : self.dimension]
 
     def by_row(self, blocks: np.ndarray) -> np.ndarray:
         """Values by row (n_rows, k) of an array by `blocks` (n_blocks, k, 4), in its unit."""
@@ -174,10 +178,10 @@ class State(GhostedField):
         return blocks[block, :, lane]
 
     def tensors(self) -> tuple[np.ndarray, np.ndarray]:
-        """F and Ḟ of the rows, owned first, (2, 2, n_rows) each [-], [1/µs]; current after `Mechanics.rate`."""
-        rates = np.zeros_like(self._kernel["F"])
+        """F and Ḟ of the rows, owned first, (d, d, n_rows) each [-], [1/µs]; current after `Mechanics.rate`."""
+        rates, d = np.zeros_like(self._kernel["F"]), self.dimension
         self._kernel("velocity_gradient", rates)
-        F, Fdot = (self.by_row(a).reshape(-1, 2, 2).transpose(2, 1, 0) for a in (self._kernel["F"], rates))
+        F, Fdot = (self.by_row(a).reshape(-1, d, d).transpose(2, 1, 0) for a in (self._kernel["F"], rates))
         return F, Fdot
 
     def destroy(self) -> None:

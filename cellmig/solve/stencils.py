@@ -48,8 +48,8 @@ def stencils(m: Mechanics) -> Iterator[Stencil | Push]:
         if term.name in OWN_STENCILS:
             yield from OWN_STENCILS[term.name](m, formula)
         else:
-            on = k["near"] if "gap1" in _arguments(formula) else np.arange(len(k["segment"]))
-            yield _of_segments(term.name, formula, k["segment"][on].T, length=k["length"][on])
+            on = k["near"] if "gap1" in _arguments(formula) else np.arange(len(k["facet"]))
+            yield _of_segments(term.name, formula, k["facet"][on].T, length=k["facet_size"][on])
     if m.terms.director_law is not None and m.terms.director_law.anchoring == "surface" and m.director is not None:
         anchor, torque = m.director.anchored()
         yield _of_segments("anchors", Couple(), anchor[:, [0, 2]].T, torque=torque)
@@ -87,8 +87,8 @@ def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
             continue
         nodes = k["mover"][on]
         order = np.argsort(nodes)
-        ends = order[np.searchsorted(nodes, k["segment"][grip], sorter=order)]
-        yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["length"][grip],
+        ends = order[np.searchsorted(nodes, k["facet"][grip], sorter=order)]
+        yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["facet_size"][grip],
                    k["push"][grip].T)
 
 

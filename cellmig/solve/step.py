@@ -143,11 +143,11 @@ def _root(c: float, omega2: float) -> float:
 
 def _length_per_mass(t: Template) -> float:
     """Largest ratio of dual arc length to mass of a surface particle [µm²/fg]."""
-    share = 0.5 * (t.segment_length + t.segment_length[t.before])
+    share = 0.5 * (t.facet_size + t.facet_size[t.before])
     return float((share / t.mass[t.surface]).max())
 
 
 def _inverse_inertia(t: Template) -> float:
     """Largest 1/(segment length × particle mass) of a surface [1/fg], for the frequency of a line under tension."""
-    shortest = np.minimum(t.segment_length, t.segment_length[t.before])
+    shortest = np.minimum(t.facet_size, t.facet_size[t.before])
     return float((1.0 / (shortest * t.mass[t.surface])).max())

@@ -43,9 +43,8 @@ class Subdomain:
         """The subdomain of this rank; `owner` (size,) int : ranks of the particles, `protruding` (cells,) bool."""
         s = Surfaces.of(scene)
         mine = owner[s.ids] == comm.rank
-        pushed = np.flatnonzero(protruding[s.cell] & s.outer & np.isin(s.cell, s.cell[mine]))
-        touched = np.flatnonzero(mine | mine[s.after] | mine[s.before])
-        around = np.concatenate([touched, s.after[touched], s.before[touched], pushed])
+        pushed = np.flatnonzero(protruding[s.cell] & s.on_outside & np.isin(s.cell, s.cell[mine]))
+        around = np.concatenate([s.facets[s.touching(mine)].ravel(), pushed])
         numbering = number(scene, np.flatnonzero(owner == comm.rank), s.ids[around])
         return cls(comm, scene, terms, s, owner, pushed, numbering, make_blocks(scene, numbering))
 

@@ -18,56 +18,59 @@ class SurfacePlaces:
 
     def __init__(self, comm: MPI.Comm, surfaces: Surfaces, owner: np.ndarray, mine: np.ndarray):
         """`owner` : (m,) int -- ranks of all surface particles;  `mine` : (n,) int."""
+        d = surfaces.facets.shape[1]
         self.comm, self.mine, self._owner = comm, mine, owner
         self._first = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
         self.cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
         self.on = self.of_cells(self.cells)
-        self._x = np.empty((len(owner), 2))  # pages that are never written take no memory
+        self._x = np.empty((len(owner), d))  # pages that are never written take no memory
 
     def of_cells(self, cells: np.ndarray) -> np.ndarray:
         """Surface particles (k,) int of `cells` (c,) int."""
         return np.concatenate([np.arange(*self._first[c : c + 2]) for c in cells] or [np.zeros(0, int)])
 
     def everywhere(self, own: np.ndarray) -> np.ndarray:
-        """Positions of all surface particles (m, 2) [µm], from those of this rank, `own` (n, 2) [µm]; collective."""
+        """Positions of all surface particles (m, d) [µm], from those of this rank, `own` (n, d) [µm]; collective."""
         counts = np.array(self.comm.allgather(len(own)))
         x, where = np.empty_like(self._x), np.empty(len(self._x), np.int64)
         self.comm.Allgatherv(self.mine, (where, counts))
         everything = np.empty_like(x)
-        self.comm.Allgatherv(own, (everything, 2 * counts))
+        self.comm.Allgatherv(own, (everything, x.shape[1] * counts))
         x[where] = everything
         return x
 
     def near(self, own: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions near this rank's surface particles; collective.
 
-        own : (n, 2) float -- positions of this rank's surface particles [µm];  reach : float [µm].
+        own : (n, d) float -- positions of this rank's surface particles [µm];  reach : float [µm].
 
         Returns
         -------
-        (m, 2) float -- positions [µm], set for the particles of the second result only.
+        (m, d) float -- positions [µm], set for the particles of the second result only.
         (k,) int -- surface particles of all cells within reach.
         """
-        box = np.full((len(self._first) - 1, 4), np.inf)
+        d = own.shape[1]
+        box = np.full((len(self._first) - 1, 2 * d), np.inf)
         if len(own):
             box[self.cells] = np.minimum.reduceat(np.hstack([own, -own]), self._start)
         self.comm.Allreduce(MPI.IN_PLACE, box, MPI.MIN)
-        around = self.of_cells(cells_around(box[:, :2], -box[:, 2:], self.cells, reach))
+        around = self.of_cells(cells_around(box[:, :d], -box[:, d:], self.cells, reach))
         self._x[self.mine] = own
         others = around[self._owner[around] != self.comm.rank]
         self._x[others] = self._fetched(others)
         return self._x, around
 
     def _fetched(self, wanted: np.ndarray) -> np.ndarray:
-        """Positions (k, 2) [µm] of surface particles `wanted` (k,) of other ranks; collective."""
+        """Positions (k, d) [µm] of surface particles `wanted` (k,) of other ranks; collective."""
         order = np.argsort(self._owner[wanted], kind="stable")
         count = np.bincount(self._owner[wanted], minlength=self.comm.size).astype(np.int64)
         asked = np.empty_like(count)
         self.comm.Alltoall(count, asked)
         names = np.empty(asked.sum(), np.int64)
         self.comm.Alltoallv((wanted[order].astype(np.int64), count), (names, asked))
-        places = np.empty((len(wanted), 2))
-        self.comm.Alltoallv((self._x[names], 2 * asked), (places, 2 * count))
+        d = self._x.shape[1]
+        places = np.empty((len(wanted), d))
+        self.comm.Alltoallv((self._x[names], d * asked), (places, d * count))
         out = np.empty_like(places)
         out[order] = places
         return out

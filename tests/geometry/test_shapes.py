@@ -88,7 +88,7 @@ def test_every_registered_shape_is_tested_here() -> None:
 def test_a_denser_surface_takes_its_particles_from_the_inside(name: str, refinement: float) -> None:
     def along(t: Template) -> float:
         """Spacing along the surface over that inside."""
-        return t.segment_length.mean() / np.sqrt(t.V[np.setdiff1d(np.arange(331), t.surface)].mean())
+        return t.facet_size.mean() / np.sqrt(t.V[np.setdiff1d(np.arange(331), t.surface)].mean())
 
     even, dense = cell(name, 331), cell(name, 331, refinement)
     assert len(dense.X) == 331

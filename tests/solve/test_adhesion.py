@@ -85,7 +85,7 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
                 parts = [0.0, *kinks, 1.0]
                 value = sum(quad(f, a, b, epsabs=0, epsrel=1e-11)[0] for a, b in pairwise(parts)
                             if b > a)
-                expected[e, i] = law.bond_density * s.length[e] * value
+                expected[e, i] = law.bond_density * s.size[e] * value
         nodal = expected[:, 1].copy()
         np.add.at(nodal, s.after, expected[:, 2])
         f = force(sim, "substrate")[s.ids]
@@ -121,7 +121,7 @@ def test_rigid_cylinder_is_pulled_with_the_closed_form_and_second_order(gap: flo
             law = sim.terms.substrate
             set_motion(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
             exact = on_the_circle(law, 5.0, gap)
-            spacing.append(sim.mechanics.surfaces.length.max())
+            spacing.append(sim.mechanics.surfaces.size.max())
             error.append(-force(sim, "substrate")[:, 1].sum() / exact - 1.0)
     order = np.polyfit(np.log(spacing), np.log(np.abs(error)), 1)[0]
     report = f"gap {gap}: h {spacing}, error {error}, order {order:.2f}"

@@ -60,7 +60,7 @@ def placed(sim: Simulation, outlines: Outlines) -> np.ndarray:
 def lengths(sim: Simulation) -> Outlines:
     """Reference lengths of the segments of each cell [µm]."""
     s = sim.mechanics.surfaces
-    return [s.length[s.cell == c] for c in range(len(sim.scene.kind))]
+    return [s.size[s.cell == c] for c in range(len(sim.scene.kind))]
 
 
 def energy(sim: Simulation) -> float:

@@ -94,7 +94,7 @@ def test_the_push_is_in_proportion_to_the_bonds_of_the_front_half(flat: float, h
         t = (np.arange(2000) + 0.5) / 2000  # the bonds by sums over points, and the front half as the law has it
         g, x = (np.outer(1 - t, values[s.ids]) + np.outer(t, values[s.ids[s.after]]) for values in (y, X[:, 0]))
         closed = -law.potential(g).mean(axis=0) / law.well_depth
-        bonded = float(s.length @ (np.maximum(closed, 0.0) * sim.terms.protrusion.front(x.mean(axis=0))))
+        bonded = float(s.size @ (np.maximum(closed, 0.0) * sim.terms.protrusion.front(x.mean(axis=0))))
         share = min(1.0, bonded / sim.terms.protrusion.height)
         assert share == pytest.approx(hold, abs=0.01)
         whole = sim.mechanics.kernel["hold"][:1] if sim.comm.size == 1 else [share]
@@ -109,7 +109,7 @@ def test_what_is_higher_than_bonds_reach_is_not_pushed() -> None:
         height = (sim.scene.X + everywhere(sim, sim.mechanics.state.owned)[:, :2])[:, 1]
         force = np.abs(push(sim)).max(axis=1)
         assert force.max() > 1.0
-        both_ends_above = height > 0.4 + 2.0 * sim.scene.templates[0].segment_length.max()
+        both_ends_above = height > 0.4 + 2.0 * sim.scene.templates[0].facet_size.max()
         assert not force[both_ends_above].any()
 
 

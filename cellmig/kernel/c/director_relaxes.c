@@ -49,7 +49,7 @@ static void anchor_couple(const KernelData *s)
         double edge[D], f[2][D];
         edge_between(s, a[0], a[2], edge);
         couple_force(0, s->director[2 * a[1] + 1], edge, f);
-        add_to_ends(s->force, node, f);
+        add_to_corners(s->force, node, f);
     }
 }
 

@@ -15,7 +15,7 @@ void add_loads(const KernelData *s, double *force, double *energy, double accoun
         double edge[D], f[2][D];
         edge_between(s, node[0], node[1], edge);
         loads_force(0, s->pressure[k] * load_curve_value(s, s->pressed_curve[k], s->clock[0]), edge, f);
-        add_to_ends(load, node, f);
+        add_to_corners(load, node, f);
     }
     for (long k = 0; k < s->n_loaded; k++) {
         const long i = s->loaded[k];

@@ -9,10 +9,10 @@ static void find_hold(const KernelData *s)
         for (long k = s->first_mover[c]; k < s->first_mover[c + 1]; k++)
             middle += s->mover_weight[k] * coordinate(s, s->mover[k], TANGENT);
         for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
-            const Segment e = segment_at(s, s->grip[k]);
+            const Facet e = facet_at(s, s->grip[k]);
             const long i = e.node[0], j = e.node[1];
             const double x = 0.5 * (coordinate(s, i, TANGENT) + s->X[D * j + TANGENT] + s->state[2 * D * j + TANGENT]);
-            bonded += protrusion_grip(s->protrusion, e.length, x - middle, e.gap[0], e.gap[1]);
+            bonded += protrusion_grip(s->protrusion, e.size, x - middle, e.gap[0], e.gap[1]);
         }
         s->middle[c] = middle;
         s->hold[c] = protrusion_hold(s->protrusion, bonded);
@@ -25,15 +25,15 @@ void add_protrusion(const KernelData *s, double *force, double *energy, double a
 {
     find_hold(s);
     for (long k = 0; k < s->n_near; k++) {
-        const Segment e = segment_at(s, s->near[k]);
+        const Facet e = facet_at(s, s->near[k]);
         const double *push = s->push + 2 * e.number;
         double *pushed = s->pushed + 2 * e.number, f[2][D];
         if (push[0] == 0 && push[1] == 0) continue;
         const double middle = s->middle[s->mover_of[e.number]], hold = s->hold[s->mover_of[e.number]];
         const double ahead1 = coordinate(s, e.node[0], TANGENT) - middle;
         const double ahead2 = coordinate(s, e.node[1], TANGENT) - middle;
-        protrusion_force(s->protrusion, push[0], push[1], hold, e.length, ahead1, ahead2, e.gap[0], e.gap[1], f);
-        add_to_ends(force, e.node, f);
+        protrusion_force(s->protrusion, push[0], push[1], hold, e.size, ahead1, ahead2, e.gap[0], e.gap[1], f);
+        add_to_corners(force, e.node, f);
         for (int i = 0; i < 2 && !energy; i++) {
             const double now = f[i][TANGENT], v = velocity(s, e.node[i], TANGENT);
             s->protrusion_impulse[e.node[i]] += dt * now;

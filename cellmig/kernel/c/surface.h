@@ -1,24 +1,29 @@
-/* Segments of surfaces, on which the surface terms act. */
+/* Facets of surfaces, on which the surface terms act: segments in two dimensions, triangles in three. */
 
-/* A segment: its number, both ends, its length at rest, the gaps of its ends to the substrate. */
-typedef struct { long number, node[2]; double length, gap[2]; } Segment;
+/* A facet: its number, its corners, its length or area at rest, the gaps of its corners to the substrate. */
+typedef struct { long number, node[D]; double size, gap[D]; } Facet;
 
-static inline Segment segment_at(const KernelData *s, long e)
+static inline Facet facet_at(const KernelData *s, long e)
 {
-    const long i = s->segment[2 * e], j = s->segment[2 * e + 1];
-    return (Segment){e, {i, j}, s->length[e], {coordinate(s, i, NORMAL), coordinate(s, j, NORMAL)}};
+    Facet facet = {.number = e, .size = s->facet_size[e]};
+    for (int i = 0; i < D; i++) {
+        facet.node[i] = s->facet[D * e + i];
+        facet.gap[i] = coordinate(s, facet.node[i], NORMAL);
+    }
+    return facet;
 }
 
-static inline void add_to_ends(double *force, const long node[2], const double f[2][D])
+static inline void add_to_corners(double *force, const long node[D], const double f[D][D])
 {
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < D; i++)
         for (int c = 0; c < D; c++) force[D * node[i] + c] += f[i][c];
 }
 
-/* What the substrate gives to either end of a segment, each in a place of bond_impulse of its own. */
-enum { BY_BONDS, BY_DRAG, BY_PUSH };
+/* What the substrate gives to a corner of a facet, each in places of bond_impulse of its own: along the normal, and
+ * along the D - 1 axes of the substrate. */
+enum { BY_BONDS, BY_DRAG, BY_PUSH = BY_DRAG + D - 1, IMPULSES = BY_PUSH + D - 1 };
 
-static inline double *impulse_at(const KernelData *s, const Segment *e, int end, int kind)
+static inline double *impulse_at(const KernelData *s, const Facet *e, int corner, int kind)
 {
-    return s->bond_impulse + 6 * e->number + 3 * end + kind;
+    return s->bond_impulse + IMPULSES * (D * e->number + corner) + kind;
 }

@@ -48,7 +48,7 @@ def on_the_circle(law, a: float, R: float = RADIUS) -> float:
 def cylinder_on_plane(count: int) -> Measured:
     """Forces are integrated exactly along segments: the error is that of the shape."""
     with built(case("one_cell", count, *WIDE)) as sim:
-        law, h = sim.terms.substrate, float(sim.mechanics.surfaces.length.max())
+        law, h = sim.terms.substrate, float(sim.mechanics.surfaces.size.max())
         eps = law.equilibrium_distance
         found = {f"F({k} ε)": abs(pull(sim, k * eps) / on_the_circle(law, k * eps) - 1.0) for k in (1.5, 2.5)}
         low, high = 0.7 * eps, 1.1 * eps
@@ -88,8 +88,8 @@ def flat_contact(count: int) -> Measured:
         u[:, 1] = np.where(low, law.equilibrium_distance, X[:, 1] + 3.0) - X[:, 1]
         set_state(sim, u)
         flat = low[s.ids] & low[s.ids[s.after]]
-        ends = s.length[low[s.ids] != low[s.ids[s.after]]]
-        right = law.bond_density * law.potential(law.equilibrium_distance) * s.length[flat].sum()
+        ends = s.size[low[s.ids] != low[s.ids[s.after]]]
+        right = law.bond_density * law.potential(law.equilibrium_distance) * s.size[flat].sum()
         g = law.equilibrium_distance, float(np.min((X + u)[s.ids[~low[s.ids]], 1]))
         steep = law.bond_density * ends.sum() * _along(law, *g)
         energy = abs(_energy(sim) / (right + steep) - 1.0) if len(ends) else np.inf
@@ -175,7 +175,7 @@ def two_cylinders(count: int) -> Measured:
             pulled = float(by_id(sim, forces)[sim.scene.cell == 0, 0].sum())
             found[f"E({k} ε)"] = abs(float(energies.sum()) / right[0] - 1.0)
             found[f"F({k} ε)"] = abs(pulled / right[1] - 1.0)
-        return Measured(float(sim.mechanics.surfaces.length.max()), found, count)
+        return Measured(float(sim.mechanics.surfaces.size.max()), found, count)
 
 
 @reference("rough-contact", shows="two outlines, convex and reflex at random, at a least gap of ε",
@@ -189,7 +189,7 @@ def rough_contact(count: int) -> Measured:
         A, B = (x * (1.0 + rng.uniform(-0.05, 0.05, (len(x), 1))) for x in outlines(sim))
         two = [A, contact.brought_near([A], B, law.equilibrium_distance, [1.0, 0.2])]
         placed(sim, two)
-        right = contact.energy(law, two, [s.length[s.cell == c] for c in (0, 1)])
+        right = contact.energy(law, two, [s.size[s.cell == c] for c in (0, 1)])
         energy = _energy(sim, "contact")
         return Measured(sim.scene.templates[0].spacing, {"energy": abs(energy / right - 1.0), "force over -∂E/∂u":
                                                          _slope_error(sim, "contact")}, count)
