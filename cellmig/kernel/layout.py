@@ -189,7 +189,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
 def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
     """Coefficients in groups of a neighbour to each lane, those with Laplacians first."""
     D = len(parts) - 1
-    first, near, group, lane, owned, kind, at, column = stencils.entries(parts[-1], bends)
+    first, near, group, lane, owned, kind, at, column = stencils.entries(parts[-1])
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((2, first[-1], 8))
     for k in range(D):
@@ -248,19 +248,18 @@ class Stencils:
         out[self._stencil, self._lane] = values[self._ids]
         return out
 
-    def entries(self, matrices: list, nonzero_first: bool) -> tuple[np.ndarray, ...]:
+    def entries(self, matrices: list) -> tuple[np.ndarray, ...]:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
         Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero
         (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; four times
-        the neighbours (groups, 4) int.  Entries of a lane ascend by id, `nonzero_first` those that are not zero.
+        the neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
         close = _values(matrices, kind, at) != 0.0
-        if nonzero_first:
-            order = np.lexsort((~close, lanes))  # stable
-            at, kind, close = at[order], kind[order], close[order]
+        order = np.lexsort((~close, lanes))  # stable
+        at, kind, close = at[order], kind[order], close[order]
         for k, m in enumerate(matrices):
             columns[kind == k] = m.indices[at[kind == k]]
         count = np.bincount(lanes, minlength=len(self._ids))
