@@ -14,7 +14,7 @@ from typing import Any
 from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
 
 SHAPES = {"F": (2, 2), "Fdot": (2, 2), "gradient": (2,), "director": (2,), "bend": (2,), "bend_rate": (2,)}  # by name
-ANNOTATED = {"Vector": (2,)}  # of others by their annotation; the rest are scalars
+ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # of others by their annotation; the rest are scalars
 
 
 class Translator:
