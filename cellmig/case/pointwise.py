@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 Vector = tuple  # two numbers, or arrays of them
+Vector3 = tuple  # three
 
 
 def either(yes: Any, one: tuple, other: tuple) -> tuple:

@@ -14,7 +14,7 @@ from typing import Any
 from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
 
 RANKS = {"F": 2, "Fdot": 2, "gradient": 1, "director": 1, "bend": 1, "bend_rate": 1}  # of tensors, by their names
-ANNOTATED = {"Vector": (2,)}  # shapes of others by their annotation; the rest are scalars
+ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
 
 
 class Translator:

@@ -13,8 +13,10 @@ from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
+from ..model.membranes import CortexTension, SlidingFriction, TriangleAdhesion
 from ..model.pressure import Pressure
 from ..model.protrusion import ProtrusionForce
+from ..model.triangles import TriangleBonds
 
 
 @dataclass(frozen=True)
@@ -32,17 +34,30 @@ class SurfaceTerm:
     in_fours: tuple[str, ...] = ()
 
 
+def _of_substrate(t: Terms) -> Any:
+    law = t.substrate
+    return SubstrateAdhesion(bonds_of(law)) if t.dimension == 2 else TriangleAdhesion(TriangleBonds(law))
+
+
+def _of_cortex(t: Terms) -> Any:
+    return CortexForce(t.cortex) if t.dimension == 2 else CortexTension(t.cortex)
+
+
+def _of_friction(t: Terms) -> Any:
+    if t.dimension == 2:
+        return FrictionForce(t.friction, bonds_of(t.substrate))
+    return SlidingFriction(t.friction, TriangleBonds(t.substrate))
+
+
 # In the order in which forces are added up.
 SURFACE_TERMS = (
-    SurfaceTerm("substrate", lambda t: t.substrate and SubstrateAdhesion(bonds_of(t.substrate)),
-                {"segment": ("force", "energy", "impulse")}),
+    SurfaceTerm("substrate", lambda t: t.substrate and _of_substrate(t), {"facet": ("force", "energy", "impulse")}),
     SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
-    SurfaceTerm("cortex", lambda t: t.cortex and CortexForce(t.cortex), {"force": (), "energy": ()}),
-    SurfaceTerm("friction", lambda t: t.friction and t.substrate and FrictionForce(
-        t.friction, bonds_of(t.substrate)), {"force": ()}),
+    SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
+    SurfaceTerm("friction", lambda t: t.friction and t.substrate and _of_friction(t), {"force": ()}),
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and ProtrusionForce(
         t.protrusion, bonds_of(t.substrate)),
                 {"grip": (), "hold": (), "force": ()}),

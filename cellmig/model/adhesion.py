@@ -112,7 +112,7 @@ class SubstrateAdhesion:
 
     bonds: SegmentBonds
 
-    def segment(self, length, gap1, gap2, dt):
+    def facet(self, length, gap1, gap2, dt):
         """Forces on both ends [pN/µm], energy [pN] and impulses along y of a time dt [pN µs/µm]; length in µm."""
         mean, by_gap1, by_gap2 = self.bonds.mean(gap1, gap2)
         size = self.bonds.law.bond_density * length
@@ -121,7 +121,7 @@ class SubstrateAdhesion:
 
     def force(self, length, gap1, gap2):
         """Forces on both ends [pN/µm]."""
-        return self.segment(length, gap1, gap2, 0.0)[0]
+        return self.facet(length, gap1, gap2, 0.0)[0]
 
 
 class Pieces:

@@ -103,6 +103,13 @@ class ClosedAdhesion(Adhesion, Protocol):
         """Mean energy of a bond [pN µm] and its derivatives by both gaps [pN]."""
 
 
+class SurfaceBonds(Adhesion, Protocol):
+    """Bonds between surfaces in three dimensions, whose potential is integrated over triangles."""
+
+    def second_primitive(self, r: Value) -> Value:
+        """The primitive of `primitive`, zero from the cutoff on [pN µm³]."""
+
+
 class ProtrusionLaw(Law, Protocol):
     """Push of the leading edge."""
 
@@ -137,6 +144,9 @@ class ProtrusionLaw(Law, Protocol):
 
     def ramp_slope(self, g: Value) -> Value:
         """Its derivative by g [1/µm]."""
+
+    def ramp_primitive(self, g: Value) -> Value:
+        """Its primitive, zero below g = 0 [µm]; in three dimensions only."""
 
 
 class Cortex(Law, Protocol):

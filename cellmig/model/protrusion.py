@@ -55,6 +55,11 @@ class EdgeProtrusion:
         u = minimum(maximum(g / self.height, 0.0), 1.0)
         return 6.0 * u * (1.0 - u) / self.height
 
+    def ramp_primitive(self, g):
+        """Primitive of S [µm] at the height g [µm], zero below g = 0."""
+        u = minimum(maximum(g / self.height, 0.0), 1.0)
+        return self.height * u * u * u * (1.0 - 0.5 * u) + maximum(g - self.height, 0.0)
+
 
 @dataclass(frozen=True)
 class ProtrusionForce:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any, ClassVar
 
-from numpy import maximum, minimum, where
+from numpy import log, maximum, minimum, where
 
 from ..case.registry import law, laws, quantity
 from .protocols import Adhesion
@@ -108,6 +108,23 @@ class Seifert:
         """Primitive of the uncut potential at the cutoff [pN µm²]."""
         return float(self.pair_primitive(self.cutoff))
 
+    @property
+    def cap_second(self) -> float:
+        """Second primitive of the uncut potential at the cap [pN µm³]."""
+        return float(self.pair_second(self.cap))
+
+    @property
+    def cut_second(self) -> float:
+        """Second primitive of the uncut potential at the cutoff [pN µm³]."""
+        return float(self.pair_second(self.cutoff))
+
+    @property
+    def well_second(self) -> float:
+        """Constant, added below ε, which makes the second primitive continuous there [pN µm³]."""
+        eps = self.equilibrium_distance
+        raised = eps * (self.well_primitive + 0.5 * eps * self.lift)
+        return float((self.attraction - 1.0) * self.pair_second(eps)) - raised
+
     def pair(self, r):
         """Energy U [pN µm] of a bond of length r [µm], equation (3) without additions."""
         q = (self.equilibrium_distance / r) ** 2
@@ -122,6 +139,11 @@ class Seifert:
         """Primitive of equation (3), σ [2 ε²/r - ε⁴/(3 r³)] [pN µm²], at the length r [µm]."""
         q = (self.equilibrium_distance / r) ** 2
         return self.well_depth * r * (2.0 * q - q * q / 3.0)
+
+    def pair_second(self, r):
+        """Second primitive of equation (3), σ [2 ε² ln(r/rc) + ε⁴/(6 r²)] [pN µm³], at the length r [µm]."""
+        e2 = self.equilibrium_distance * self.equilibrium_distance
+        return self.well_depth * e2 * (2.0 * log(r / self.cutoff) + e2 / (6.0 * r * r))
 
     def potential(self, r):
         """Energy of a bond of length r [µm], with all additions [pN µm]."""
@@ -173,6 +195,22 @@ class Seifert:
         shared = where(r < self.equilibrium_distance, raised, self.attraction * uncut)
         t = r - self.cutoff
         cut = shared - self.attraction * (self.cut_primitive + t * self.cut_potential) - 0.5 * t * t * self.shift
+        return where(r < self.cutoff, cut, 0.0)
+
+    def second_primitive(self, r):
+        """Primitive of that, zero beyond the cutoff [pN µm³], for the exact integral of the potential over a triangle.
+
+        Source: equation (3) and its additions, integrated twice.
+        """
+        s = r - self.cap
+        inner = self.cap_second + s * (self.cap_primitive + s * (
+            0.5 * self.cap_potential + s * (self.cap_slope / 6.0 + s * self.cap_curvature / 24.0)))
+        uncut = where(r < self.cap, inner, self.pair_second(where(r < self.cap, self.cap, r)))
+        raised = uncut + r * (0.5 * self.lift * r + self.well_primitive) + self.well_second
+        shared = where(r < self.equilibrium_distance, raised, self.attraction * uncut)
+        t = r - self.cutoff
+        beyond = self.cut_second + t * (self.cut_primitive + 0.5 * t * self.cut_potential)
+        cut = shared - self.attraction * beyond - t * t * t * self.shift / 6.0
         return where(r < self.cutoff, cut, 0.0)
 
 

@@ -1,14 +1,14 @@
-/* Tension of the surfaces, along their segments. */
+/* Tension of the surfaces, in their facets. */
 
-/* Forces; energies by the first ends of the segments, if asked for. */
+/* Forces; energies by the first corners of the facets, if asked for. */
 void add_cortex(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     for (long e = 0; e < s->n_facets; e++) {
-        const long node[2] = {s->facet[2 * e], s->facet[2 * e + 1]};
-        double edge[D], f[2][D];
-        edge_between(s, node[0], node[1], edge);
-        cortex_force(s->cortex, s->facet_size[e], edge, f);
-        add_to_corners(force, node, f);
-        if (energy) energy[node[0]] += cortex_energy(s->cortex, s->facet_size[e], edge);
+        const Facet facet = facet_at(s, e);
+        double edge[D - 1][D], f[D][D];
+        for (int i = 1; i < D; i++) edge_between(s, facet.node[0], facet.node[i], edge[i - 1]);
+        cortex_force(s->cortex, facet.size, EDGES(edge), f);
+        add_to_corners(force, facet.node, f);
+        if (energy) energy[facet.node[0]] += cortex_energy(s->cortex, facet.size, EDGES(edge));
     }
 }

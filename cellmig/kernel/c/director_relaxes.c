@@ -46,7 +46,7 @@ static void anchor_couple(const KernelData *s)
     for (long k = 0; k < s->n_anchors; k++) {
         const int32_t *a = s->anchor + 3 * k;
         const long node[2] = {a[0], a[2]};
-        double edge[D], f[2][D];
+        double edge[D], f[D][D];
         edge_between(s, a[0], a[2], edge);
         couple_force(0, s->director[2 * a[1] + 1], edge, f);
         add_to_corners(s->force, node, f);

@@ -5,13 +5,15 @@ void add_friction(const KernelData *s, double *force, double *energy, double acc
 {
     for (long k = 0; k < s->n_near; k++) {
         const Facet e = facet_at(s, s->near[k]);
-        const double v[2] = {velocity(s, e.node[0], TANGENT), velocity(s, e.node[1], TANGENT)};
-        double f[2][D];
-        friction_force(s->friction, e.size, e.gap[0], e.gap[1], v[0], v[1], f);
+        double v[D][D - 1], f[D][D];
+        for (int i = 0; i < D; i++)
+            for (int c = 0; c < D - 1; c++) v[i][c] = velocity(s, e.node[i], TANGENT + c);
+        friction_force(s->friction, e.size, GAPS(e.gap), SLIDING(v), f);
         add_to_corners(force, e.node, f);
-        for (int i = 0; i < 2; i++) {
-            *impulse_at(s, &e, i, BY_DRAG) += dt * f[i][TANGENT];
-            s->friction_loss[e.node[i]] -= dt * f[i][TANGENT] * v[i];
-        }
+        for (int i = 0; i < D; i++)
+            for (int c = 0; c < D - 1; c++) {
+                *impulse_at(s, &e, i, BY_DRAG + c) += dt * f[i][TANGENT + c];
+                s->friction_loss[e.node[i]] -= dt * f[i][TANGENT + c] * v[i][c];
+            }
     }
 }

@@ -12,7 +12,7 @@ void add_loads(const KernelData *s, double *force, double *energy, double accoun
     }
     for (long k = 0; k < s->n_pressed; k++) {
         const long node[2] = {s->pressed[2 * k], s->pressed[2 * k + 1]};
-        double edge[D], f[2][D];
+        double edge[D], f[D][D];
         edge_between(s, node[0], node[1], edge);
         loads_force(0, s->pressure[k] * load_curve_value(s, s->pressed_curve[k], s->clock[0]), edge, f);
         add_to_corners(load, node, f);

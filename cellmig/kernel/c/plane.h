@@ -2,6 +2,12 @@
 
 enum { FORCES = 2 }; /* vectors for the forces on a block, of its particles (0 1), (2 3) */
 
+/* What formulas of facets take: gaps of the corners; edges from the first corner to the others; velocities along the
+ * substrate. */
+#define GAPS(gap) gap[0], gap[1]
+#define EDGES(edge) edge[0]
+#define SLIDING(v) v[0][0], v[1][0]
+
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i / 2][2 * (i % 2) + c]; }
 

@@ -27,7 +27,7 @@ void add_protrusion(const KernelData *s, double *force, double *energy, double a
     for (long k = 0; k < s->n_near; k++) {
         const Facet e = facet_at(s, s->near[k]);
         const double *push = s->push + 2 * e.number;
-        double *pushed = s->pushed + 2 * e.number, f[2][D];
+        double *pushed = s->pushed + 2 * e.number, f[D][D];
         if (push[0] == 0 && push[1] == 0) continue;
         const double middle = s->middle[s->mover_of[e.number]], hold = s->hold[s->mover_of[e.number]];
         const double ahead1 = coordinate(s, e.node[0], TANGENT) - middle;

@@ -2,6 +2,12 @@
 
 enum { FORCES = 4 }; /* vectors for the forces on a block, one for each particle */
 
+/* What formulas of facets take: gaps of the corners; edges from the first corner to the others; velocities along the
+ * substrate. */
+#define GAPS(gap) gap[0], gap[1], gap[2]
+#define EDGES(edge) edge[0], edge[1]
+#define SLIDING(v) v[0], v[1], v[2]
+
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i][c]; }
 

@@ -1,0 +1,118 @@
+"""Forces on the corners of the triangles of a surface in space, by the substrate z = 0 and by the cortex."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy import maximum, minimum, sqrt
+
+from ..case.pointwise import Vector, Vector3
+from .protocols import Cortex, Friction, ProtrusionLaw
+from .tensors import cross, dot
+from .triangles import RampSlope, TriangleBonds
+
+CORNERS = 3
+TINY = 1e-30  # square of a speed or of an area, beside which those of a cell are large [µm²/µs², µm⁴]
+
+
+@dataclass(frozen=True)
+class TriangleAdhesion:
+    """F_cs of equation (2) in space: bonds of a triangle to the plane z = 0, N of them per reference area.
+
+    bonds : TriangleBonds.
+    """
+
+    bonds: TriangleBonds
+
+    def facet(self, area, gap1, gap2, gap3, dt):
+        """Forces on three corners [pN], energy [pN µm] and impulses along z of a time dt [pN µs]; area in µm²."""
+        mean, *by_gaps = self.bonds.mean(gap1, gap2, gap3)
+        size = self.bonds.law.bond_density * area
+        pulls = [size * slope for slope in by_gaps]
+        return tuple((0.0, 0.0, -pull) for pull in pulls), size * mean, tuple(-(dt * pull) for pull in pulls)
+
+    def stiffness(self, area, gap1, gap2, gap3):
+        """Bound of the row sums of the tangent where levers are 1 [pN/µm]."""
+        return self.bonds.law.bond_density * area * self.bonds.curvature(gap1, gap2, gap3)
+
+
+@dataclass(frozen=True)
+class CortexTension:
+    """Tension of a triangle, of which `edge1` and `edge2` go from its first corner to the others [µm].
+
+    The energy per reference area is that of the law at the stretch of the area; line tension, in pN/µm, is in space the
+    energy per current area.  Source: the law of Young (1805) and Laplace.
+
+    law : of the cortex, as LineTension is.
+    """
+
+    law: Cortex
+
+    def force(self, area, edge1: Vector3, edge2: Vector3):
+        """Forces on three corners [pN]; `area` at rest [µm²]."""
+        normal, size = self.normal(edge1, edge2)
+        tension = 0.5 * self.law.tension(0.5 * size / area) / size
+        second, third = cross(edge2, normal), cross(normal, edge1)
+        second, third = (tuple(-(tension * x) for x in v) for v in (second, third))
+        return tuple(-(x + y) for x, y in zip(second, third, strict=True)), second, third
+
+    def energy(self, area, edge1: Vector3, edge2: Vector3):
+        """Energy [pN µm]."""
+        _, size = self.normal(edge1, edge2)
+        return area * self.law.energy(0.5 * size / area)
+
+    def normal(self, edge1: Vector3, edge2: Vector3):
+        """The normal, as long as twice the area, and this length [µm²]."""
+        normal = cross(edge1, edge2)
+        return normal, sqrt(dot(normal, normal) + TINY)
+
+
+@dataclass(frozen=True)
+class SlidingFriction:
+    """Drag of the closed bonds of a triangle, a third of it on each corner, against its velocity along the plane.
+
+    law : of friction, as BondFriction is;  bonds : TriangleBonds of the substrate.
+    """
+
+    law: Friction
+    bonds: TriangleBonds
+
+    def force(self, area, gap1, gap2, gap3, velocity1: Vector, velocity2: Vector, velocity3: Vector):
+        """Forces on three corners [pN] for their velocities along the substrate [µm/µs]; µm² and µm."""
+        share = minimum(maximum(self.bonds.closed(gap1, gap2, gap3), 0.0), 1.0)
+        return tuple(self.drag(area / CORNERS, share, v) for v in (velocity1, velocity2, velocity3))
+
+    def drag(self, area, share, velocity: Vector):
+        """Force [pN] on an area [µm²] with a share of closed bonds [-]."""
+        vx, vy = velocity
+        speed = sqrt(vx * vx + vy * vy + TINY)
+        drag = -(area * self.law.drag(share, speed) / speed)
+        return drag * vx, drag * vy, 0.0
+
+
+@dataclass(frozen=True)
+class ProtrusionPush:
+    """Push of a cell on a triangle of its surface along a direction in the plane.
+
+    law : of protrusion, as EdgeProtrusion is;  bonds : TriangleBonds of the substrate.
+    """
+
+    law: ProtrusionLaw
+    bonds: TriangleBonds
+
+    def grip(self, area, ahead, gap1, gap2, gap3):
+        """Area of closed bonds [µm²] that counts to the front half; `ahead` of the middle of the cell [µm]."""
+        return maximum(self.bonds.closed(gap1, gap2, gap3), 0.0) * area * self.law.front(ahead)
+
+    def hold(self, bonded):
+        """Share of the push [-] for an area of closed bonds [µm²] under the front half, full from that of ℓ² on."""
+        return self.law.hold(bonded / self.law.height)
+
+    def force(self, size: Vector3, hold, area, ahead: Vector3, gap: Vector3, direction: Vector):
+        """Forces on three corners [pN]; `size` : β α N σ/3 at these [pN/µm]; `ahead` and `gap` of them [µm].
+
+        `hold` : see there; `direction` : unit vector in the plane [-].
+        """
+        share = hold * area * RampSlope(self.law).average(*gap)
+        pushes = [share * one * self.law.front(x) for one, x in zip(size, ahead, strict=True)]
+        return tuple((push * direction[0], push * direction[1], 0.0) for push in pushes)
