@@ -90,7 +90,8 @@ class Simulation:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
         found = broadcast(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
                                       if name in ("particle state", "particle theta")})
-        begun = {"u": found["state"][ids, :2], "v": found["state"][ids, 2:]}
+        d = self.scene.dimension
+        begun = {"u": found["state"][ids, :d], "v": found["state"][ids, d:]}
         if self.case.director is not None and "theta" in found:
             begun["theta"] = found["theta"][ids].ravel()
         return begun
@@ -150,7 +151,7 @@ class Simulation:
         """The sha256 of X, u, v in the order of ids, the same on any number of ranks; collective."""
         m = self.mechanics
         state = gathered(self.comm, m.ids, m.state.owned, self.scene.size)
-        parts = () if state is None else (self.scene.X, state[:, :2], state[:, 2:])
+        parts = () if state is None else (self.scene.X, *np.split(state, 2, axis=1))
         return self.comm.bcast(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest())
 
     def destroy(self) -> None:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..case.pointwise import pointwise
-from ..meshfree.body import Scene
+from ..meshfree.body import Scene, Template
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
-from .tables import further_columns
+from .tables import MEASURES, further_columns
 from .view import View
 
 STRAIN = 1e-8  # volumetric strain of all cells whose energy is the smallest scale of the energy error
@@ -46,7 +46,7 @@ class Sampler:
         self._watched = self._watched[ids]
         self.surface = np.full(scene.size, -1, np.int32)
         for c in range(self.n_cells):
-            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]].loop)
+            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]])
         self.surface = self.surface[ids]
         self._rows_material = scene.material[m.part.row_ids]
         self._recovery = Recovery(scene, m.part.row_ids, m.n_owned)
@@ -89,8 +89,10 @@ class Sampler:
                 P = P + np.array(pointwise(law, "director_stress", local))
             if terms.active and hasattr(law, "active_stress"):
                 P = P + np.array(pointwise(law, "active_stress", local))
-            stress[on, :2, :2] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
-            stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
+            d = len(F)
+            stress[on, :d, :d] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
+            if d == 2:
+                stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
         return stress, J
 
     def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:
@@ -121,17 +123,18 @@ class Sampler:
         u, X = m.state.u, m.scene.X[m.ids]
         mass, watched = self.mass[:, None], self._watched * stresses["stress"][:, 0, 0]
         sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
-                                          self._outline(), watched]))
-        moved, place = sums[:, :2] / self.cell_mass[:, None], sums[:, 2:4] / self.cell_mass[:, None]
-        effective, (area, perimeter, substrate, contact, watched) = sums[:, 4] / self.cell_volume, sums[:, 5:].T
-        columns = {"x_um": place[:, 0], "y_um": place[:, 1], "ux_um": moved[:, 0], "uy_um": moved[:, 1],
-                   "substrate_contact_um": substrate, "cell_contact_um": contact, "area_um2": area,
-                   "perimeter_um": perimeter, "effective_stress_pa": effective, "sigma11_lower_centre_pa": watched}
+                                          self._surfaces(), watched]))
+        d = m.scene.dimension
+        means, totals = sums[:, : 2 * d] / self.cell_mass[:, None], sums[:, 2 * d + 1 : -1]
+        columns = {f"{what}{axis}_um": means[:, d * k + c] for k, what in ((1, ""), (0, "u"))
+                   for c, axis in enumerate("xyz"[:d])}
+        names = MEASURES[d]
+        columns |= dict(zip(names, totals.T, strict=True))
+        columns |= {"effective_stress_pa": sums[:, 2 * d] / self.cell_volume, "sigma11_lower_centre_pa": sums[:, -1]}
         rows = [{name: float(c[i]) for name, c in columns.items()} for i in range(self.n_cells)]
         whole = {name: float(np.average(c, weights=self.cell_mass)) for name, c in columns.items()}
-        for name in ("area_um2", "perimeter_um", "substrate_contact_um"):
-            whole[name] = float(columns[name].sum())
-        whole["cell_contact_um"] = 0.5 * float(contact.sum())  # each interface has two sides
+        for name, share in zip(names, (1.0, 0.5, 1.0, 1.0), strict=True):  # each interface has two sides
+            whole[name] = share * float(columns[name].sum())
         rows = [whole, *rows]
         self._add_probes(rows)
         self._add_reactions(rows)
@@ -170,22 +173,21 @@ class Sampler:
         sums = exact_sum(self.mechanics.comm, force, cells * number + self.cell[particle], names * cells)
         return sums.reshape(names, cells, 2)
 
-    def _outline(self) -> np.ndarray:
-        """Contributions (n_owned, 4) to area [µm²], perimeter, contact with the substrate and with cells [µm]."""
+    def _surfaces(self) -> np.ndarray:
+        """Contributions (n_owned, 4) of surface particles to the MEASURES, in their order and units."""
         m = self.mechanics
-        ends, x = m.segments.owned()
-        length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-        area = 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
-        terms, substrate, contact = m.terms, np.zeros(len(ends)), np.zeros(m.n_owned)
+        corners, x = m.segments.owned()
+        size, volume = simplex_size(x), simplex_volume(x)
+        terms, values = m.terms, np.zeros((m.n_owned, 4))
+        columns = {2: volume, 3: size}
         if terms.substrate is not None:
-            substrate = length * _share_below(x[:, 0, 1], x[:, 1, 1], TOUCHING * terms.substrate.equilibrium_distance)
+            columns[0] = size * share_below(x[:, :, -1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None:
             first, touching = m.segments.touching(TOUCHING)
             mine = first < m.n_owned
-            np.add.at(contact, first[mine], touching[mine])
-        values = np.zeros((m.n_owned, 4))
-        values[ends[:, 0], :3] = np.column_stack([area, length, substrate])
-        values[:, 3] = contact
+            np.add.at(values[:, 1], first[mine], touching[mine])
+        for number, column in columns.items():
+            np.add.at(values[:, number], corners[:, 0], column)
         return values
 
     # ------------------------------------------------------------ in sums
@@ -198,7 +200,7 @@ class Sampler:
         `acceleration` (n_owned, 4) [µm/µs, µm/µs²] and `powers` [pN/µs], which are not needed if it is zero.
         """
         m, terms = self.mechanics, self.mechanics.terms
-        v = m.state.v + half_step * acceleration[:, 2:]
+        v = m.state.v + half_step * acceleration[:, m.scene.dimension :]
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
         rows = {"F": m.state.tensors()[0], **m.director_fields()}
         everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
@@ -224,7 +226,8 @@ class Sampler:
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         drift = self._sum(self.mass[:, None] * v)
         error = self._energy_error(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
-        return {**{f"{name}_pn": value for name, value in entries.items()}, "energy_error": error}
+        unit = "pn" if m.scene.dimension == 2 else "pn_um"
+        return {**{f"{name}_{unit}": value for name, value in entries.items()}, "energy_error": error}
 
     def _energy_error(self, entries: dict[str, float], drift: float) -> float:
         """Error of the energy balance, over the largest energy [-]; `drift` : that of the cells' mean velocities [pN].
@@ -244,25 +247,48 @@ class Sampler:
         return abs(missing) / largest
 
     def momentum(self) -> np.ndarray:
-        """Total momentum (2,) [pN µs/µm]; collective."""
+        """Total momentum (d,) [pN µs/µm], in space [pN µs]; collective."""
         return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.v)
 
 
 def _below_centre(scene: Scene, cell: int) -> np.ndarray:
     """Global ids of the particles nearest to the lower centre of a cell: one, or several at equal distances."""
     t = scene.templates[scene.kind[cell]]
-    away = np.linalg.norm(t.X - [0.0, 0.75 * t.X[:, 1].min()], axis=1)
+    lower = np.append(np.zeros(t.X.shape[1] - 1), 0.75 * t.X[:, -1].min())
+    away = np.linalg.norm(t.X - lower, axis=1)
     return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
 
 
-def _share_below(g1: np.ndarray, g2: np.ndarray, height: float) -> np.ndarray:
-    """Share of each segment with a gap, linear from g1 to g2 (n,) [µm], below `height` [µm] [-]."""
-    low, high = np.minimum(g1, g2), np.maximum(g1, g2)
+def simplex_size(x: np.ndarray) -> np.ndarray:
+    """Lengths [µm] or areas [µm²] (f,) of facets with the corners x (f, d, d) [µm]."""
+    if x.shape[1] == 2:
+        return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+    return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+
+
+def simplex_volume(x: np.ndarray) -> np.ndarray:
+    """Areas [µm²] or volumes [µm³] (f,) between the origin and facets with the corners x (f, d, d) [µm]."""
+    if x.shape[1] == 2:
+        return 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
+    return (x[:, 0] * np.cross(x[:, 1], x[:, 2])).sum(axis=1) / 6.0
+
+
+def share_below(gaps: np.ndarray, height: float) -> np.ndarray:
+    """Share of each facet below a `height` [µm], with gaps (f, d) [µm] of its corners between which it is flat [-]."""
+    below, above = np.maximum(height - gaps, 0.0), np.maximum(gaps - height, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.clip((height - low) / (high - low), 0.0, 1.0)
-    return np.where(np.isfinite(high) & (high > low), share, (low < height) & np.isfinite(low))
+        if gaps.shape[1] == 2:
+            part = below.sum(axis=1) / (below.sum(axis=1) + above.sum(axis=1))
+        else:  # the corner alone on its side cuts off a similar triangle
+            under = (gaps < height).sum(axis=1)
+            lone = np.where(under == 1, gaps.min(axis=1), gaps.max(axis=1))
+            others = np.sort(gaps, axis=1)
+            others = np.where((under == 1)[:, None], others[:, 1:], others[:, :2])
+            corner = ((height - lone)[:, None] / (others - lone[:, None])).prod(axis=1)
+            part = np.choose(under, [np.zeros(len(gaps)), corner, 1.0 - corner, np.ones(len(gaps))])
+    return np.where(np.isfinite(gaps).all(axis=1), np.nan_to_num(part), 0.0)
 
 
-def _places(loop: np.ndarray) -> np.ndarray:
-    """Numbers of surface particles along their loops (m,) int, one left out between loops."""
-    return np.arange(len(loop)) + loop
+def _places(t: Template) -> np.ndarray:
+    """Numbers of surface particles (m,) int; in two dimensions along their loops, one left out between loops."""
+    return np.arange(len(t.surface)) + (t.loop if t.X.shape[1] == 2 else 0)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
            "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
+# Contacts with substrate and cells, content and surface of cells, by the number of dimensions.
+MEASURES = {2: ("substrate_contact_um", "cell_contact_um", "area_um2", "perimeter_um"),
+            3: ("substrate_contact_um2", "cell_contact_um2", "volume_um3", "surface_um2")}
 MOTION = ("vx_um_per_us", "vy_um_per_us", "speed_um_per_us")  # mean since the last sample
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "friction_loss", "artificial_dissipation")

@@ -304,7 +304,7 @@ class Integrator:
 
     def _store(self, vec: PETSc.Vec) -> None:
         """Copy a state from PETSc, unless it is in the same memory."""
-        values = vec.getArray(readonly=True).reshape(-1, 4)
+        values = vec.getArray(readonly=True).reshape(-1, 2 * self.mechanics.scene.dimension)
         if not np.shares_memory(values, self.mechanics.state.owned):
             self.mechanics.state.owned[:] = values
 

@@ -73,9 +73,9 @@ class StepControl:
         self.typical = TYPICAL * self.eps
         if len(scene.kind) == 1:
             self.typical[1] = math.inf  # of a cell with itself
-        self._length_per_mass = max(_length_per_mass(t) for t in used)
-        drag = terms.friction.coefficient * self._length_per_mass if terms.friction and terms.substrate else 0.0
-        tension = 4.0 * terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
+        self._size_per_mass = max(_size_per_mass(t) for t in used)
+        drag = terms.friction.coefficient * self._size_per_mass if terms.friction and terms.substrate else 0.0
+        tension = terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
         self._follows = not terms.director_acts  # the modes lack its stresses and torques
         law = terms.director_law if terms.director == "relaxing" else None
@@ -92,7 +92,7 @@ class StepControl:
         low, high = 0.0, 2.0 * law.equilibrium_distance
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            softer = sides * law.stiffness(middle) * self._length_per_mass < contact
+            softer = sides * law.stiffness(middle) * self._size_per_mass < contact
             low, high = (low, middle) if softer else (middle, high)
         return np.array([gap, low])
 
@@ -118,7 +118,7 @@ class StepControl:
                       for (law, sides), gap in zip(self._contacts, self.typical if gaps is None else gaps, strict=True))
         if contact or self._surface != (0.0, 0.0):
             drag, tension = self._surface
-            steps["contact"] = _root(c + drag, contact * self._length_per_mass + tension + sound)
+            steps["contact"] = _root(c + drag, contact * self._size_per_mass + tension + sound)
         if math.isfinite(self.director):
             steps["director"] = self.director / max(1.0, growth)  # diffusion, as of momentum
         return steps
@@ -141,13 +141,25 @@ def _root(c: float, omega2: float) -> float:
     return 2.0 / bottom if bottom > 0 else math.inf
 
 
-def _length_per_mass(t: Template) -> float:
-    """Largest ratio of dual arc length to mass of a surface particle [µm²/fg]."""
-    share = 0.5 * (t.facet_size + t.facet_size[t.before])
+def _size_per_mass(t: Template) -> float:
+    """Largest ratio of dual length [µm] or area [µm²] to mass of a surface particle [1/fg times that]."""
+    share = np.zeros(len(t.surface))
+    np.add.at(share, t.facets, t.facet_size[:, None] / t.facets.shape[1])
     return float((share / t.mass[t.surface]).max())
 
 
 def _inverse_inertia(t: Template) -> float:
-    """Largest 1/(segment length × particle mass) of a surface [1/fg], for the frequency of a line under tension."""
-    shortest = np.minimum(t.facet_size, t.facet_size[t.before])
-    return float((1.0 / (shortest * t.mass[t.surface])).max())
+    """Bound of the largest eigenvalue of a surface under tension, over the tension: a row sum over the mass, with the
+    unit of 1/mass, or of 1/(mass × length) in two dimensions.
+
+    A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A.
+    """
+    x = t.X[t.segments]
+    if t.facets.shape[1] == 2:
+        rows = 2.0 / t.facet_size[:, None].repeat(2, axis=1)
+    else:
+        edges = np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)  # opposite of each corner
+        rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * t.facet_size[:, None])
+    total = np.zeros(len(t.surface))
+    np.add.at(total, t.facets, rows)
+    return float((total / t.mass[t.surface]).max())

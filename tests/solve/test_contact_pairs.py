@@ -181,7 +181,7 @@ def test_the_wall_of_a_cell_against_itself_does_not_shorten_the_step() -> None:
         steps = sim.control.stable(gaps=np.array([1.0, 0.94 * between.equilibrium_distance]))
         wall = sim.terms.contacts.laws[sim.terms.contacts.of_pair(0, 0)]
         assert wall.stiffness(0.0099) > 5.0 * between.stiffness(0.0099)
-        bonds = 2.0 * between.stiffness(0.94 * between.equilibrium_distance) * sim.control._length_per_mass
+        bonds = 2.0 * between.stiffness(0.94 * between.equilibrium_distance) * sim.control._size_per_mass
         k = sim.control
         c, omega2 = k.stabilisation + k.viscous, k.elastic + k.stiffening + bonds
         assert 0.5 * c * steps["contact"] + 0.25 * omega2 * steps["contact"] ** 2 == pytest.approx(1.0, rel=1e-9)
