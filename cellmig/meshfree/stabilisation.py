@@ -13,15 +13,16 @@ from ..model.tensors import applied, cofactors, combined, contracted, outer
 # of μ V ℓ² |∇²v|², where ℓ² is the mean of the squared distances of neighbours: then waves of 4 spacings and more lose
 # within 0.5 % what they should (tests/meshfree/test_meshfree.py).
 MISSED = 0.3
-# The same in space, for supports [spacings]; the first is that of averaged tetrahedra, too.  Then waves of 4.5 spacings
-# and more lose within 1.5 % what they should in balls of 4,000 particles (tests/meshfree/test_space.py).
+# The same in space by supports [spacings]; averaged gradients of tetrahedra miss what the first of them does.  Then waves
+# of 4.5 spacings and more lose within 1 % what they should, with a support of 2.2 within 0.4 %, in balls of 4,000
+# particles (tests/meshfree/test_space.py).
 MISSED_IN_SPACE = ((1.8, 2.2), (0.213, 0.255))
 
 
 def missed(D: int, dilation: float) -> float:
     """Share [-] that nodal integration misses in D dimensions with a support of `dilation` spacings [-].
 
-    A `dilation` of 0 stands for averaged gradients of finite elements.
+    A `dilation` of 0 stands for averaged gradients of finite elements.  Source: measured, see above.
     """
     return MISSED if D == 2 else float(np.interp(dilation, *MISSED_IN_SPACE))
 
