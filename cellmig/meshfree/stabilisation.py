@@ -13,17 +13,20 @@ from ..model.tensors import applied, cofactors, combined, contracted, outer
 # of μ V ℓ² |∇²v|², where ℓ² is the mean of the squared distances of neighbours: then waves of 4 spacings and more lose
 # within 0.5 % what they should (tests/meshfree/test_meshfree.py).
 MISSED = 0.3
-# The same in space by supports [spacings]; averaged gradients of tetrahedra miss what the first of them does.  Then waves
-# of 4.5 spacings and more lose within 1 % what they should, with a support of 2.2 within 0.4 %, in balls of 4,000
+# The same in space by supports of RKPM [spacings], and of averages of finite elements by dimensions.  Then waves of 4.5
+# spacings and more lose within 1 % what they should, with a support of 2.2 within 0.4 %, in a ball of 4,000
 # particles (tests/meshfree/test_space.py).
 MISSED_IN_SPACE = ((1.8, 2.2), (0.213, 0.255))
+MISSED_BY_AVERAGES = {2: 0.26, 3: 0.213}
 
 
 def missed(D: int, dilation: float) -> float:
-    """Share [-] that nodal integration misses in D dimensions with a support of `dilation` spacings [-].
+    """Share [-] that nodal integration misses in D dimensions with RKPM's support of `dilation` spacings [-].
 
     A `dilation` of 0 stands for averaged gradients of finite elements.  Source: measured, see above.
     """
+    if not dilation:
+        return MISSED_BY_AVERAGES[D]
     return MISSED if D == 2 else float(np.interp(dilation, *MISSED_IN_SPACE))
 
 
