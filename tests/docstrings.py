@@ -28,7 +28,7 @@ CONTAINER = re.compile(r"\b(?:dict|Mapping|Callable)\[.*\]")  # what is in it ha
 SHAPE = re.compile(r"\([^()\[\]]*,[^()\[\]]*\)")
 DISCRETE = re.compile(SHAPE.pattern + r"(?= (?:int|bool)\b)")
 NAME = r"(?:[µkMGnf]?(?:m|s|Pa|N|g|B|flop)|pN|rad|kg|min|h|K)(?![A-Za-z])"
-UNIT = re.compile(rf"\[(?:-(?:, -)*|[\d/(·, ]*{NAME}(?:[\d\s/·,()²³⁴⁻¹½^-]|{NAME})*)\]|\bunits?\b")
+UNIT = re.compile(rf"\[(?:-(?:, -)*|[\d/(·, ]*{NAME}(?:[\d\s/·,()²³⁴⁻¹½^-]|\^\(?D[\s\d+-]*|{NAME})*)\]|\bunits?\b")
 SOURCE = re.compile(r"Source:|[Ee]quations? \(|\(\d+[a-z]?\)|\b(?:19|20)\d\d\b|appendix", re.IGNORECASE)
 FORMULA = re.compile(r"(?<![=<>!:`]) = (?=.*[-+/*^²³√Σ∮∇]).*[A-Za-zα-ωΑ-Ω]")
 

@@ -1,10 +1,14 @@
-"""Reference configuration: a template for each kind of cell, shared by all its copies, and the scene of all cells."""
+"""Reference configuration: a template for each kind of cell, shared by all its copies, and the scene of all cells.
+
+The number of dimensions D is 2 or 3; in the plane, volumes and masses are per unit thickness.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,7 +18,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from ..geometry import polygons
 from . import rkpm
 from .recovery import recovery
-from .stabilisation import MISSED, laplacian
+from .simplices import Gradient, averaged, by_area, edges_of, facet_sizes, nodal_volumes, shape_gradients
+from .stabilisation import laplacian, missed
 
 STRIP = 3.0  # height [spacings] of the strips in which particles are numbered, so that neighbours are close in memory
 
@@ -25,16 +30,20 @@ class Template:
 
     Attributes
     ----------
-    X : (n, 2) -- reference positions [µm].
-    V : (n,) -- volumes per unit thickness [µm²].
+    X : (n, D) -- reference positions [µm].
+    V : (n,) -- volumes in nodal integrals [µm^D].
+    heaviness : (n,) -- masses over ρ0 V [-].
     nucleus : (n,) bool -- whether a particle belongs to the nucleus.
-    surface : (m,) int -- surface particles along closed loops, the outer one counterclockwise, holes clockwise.
-    after : (m,) int -- index in `surface` of the next particle on the loop.
-    parts : dict of (k,) int -- by name of a part of the boundary, indices in `surface` where its segments begin.
+    surface : (m,) int -- surface particles; in the plane along closed loops, the outer one counterclockwise, holes
+        clockwise.
+    after : (m,) int -- in the plane, index in `surface` of the next particle on the loop; none in space.
+    triangles : (t, 3) int -- triangles of the surface, counterclockwise from outside; none in the plane.
+    simplices : (k, D + 1) int -- triangles or tetrahedra that fill the body; those of cocircular particles overlap.
+    parts : dict of (k,) int -- by name of a part of the boundary, indices of its facets.
     G : (n, n) CSR for each direction -- derivatives of the shape functions at the particles, of one pattern [1/µm].
     C : (n, n) CSR -- Laplacians at the particles, zero for linear fields [1/µm²].
-    bending_weight : (n,) -- dissipation of the stabilisation over |C v|² at rest [pN µs µm²].
-    bending_modulus : (n,) -- twice the energy of the elastic stabilisation over |C u|² [pN µm²].
+    bending_weight : (n,) -- dissipation of the stabilisation over |C v|² at rest [Pa µs µm^(D + 2)].
+    bending_modulus : (n,) -- twice the energy of the elastic stabilisation over |C u|² [Pa µm^(D + 2)].
     R : (n, n) CSR -- recovery of stress [-].
     spacing : float -- mean distance of particles h [µm].
     laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
@@ -43,11 +52,14 @@ class Template:
 
     X: np.ndarray
     V: np.ndarray
+    heaviness: np.ndarray
     nucleus: np.ndarray
     surface: np.ndarray
     after: np.ndarray
+    triangles: np.ndarray
+    simplices: np.ndarray
     parts: dict[str, np.ndarray]
-    G: rkpm.Gradient
+    G: Gradient
     C: sparse.csr_matrix
     bending_weight: np.ndarray
     bending_modulus: np.ndarray
@@ -57,19 +69,21 @@ class Template:
     damping: np.ndarray
 
     @cached_property
-    def facets(self) -> np.ndarray:
-        """Indices in `surface` of the ends of its segments (m, 2) int."""
-        return np.column_stack([np.arange(len(self.after)), self.after])
+    def places(self) -> np.ndarray:
+        """Indices in `surface` of the corners of the facets (m, D) int."""
+        if self.X.shape[1] == 2:
+            return np.column_stack([np.arange(len(self.after)), self.after])
+        return np.searchsorted(self.surface, self.triangles)
 
     @cached_property
-    def segments(self) -> np.ndarray:
-        """Particles at both ends of the segments of the surface (m, 2) int."""
-        return self.surface[self.facets]
+    def facets(self) -> np.ndarray:
+        """Particles at the corners of the segments or triangles of the surface (m, D) int."""
+        return self.surface[self.places]
 
     @cached_property
     def outer(self) -> np.ndarray:
-        """Whether segments are on the outer loop (m,) bool."""
-        return self.loop == 0
+        """Whether facets are on the outer surface (m,) bool; bodies in space have no cavities."""
+        return self.loop == 0 if self.X.shape[1] == 2 else np.ones(len(self.triangles), bool)
 
     @cached_property
     def before(self) -> np.ndarray:
@@ -88,13 +102,13 @@ class Template:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """Lumped masses ρ0 V (n,) [fg/µm], per unit thickness."""
-        return self._by_law("density") * self.V
+        """Lumped masses ρ0 V times the heaviness (n,) [fg], in the plane per unit thickness [fg/µm]."""
+        return self._by_law("density") * self.V * self.heaviness
 
     @cached_property
     def facet_size(self) -> np.ndarray:
-        """Reference lengths of the segments from each surface particle to the next (m,) [µm]."""
-        return polygons.sides(self.X[self.segments])
+        """Reference lengths [µm] or areas [µm²] of the facets (m,)."""
+        return facet_sizes(self.X[self.facets])
 
     @cached_property
     def viscosity(self) -> np.ndarray:
@@ -123,11 +137,14 @@ class Template:
 
     @cached_property
     def bound(self) -> np.ndarray:
-        """Components 00, 11, 01 of Σ_J G⊗G/m_J (n, 3) [1/(µm fg)]: squared frequency per volume and modulus."""
-        g = self.G
-        by_mass = sparse.diags(1.0 / self.mass)
-        return np.column_stack([np.asarray((a.multiply(b) @ by_mass).sum(axis=1)).ravel()
-                                for a, b in ((g[0], g[0]), (g[1], g[1]), (g[0], g[1]))])
+        """Components of K = Σ_J G⊗G/m_J (n, 3) or (n, 6): squared frequency per volume and modulus.
+
+        First those of the diagonal, then 01, or 01, 02, 12; their unit is 1/(µm fg), or 1/(µm² fg) in space.  Source:
+        derived here.
+        """
+        G, by_mass = self.G, sparse.diags(1.0 / self.mass)
+        pairs = [(k, k) for k in range(len(G))] + list(combinations(range(len(G)), 2))
+        return np.column_stack([np.asarray((G[i].multiply(G[j]) @ by_mass).sum(axis=1)).ravel() for i, j in pairs])
 
     def local_bound(self, weight: np.ndarray) -> float:
         """Largest V_I w_I λmax(Σ_J G⊗G/m_J) at rest, for a `weight` w (n,) [Pa] in [1/µs²], or [Pa µs] in [1/µs].
@@ -135,8 +152,12 @@ class Template:
         The step control follows its change with the deformation.  Source: derived here, a bound on the rate of each
         particle's own mode.
         """
-        a, b, c = self.bound.T
-        return float((self.V * weight * (0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c**2))).max())
+        if len(self.G) == 2:
+            a, b, c = self.bound.T
+            top = 0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c**2)
+        else:
+            top = np.linalg.eigvalsh(self.bound[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]])[:, -1]
+        return float((self.V * weight * top).max())
 
     @cached_property
     def S(self) -> sparse.csr_matrix:
@@ -162,28 +183,28 @@ class Template:
 
         These are the largest eigenvalues, rounded up, of M⁻¹ times the operators linearised at rest.
         """
-        n, root = len(self.X), 1.0 / np.sqrt(self.mass)
-        scale = sparse.diags(root)
-        gx, gy = (g @ scale for g in self.G)
-        viscous = _strain_operator(gx, gy, self.V, self.viscosity, self.damping)
-        elastic = _strain_operator(gx, gy, self.V, self.shear_modulus, self.dilation_modulus)
-        return (_largest(scale @ self.S @ scale, n), _largest(viscous, 2 * n), _largest(elastic, 2 * n),
+        n, D = self.X.shape
+        scale = sparse.diags(1.0 / np.sqrt(self.mass))
+        G = tuple(g @ scale for g in self.G)
+        viscous = _strain_operator(G, self.V, self.viscosity, self.damping)
+        elastic = _strain_operator(G, self.V, self.shear_modulus, self.dilation_modulus)
+        return (_largest(scale @ self.S @ scale, n), _largest(viscous, D * n), _largest(elastic, D * n),
                 _largest(scale @ self.E @ scale, n))
 
 
-def _strain_operator(gx: sparse.csr_matrix, gy: sparse.csr_matrix, V: np.ndarray, shear: np.ndarray,
-                     volumetric: np.ndarray) -> LinearOperator:
-    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y (2 n,)."""
-    n = len(V)
+def _strain_operator(G: Gradient, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
+    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y, z (D n,)."""
+    n, D = len(V), len(G)
 
     def apply(v: np.ndarray) -> np.ndarray:
-        x, y = v[:n], v[n:]
-        d00, d11, d01 = gx @ x, gy @ y, 0.5 * (gy @ x + gx @ y)
-        p = volumetric * (d00 + d11)
-        s00, s11, s01 = V * (2 * shear * d00 + p), V * (2 * shear * d11 + p), V * 2 * shear * d01
-        return np.concatenate([gx.T @ s00 + gy.T @ s01, gx.T @ s01 + gy.T @ s11])
+        L = [[g @ part for g in G] for part in v.reshape(D, n)]
+        p = volumetric * sum(L[k][k] for k in range(D))
+        s = [[V * 2 * shear * (0.5 * (L[i][j] + L[j][i])) for j in range(D)] for i in range(D)]
+        for k in range(D):
+            s[k][k] = V * (2 * shear * L[k][k] + p)
+        return np.concatenate([sum(g.T @ part for g, part in zip(G, row, strict=True)) for row in s])
 
-    return LinearOperator((2 * n, 2 * n), apply, dtype=float)
+    return LinearOperator((D * n, D * n), apply, dtype=float)
 
 
 def _largest(operator: Any, n: int) -> float:
@@ -201,40 +222,62 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
 
     Parameters
     ----------
-    shape : law of kind shape -- gives layout and area.
+    shape : law of kind shape -- gives layout and, in the plane, area.
     count : int -- number of particles.
-    dilation : float -- support radius over the spacing [-].
+    dilation : float -- support radius of RKPM over the spacing; 0 for averaged gradients of linear finite elements [-].
     laws : tuple -- material laws of body and nucleus, the latter None without one.
     bulk_viscosity : float -- of the numerical damping, over ρ c h [-].
     refinement : float -- density of particles along the surface over that inside [-].
     solve : function -- as for `rkpm.consistent`.
     """
     layout = shape.particles(count, refinement)
-    spacing = float(np.sqrt(shape.area / count))
-    placed = polygons.snapped(layout.X)
-    x, y = np.rint(placed / (1e-6 * spacing)).T  # the order does not depend on the last bits
-    strip = np.floor(y / (1e6 * STRIP) + 0.5)
-    order = np.lexsort((y, x, strip, ~layout.nucleus if laws[1] is not None else strip))
+    X, D = polygons.snapped(layout.X), layout.X.shape[1]
+    spacing = float(np.sqrt(shape.area / count)) if D == 2 else _spacing(X, layout)
+    order = _order(X, spacing, layout.nucleus if laws[1] is not None else np.zeros(count, bool))
     place = np.empty(count, int)
     place[order] = np.arange(count)
-    X = placed[order]
-    nucleus = layout.nucleus[order] & (laws[1] is not None)
-    surface, after = place[layout.surface], layout.next
-    segments = np.column_stack([surface, surface[after]])
-    V, edges = rkpm.dual_cells(X, segments)
+    X, nucleus = X[order], layout.nucleus[order] & (laws[1] is not None)
+    if D == 2:
+        surface, after, triangles = place[layout.surface], layout.next, np.zeros((0, 3), int)
+        facets = np.column_stack([surface, surface[after]])
+        simplices, share = rkpm.triangulated(X, facets)
+    else:
+        facets = triangles = place[layout.triangles]
+        surface, after, simplices = np.unique(facets), np.zeros(0, int), place[layout.tetrahedra]
+        share = np.ones(len(simplices))
+    V = nodal_volumes(count, simplices, share * np.abs(shape_gradients(X, simplices)[1]))
+    edges = edges_of(simplices)
     support = rkpm.supports(X, edges, dilation * spacing)
-    G = rkpm.consistent(rkpm.gradients(X, support, segments), X, V, support, segments, solve)
+    if dilation:
+        across = (facets, None) if D == 2 else (None, edges)
+        G = rkpm.consistent(rkpm.gradients(X, support, *across), X, V, support, facets, solve)
+    else:
+        G = averaged(X, simplices, share)
     body, inner = laws
     inner = inner if inner is not None else body
     viscosity = np.where(nucleus, inner.numerical_viscosity(spacing), body.numerical_viscosity(spacing))
     C, square = laplacian(X, edges)
-    missed = MISSED * V * square
+    weight = missed(D, dilation) * V * square
     modulus = np.where(nucleus, inner.numerical_modulus, body.numerical_modulus)
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
     R = recovery(X, G[0], support, nucleus)
-    parts = {"surface": np.arange(len(surface)), **(layout.parts or {})}
-    return Template(X, V, nucleus, surface, after, parts, G, C, missed * viscosity, missed * modulus, R, spacing, laws,
-                    bulk_viscosity * spacing * wave)
+    parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
+    heaviness = np.ones(count) if D == 2 else by_area(X, V, triangles) / V
+    return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
+                    weight * modulus, R, spacing, laws, bulk_viscosity * spacing * wave)
+
+
+def _spacing(X: np.ndarray, layout: Any) -> float:
+    """Spacing h [µm] in space: h³ is the volume of a particle, of which those on the surface have half."""
+    volume = np.abs(shape_gradients(X, layout.tetrahedra)[1]).sum()
+    return float(np.cbrt(volume / (len(X) - 0.5 * len(np.unique(layout.triangles)))))
+
+
+def _order(X: np.ndarray, spacing: float, nucleus: np.ndarray) -> np.ndarray:
+    """Order (n,) int of particles: those of the nucleus first, then in strips along x, which near ones share."""
+    place = np.rint(X / (1e-6 * spacing)).T  # the order does not depend on the last bits
+    strips = np.floor(place[1:] / (1e6 * STRIP) + 0.5)
+    return np.lexsort((*place[:0:-1], place[0], *strips, ~nucleus))
 
 
 @dataclass(frozen=True)
@@ -245,7 +288,7 @@ class Scene:
     ----------
     templates : list of Template -- one for each kind of cell.
     kind : (cells,) int -- index of the template of each cell.
-    centre : (cells, d) -- centres of the cells [µm].
+    centre : (cells, D) -- centres of the cells [µm].
     materials : list -- the material laws that occur.
     material_of : list -- for each template, the indices of the laws of body and nucleus in `materials`.
     """
@@ -282,7 +325,7 @@ class Scene:
 
     @cached_property
     def X(self) -> np.ndarray:
-        """Reference positions (size, d) [µm]."""
+        """Reference positions (size, D) [µm]."""
         return self.field("X") + self.centre[self.cell]
 
     @cached_property

@@ -92,7 +92,7 @@ def _where(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
     """Segments (e, 2) of the surface of a cell on the parts of an item, by numbers of particles in the cell."""
     t = scene.templates[scene.kind[cell]]
     chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
-    return t.segments[chosen]
+    return t.facets[chosen]
 
 
 def _in_box(item: OnPart, X: np.ndarray) -> np.ndarray:

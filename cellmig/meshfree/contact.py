@@ -48,7 +48,7 @@ class Surfaces:
         used = [scene.templates[k] for k in scene.kind]
         start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
         ids, cell = np.concatenate(rings), np.repeat(np.arange(len(rings)), np.diff(start))
-        facets = np.concatenate([a + t.facets for a, t in zip(start, used, strict=False)])
+        facets = np.concatenate([a + t.places for a, t in zip(start, used, strict=False)])
         size, outer = (np.concatenate([getattr(t, name) for t in used]) for name in ("facet_size", "outer"))
         if scene.dimension > 2:
             none = np.zeros(0, np.int64)

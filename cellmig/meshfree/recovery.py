@@ -15,7 +15,7 @@ def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, reg
 
     Parameters
     ----------
-    X : (n, 2) -- reference positions [µm].
+    X : (n, D) -- reference positions [µm].
     pattern : (n, n) CSR -- its pattern tells the neighbours of each particle.
     support : (n,) -- support radii [µm].
     region : (n,) int or bool -- neighbours of another region are left out, as stress jumps between materials.
@@ -32,8 +32,9 @@ def recovery(X: np.ndarray, pattern: sparse.csr_matrix, support: np.ndarray, reg
     p = np.column_stack([np.ones(len(d)), d / support.max()])
     M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], pattern.indptr[:-1])
     thin = np.linalg.cond(M) > 1e4
-    M[thin] = np.diag([0.0, 1.0, 1.0]) + M[thin, :1, :1] * np.diag([1.0, 0.0, 0.0])
-    first = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (len(X), 3, 1)))[:, :, 0]
+    one = np.eye(p.shape[1])[:, :1]
+    M[thin] = np.where(one @ one.T > 0.0, M[thin, :1, :1], np.eye(len(one)))
+    first = np.linalg.solve(M, np.broadcast_to(one, (len(X), *one.shape)))[:, :, 0]
     values = w * np.einsum("ei,ei->e", first[rows], p)
     return sparse.csr_matrix((values, pattern.indices.copy(), pattern.indptr.copy()), pattern.shape)
 

@@ -1,11 +1,14 @@
 """Shape functions of the reproducing kernel particle method (RKPM), with linear basis and cubic spline window.
 
+The number of dimensions D, 2 or 3, is that of the positions.
+
 Source: Liu, Jun & Zhang (1995); Liu, Li & Belytschko (1997), whose moving least squares give the same functions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import ceil
 
 import numpy as np
 from scipy import sparse
@@ -14,8 +17,9 @@ from scipy.spatial import cKDTree
 
 from ..geometry import polygons
 from ..geometry.delaunay import areas, triangles
+from .simplices import Gradient, edges_of, nodal_volumes, surface_normals, zero_row_sums
 
-Gradient = tuple[sparse.csr_matrix, ...]  # derivatives by the directions, of one pattern
+NEAR = {2: 13, 3: 28}  # particles from which is interpolated, by the number of dimensions
 CHUNK = 2000  # particles whose arrays fit into the processor's cache
 
 
@@ -31,7 +35,7 @@ def window(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median dual cells of the Delaunay triangulation of a body.
+    """Median dual cells of the Delaunay triangulation of a body in the plane.
 
     Parameters
     ----------
@@ -42,6 +46,17 @@ def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndar
     -------
     V : (n,) -- volumes per unit thickness [µm²], a third of the triangles around each particle.
     edges : (k, 2) int -- Delaunay edges, each once, lower index first; all diagonals of cocircular particles.
+
+    Raises ValueError as `triangulated`.
+    """
+    tri, share = triangulated(X, segments)
+    return nodal_volumes(len(X), tri, share * areas(X, tri)), edges_of(tri)
+
+
+def triangulated(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Delaunay triangles of a body in the plane, and their weights in sums (k,) [-], as `delaunay.triangles`.
+
+    X : (n, 2) -- positions of the particles [µm];  segments : (m, 2) int -- ends of the segments of the surface.
 
     Raises ValueError if the particles are too coarse for the outline, so that an edge crosses it.
     """
@@ -54,33 +69,69 @@ def dual_cells(X: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndar
     on = np.zeros(len(X), bool)
     on[segments] = True
     tri, share = triangles(X, inside)
-    area = share * areas(X, tri)
-    if abs(area.sum() - polygons.area(X[segments])) > 1e-9 * area.sum():
+    area = float((share * areas(X, tri)).sum())
+    if abs(area - polygons.area(X[segments])) > 1e-9 * area:
         raise ValueError("the particles are too coarse for their outline: take more of them")
-    V = np.bincount(tri.ravel(), np.repeat(area / 3.0, 3), len(X))
-    edges = np.sort(np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]]), axis=1)
-    return V, np.unique(edges, axis=0)
+    return tri, share
 
 
 def supports(X: np.ndarray, edges: np.ndarray, radius: float) -> np.ndarray:
-    """Support radii (n,) [µm] of particles at X (n, 2) [µm]: `radius` [µm], but at least 1.15 times the longest edge.
+    """Support radii (n,) [µm] of particles at X (n, D) [µm]: `radius` [µm], but at least 1.15 times the longest edge.
 
     `edges` (m, 2) int are pairs of neighbours.
     """
-    length = np.linalg.norm(X[edges[:, 0]] - X[edges[:, 1]], axis=1)
     longest = np.zeros(len(X))
-    np.maximum.at(longest, edges, length[:, None])
+    np.maximum.at(longest, edges, _lengths(X, edges)[:, None])
     return np.maximum(radius, 1.15 * longest)
 
 
-def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None) -> Gradient:
+def neighbours(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None,
+               edges: np.ndarray | None = None) -> np.ndarray:
+    """Pairs of particles (m, 2) int, each once, of which one lies in the support of the other.
+
+    Parameters
+    ----------
+    X : (n, D) -- positions of the particles [µm].
+    support : (n,) -- support radii [µm].
+    segments : (m, 2) int -- ends of the segments of a surface in the plane, across which no kernel reaches.
+    edges : (k, 2) int -- edges of tetrahedra, of which at most as many lead from one of a pair to the other as the
+        largest support holds of mean length, rounded up: no kernel reaches across a gap.
+    """
+    pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
+    d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
+    pairs = pairs[d < np.maximum(support[pairs[:, 0]], support[pairs[:, 1]])]
+    if segments is not None and not polygons.is_convex(X[segments]):
+        pairs = pairs[polygons.visible(pairs, X, X[segments])]
+    if edges is not None:
+        pairs = pairs[_linked(pairs, edges, ceil(support.max() / _lengths(X, edges).mean()), len(X))]
+    return pairs
+
+
+def _linked(pairs: np.ndarray, edges: np.ndarray, rings: int, n: int) -> np.ndarray:
+    """Whether at most so many `edges` (k, 2) int lead from one of n particles to the other, for `pairs` (m, 2) int."""
+    step = sparse.csr_matrix((np.ones(len(edges)), edges.T), (n, n))
+    step = step + step.T + sparse.eye(n)
+    reach = step
+    for _ in range(rings - 1):
+        reach = reach @ step
+    return np.asarray(reach[pairs[:, 0], pairs[:, 1]]).ravel() > 0.0
+
+
+def _lengths(X: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Lengths (m,) [µm] of the `edges` (m, 2) int between points X (n, D) [µm]."""
+    return np.linalg.norm(X[edges[:, 0]] - X[edges[:, 1]], axis=1)
+
+
+def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = None,
+              edges: np.ndarray | None = None) -> Gradient:
     """Gradients of the shape functions at the particles, G[k][I, J] = ∂N_J/∂X_k at X_I.
 
     Parameters
     ----------
-    X : (n, 2) -- positions of the particles [µm].
+    X : (n, D) -- positions of the particles [µm].
     support : (n,) -- support radii [µm].
-    segments : (m, 2) int -- ends of the segments of the surface, across which no kernel reaches; None for no surface.
+    segments : (m, 2) int -- ends of the segments of a surface in the plane, as for `neighbours`.
+    edges : (k, 2) int -- edges of tetrahedra, as for `neighbours`.
 
     Returns
     -------
@@ -90,11 +141,7 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
 
     Source: Liu, Jun & Zhang (1995), the derivative of N_J = b(x)·p(x - X_J) w with the moment matrix M(x) b = p(0).
     """
-    pairs = cKDTree(X).query_pairs(support.max(), output_type="ndarray")
-    d = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
-    pairs = pairs[d < np.maximum(support[pairs[:, 0]], support[pairs[:, 1]])]
-    if segments is not None and not polygons.is_convex(X[segments]):
-        pairs = pairs[polygons.visible(pairs, X, X[segments])]
+    pairs = neighbours(X, support, segments, edges)
     n, own = len(X), np.arange(len(X))
     I = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
     J = np.concatenate([own, pairs[:, 1], pairs[:, 0]])
@@ -107,13 +154,13 @@ def gradients(X: np.ndarray, support: np.ndarray, segments: np.ndarray | None = 
         some = bounds[first : first + CHUNK + 1]
         on = slice(some[0], some[-1])
         parts.append(_gradients_of(X[I[on]] - X[J[on]], support[J[on]], support.max(), some[:-1] - some[0]))
-    return _zero_row_sums(np.concatenate(parts), J, bounds)
+    return zero_row_sums(np.concatenate(parts), J, bounds)
 
 
 def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray) -> np.ndarray:
-    """Gradients (e, d) [1/µm] of the entries of k particles.
+    """Gradients (e, D) [1/µm] of the entries of k particles.
 
-    Entry e has the vector d (e, 2) [µm] from a neighbour to the particle, and the support a (e,) [µm] of the neighbour;
+    Entry e has the vector d (e, D) [µm] from a neighbour to the particle, and the support a (e,) [µm] of the neighbour;
     `start` (k,) is the first entry of each particle, `scale` [µm] makes the basis dimensionless.
     """
     I = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(d))))
@@ -127,9 +174,9 @@ def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray)
     M = np.add.reduceat(pp * w[:, None, None], start)
     if np.linalg.cond(M).max() > 1e8:
         raise ValueError("a particle has too few neighbours for a linear basis: raise the dilation")
-    b = np.linalg.solve(M, np.broadcast_to(np.array([[1.0], [0.0], [0.0]]), (len(start), 3, 1)))[:, :, 0]
-    G = np.zeros((len(d), 2))
-    for k in range(2):
+    b = np.linalg.solve(M, np.broadcast_to(np.eye(p.shape[1])[:, :1], (len(start), p.shape[1], 1)))[:, :, 0]
+    G = np.zeros_like(d)
+    for k in range(d.shape[1]):
         dp = np.zeros_like(p)
         dp[:, 1 + k] = 1.0 / scale
         sym = dp[:, :, None] * p[:, None, :]
@@ -140,42 +187,19 @@ def _gradients_of(d: np.ndarray, a: np.ndarray, scale: float, start: np.ndarray)
     return G
 
 
-def _zero_row_sums(entries: np.ndarray, indices: np.ndarray, indptr: np.ndarray) -> Gradient:
-    """Matrices of entries (e, d), with a diagonal that makes their rows sum to zero."""
-    n, G = len(indptr) - 1, []
-    for part in entries.T:
-        matrix = sparse.csr_matrix((np.ascontiguousarray(part), indices, indptr), (n, n))
-        matrix.setdiag(matrix.diagonal() - np.asarray(matrix.sum(axis=1)).ravel())
-        G.append(matrix)
-    return tuple(G)
-
-
 def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Particles (k,) int among those at X (n, 2) [µm], and weights (k,) [-], that interpolate a field to x (2,) [µm].
+    """Particles (k,) int among those at X (n, D) [µm], and weights (k,) [-], that interpolate a field to x (D,) [µm].
 
     Linear fields are interpolated exactly.  Source: moving least squares, as Liu, Li & Belytschko (1997).
     """
-    distance, near = cKDTree(X).query(x, min(13, len(X)))
+    distance, near = cKDTree(X).query(x, min(NEAR[X.shape[1]], len(X)))
     if distance[0] < 1e-9 * distance[-1]:
         return near[:1], np.ones(1)
     # The window vanishes at the last one: which of several equally far particles it is does not matter.
     support = distance[-1] * (1.0 if len(near) < len(X) else 1.01)
     w = window(distance / support)[0]
     p = np.column_stack([np.ones(len(near)), (X[near] - x) / support])
-    return near, w * (p @ np.linalg.solve(p.T @ (w[:, None] * p), np.array([1.0, 0.0, 0.0])))
-
-
-def surface_normals(X: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Integrals ∮ n N_J ds (n, 2) [µm] of the outward normal times shape functions that are linear along the surface.
-
-    `X` (n, 2) [µm] are the positions, `segments` (m, 2) int the ends of the segments of the surface.
-    """
-    along = X[segments[:, 1]] - X[segments[:, 0]]
-    half = 0.5 * np.column_stack([along[:, 1], -along[:, 0]])
-    b = np.zeros_like(X)
-    np.add.at(b, segments[:, 0], half)
-    np.add.at(b, segments[:, 1], half)
-    return b
+    return near, w * (p @ np.linalg.solve(p.T @ (w[:, None] * p), np.eye(p.shape[1])[0]))
 
 
 def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
@@ -183,9 +207,9 @@ def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
     return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
 
 
-def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, segments: np.ndarray,
+def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, facets: np.ndarray,
                solve: Callable[..., np.ndarray] = factorised) -> Gradient:
-    r"""Gradients closest to G for which nodal integration satisfies the divergence theorem, Σ_I V_I G_IJ = ∮ n N_J ds.
+    r"""Gradients closest to G for which nodal integration satisfies the divergence theorem, Σ_I V_I G_IJ = ∮ n N_J dA.
 
     Without the correction D a uniform stress causes forces inside the body.  D minimises Σ D_IJ² / w_IJ, where w is the
     window, under the condition that linear fields remain exact: D_IJ = V_I w_IJ times the deviation of γ_J from its
@@ -194,10 +218,10 @@ def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, s
     Parameters
     ----------
     G : (n, n) CSR [1/µm] for each direction -- as `gradients` returns them.
-    X : (n, 2) -- positions [µm].
-    V : (n,) -- volumes [µm²].
+    X : (n, D) -- positions [µm].
+    V : (n,) -- volumes [µm^D].
     support : (n,) -- support radii [µm].
-    segments : (m, 2) int -- ends of the segments of the surface.
+    facets : (m, D) int -- corners of the segments or triangles of the surface, as for `surface_normals`.
     solve : function -- of A, b as `factorised`.
 
     Returns
@@ -217,18 +241,25 @@ def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, s
     Y = [sparse.csr_matrix((f, column, start), (n, n)) for f in fit.T]
     V2 = sparse.diags(V**2)
     A = sparse.diags(np.bincount(column, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)
-    missing = surface_normals(X, segments) - np.column_stack([V @ g for g in G])
+    missing = surface_normals(X, facets) - np.column_stack([V @ g for g in G])
     free = np.ones(n, bool)
-    free[_three(X, segments[:, 0])] = False  # γ is determined up to a linear function, which does not change D
-    gamma = np.zeros((n, 2))
+    free[_spanning(X, facets[:, 0])] = False  # γ is determined up to a linear function, which does not change D
+    gamma = np.zeros_like(X)
     gamma[free] = solve(A.tocsc()[free][:, free], missing[free])
     part = w[:, None] * gamma[column] - sum(f[:, None] * (y @ gamma)[rows] for f, y in zip(fit.T, Y, strict=True))
     entries = np.column_stack([g.data for g in G]) + V[rows, None] * part
-    return _zero_row_sums(entries, column, start)
+    return zero_row_sums(entries, column, start)
 
 
-def _three(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Three of the particles `surface` (m,) int that are not on one line (3,) int."""
+def _spanning(X: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Particles (D + 1,) int among `surface` (m,) int that are not on one line or plane."""
+    if X.shape[1] == 3:
+        chosen, away = surface[:1], X[surface] - X[surface[0]]
+        for _ in range(3):  # next the one that is farthest from the line or plane of those before
+            far = (away**2).sum(axis=1).argmax()
+            chosen, along = np.append(chosen, surface[far]), away[far] / np.linalg.norm(away[far])
+            away = away - np.outer(away @ along, along)
+        return chosen
     three = surface[np.arange(3) * len(surface) // 3]
     a, b, c = X[three]
     if abs(polygons.cross(b - a, c - a)) < 0.1 * (np.ptp(X[surface], axis=0) ** 2).min():  # possible if there are holes

@@ -11,6 +11,7 @@ from ..case.pointwise import pointwise
 from ..meshfree.body import Scene, Template
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
+from ..meshfree.simplices import facet_sizes, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
@@ -177,7 +178,7 @@ class Sampler:
         """Contributions (n_owned, 4) of surface particles to the MEASURES, in their order and units."""
         m = self.mechanics
         corners, x = m.segments.owned()
-        size, volume = simplex_size(x), simplex_volume(x)
+        size, volume = facet_sizes(x), volumes_below(x)
         terms, values = m.terms, np.zeros((m.n_owned, 4))
         columns = {2: volume, 3: size}
         if terms.substrate is not None:
@@ -257,20 +258,6 @@ def _below_centre(scene: Scene, cell: int) -> np.ndarray:
     lower = np.append(np.zeros(t.X.shape[1] - 1), 0.75 * t.X[:, -1].min())
     away = np.linalg.norm(t.X - lower, axis=1)
     return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
-
-
-def simplex_size(x: np.ndarray) -> np.ndarray:
-    """Lengths [µm] or areas [µm²] (f,) of facets with the corners x (f, d, d) [µm]."""
-    if x.shape[1] == 2:
-        return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-    return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
-
-
-def simplex_volume(x: np.ndarray) -> np.ndarray:
-    """Areas [µm²] or volumes [µm³] (f,) between the origin and facets with the corners x (f, d, d) [µm]."""
-    if x.shape[1] == 2:
-        return 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
-    return (x[:, 0] * np.cross(x[:, 1], x[:, 2])).sum(axis=1) / 6.0
 
 
 def share_below(gaps: np.ndarray, height: float) -> np.ndarray:

@@ -144,7 +144,7 @@ def _root(c: float, omega2: float) -> float:
 def _size_per_mass(t: Template) -> float:
     """Largest ratio of dual length [µm] or area [µm²] to mass of a surface particle [1/fg times that]."""
     share = np.zeros(len(t.surface))
-    np.add.at(share, t.facets, t.facet_size[:, None] / t.facets.shape[1])
+    np.add.at(share, t.places, t.facet_size[:, None] / t.places.shape[1])
     return float((share / t.mass[t.surface]).max())
 
 
@@ -154,12 +154,12 @@ def _inverse_inertia(t: Template) -> float:
 
     A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A.
     """
-    x = t.X[t.segments]
-    if t.facets.shape[1] == 2:
+    x = t.X[t.facets]
+    if t.places.shape[1] == 2:
         rows = 2.0 / t.facet_size[:, None].repeat(2, axis=1)
     else:
         edges = np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)  # opposite of each corner
         rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * t.facet_size[:, None])
     total = np.zeros(len(t.surface))
-    np.add.at(total, t.facets, rows)
+    np.add.at(total, t.places, rows)
     return float((total / t.mass[t.surface]).max())

@@ -112,12 +112,12 @@ def test_a_uniform_stress_balances_tractions_on_all_loops() -> None:
         t, stress = sim.scene.templates[0], np.array([[3.0, -1.0], [-1.0, 2.0]])
         pulled = np.column_stack([sum(g.T @ (t.V * stress[i, j]) for j, g in enumerate(t.G))
                                   for i in range(2)])
-        ends = t.X[t.segments]
+        ends = t.X[t.facets]
         along = ends[:, 1] - ends[:, 0]
         traction = 0.5 * np.column_stack([along[:, 1], -along[:, 0]]) @ stress
         expected = np.zeros_like(t.X)
         for k in range(2):
-            np.add.at(expected, t.segments[:, k], traction)
+            np.add.at(expected, t.facets[:, k], traction)
         assert np.abs(pulled - expected).max() < 1e-11  # measured 3e-14
         for loop in range(3):
             assert np.abs(along[t.loop == loop].sum(axis=0)).max() < 1e-13  # measured 3e-15: so do normals

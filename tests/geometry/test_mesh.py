@@ -68,7 +68,7 @@ def test_a_mesh_gives_the_area_the_hole_the_nucleus_and_the_parts(tmp_path: Path
     assert t.V.sum() == pytest.approx(shape.area, rel=1e-12)  # its corners are kept, so nothing is cut off
     assert t.V[t.nucleus].sum() == pytest.approx(2 * 0.25, rel=0.15)  # 17 particles of 200; measured
     assert polygons.inside(t.X[t.nucleus], np.array([[-1.1, 0.4], [0.1, 0.4], [0.1, 1.1], [-1.1, 1.1]])).all()
-    foot, hole = t.X[t.segments[t.parts["foot"]]], t.X[t.segments[t.parts["hole-1"]]]
+    foot, hole = t.X[t.facets[t.parts["foot"]]], t.X[t.facets[t.parts["hole-1"]]]
     assert (foot[..., 1] == 0.0).all() and np.diff(foot[..., 0]).sum() == pytest.approx(3.0, rel=1e-12)
     assert polygons.area(hole) == pytest.approx(-0.25, rel=1e-12)
 

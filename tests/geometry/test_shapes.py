@@ -68,7 +68,7 @@ def cell(name: str, count: int, refinement: float = 1.0) -> Template:
 
 def loops(t: Template) -> list[np.ndarray]:
     """Particles of each loop of a surface, from the segments alone."""
-    follower, left, found = dict(t.segments.tolist()), set(t.surface.tolist()), []
+    follower, left, found = dict(t.facets.tolist()), set(t.surface.tolist()), []
     while left:
         at = next(int(i) for i in t.surface if i in left)
         loop = [at]
@@ -116,7 +116,7 @@ def test_surface_is_a_closed_counterclockwise_polygon_on_the_outline(name: str, 
         hole = inner.pop(0)
         assert polygons.distance(hole, corners).max() < 1e-9 and polygons.distance(corners, hole).max() < 1e-9
     assert not inner
-    others, surface = np.setdiff1d(np.arange(count), t.surface), t.X[t.segments]
+    others, surface = np.setdiff1d(np.arange(count), t.surface), t.X[t.facets]
     assert polygons.inside(t.X[others], surface).all()
     assert polygons.distance(t.X[others], surface).min() > 0.25 * t.spacing
 
@@ -137,7 +137,7 @@ def test_an_edge_is_named_by_its_place_among_the_corners(clockwise: bool) -> Non
     t = template(laws("shape")["polygon"](corners=corners), 331, 2.2, (example("material", "nematic"), None), 0.2)
     for n in range(6):
         ends = np.array([corners[n], corners[(n + 1) % 6]])
-        on = t.X[t.segments[t.parts[f"edge-{n + 1}"]]]
+        on = t.X[t.facets[t.parts[f"edge-{n + 1}"]]]
         assert polygons.distance(on.reshape(-1, 2), ends).max() < 1e-12
         assert np.linalg.norm(on[:, 1] - on[:, 0], axis=1).sum() == pytest.approx(np.linalg.norm(ends[1] - ends[0]))
 
@@ -145,7 +145,7 @@ def test_an_edge_is_named_by_its_place_among_the_corners(clockwise: bool) -> Non
 def test_edges_of_a_rectangle_are_where_their_names_say() -> None:
     t = cell("rectangle", 331)
     for part, axis, at in (("bottom", 1, -1.5), ("right", 0, 4.0), ("top", 1, 1.5), ("left", 0, -4.0)):
-        ends = t.X[t.segments[t.parts[part]]]
+        ends = t.X[t.facets[t.parts[part]]]
         assert (ends[..., axis] == at).all()
         assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(3.0 if axis == 0 else 8.0)
 
@@ -153,7 +153,7 @@ def test_edges_of_a_rectangle_are_where_their_names_say() -> None:
 @every
 def test_volumes_fill_the_outline_and_none_is_a_needle(name: str, count: int) -> None:
     t = cell(name, count)
-    assert t.V.sum() == pytest.approx(polygons.area(t.X[t.segments]), rel=1e-12)  # measured 4e-16
+    assert t.V.sum() == pytest.approx(polygons.area(t.X[t.facets]), rel=1e-12)  # measured 4e-16
     # polygons in curves, measured 0.8 / count, with holes 1.3
     assert t.V.sum() == pytest.approx(shape(name).area, rel=1.5 / count)
     assert t.V.min() > 0.95 * SHAPES[name][3] * t.spacing**2
@@ -186,7 +186,7 @@ def test_gradients_of_linear_fields_are_exact(name: str, count: int) -> None:
 @every
 def test_gradients_obey_the_divergence_theorem(name: str, count: int) -> None:
     t = cell(name, count)
-    total, normal = np.column_stack([t.V @ g for g in t.G]), rkpm.surface_normals(t.X, t.segments)
+    total, normal = np.column_stack([t.V @ g for g in t.G]), rkpm.surface_normals(t.X, t.facets)
     error = np.abs(total - normal).max()
     assert error < 1e-11 * np.abs(normal).max()  # measured 4e-13
 

@@ -250,9 +250,9 @@ def losses(sim: Simulation, shear: float, wavelength: float, renewed: bool = Fal
 
 def anew(t: Template, x: np.ndarray) -> tuple:
     """Volumes, gradients and stabilisation of a body with the particles of t at x."""
-    V, edges = rkpm.dual_cells(x, t.segments)
+    V, edges = rkpm.dual_cells(x, t.facets)
     support = rkpm.supports(x, edges, 2.2 * t.spacing)
-    G = rkpm.consistent(rkpm.gradients(x, support, t.segments), x, V, support, t.segments)
+    G = rkpm.consistent(rkpm.gradients(x, support, t.facets), x, V, support, t.facets)
     C, square = laplacian(x, edges)
     return V, G, C.T @ sparse.diags(MISSED * t.laws[0].numerical_viscosity(t.spacing) * V * square) @ C
 

@@ -1,0 +1,147 @@
+"""Triangles and tetrahedra between the particles: volumes, edges, and gradients of linear finite elements.
+
+A simplex of D dimensions has D + 1 corners: a triangle or a tetrahedron.  Those of a body fill it without overlap, but
+for the triangles of cocircular particles, which overlap and share their weight.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+from scipy import sparse
+
+from ..model.tensors import cofactors, dot
+
+Gradient = tuple[sparse.csr_matrix, ...]  # derivatives by the directions, of one pattern
+
+
+def shape_gradients(X: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients of the linear shape functions of finite elements.
+
+    Parameters
+    ----------
+    X : (n, D) -- positions of the particles [µm].
+    simplices : (k, D + 1) int -- corners of the simplices.
+
+    Returns
+    -------
+    slope : (k, D + 1, D) -- gradient of the function of each corner [1/µm].
+    volume : (k,) -- of the simplices, negative if their corners run the other way [µm^D].
+    """
+    D = X.shape[1]
+    sides = (X[simplices[:, 1:]] - X[simplices[:, :1]]).transpose(1, 2, 0)
+    cofactor = cofactors(tuple(map(tuple, sides)))
+    det = dot(sides[0], cofactor[0])
+    slope = (np.array(cofactor) / det).transpose(2, 0, 1)
+    return np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1), det / factorial(D)
+
+
+def nodal_volumes(n: int, simplices: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """Volumes of the median dual cells of n particles (n,) [µm^D]: an equal part of each simplex for each corner.
+
+    simplices : (k, D + 1) int -- corners;  volume : (k,) -- times the weight of each simplex [µm^D].
+    """
+    corners = simplices.shape[1]
+    return np.bincount(simplices.ravel(), np.repeat(volume / corners, corners), n)
+
+
+def by_area(X: np.ndarray, V: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Volumes (n,) [µm³] whose mass the particles carry: those on the surface share theirs by their areas.
+
+    Dual cells at the surface differ by a factor of six, with the tetrahedra that end there; the lightest particles
+    limit the step, and where along the surface a mass is matters little.
+
+    X : (n, 3) -- positions [µm];  V : (n,) -- volumes of the dual cells [µm³];  triangles : (m, 3) int -- the surface.
+
+    Source: derived here; steps of sound and of viscosity are 17 and 20 % larger in a ball of 4,000 particles.
+    """
+    a, b, c = (X[corner] for corner in triangles.T)
+    area = nodal_volumes(len(V), triangles, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    on = area > 0.0
+    return np.where(on, area * (V[on].sum() / area.sum()), V)
+
+
+def edges_of(simplices: np.ndarray) -> np.ndarray:
+    """Edges (m, 2) int of `simplices` (k, D + 1) int, each once, lower index first, in order."""
+    pairs = combinations(range(simplices.shape[1]), 2)
+    return np.unique(np.sort(np.concatenate([simplices[:, pair] for pair in pairs]), axis=1), axis=0)
+
+
+def averaged(X: np.ndarray, simplices: np.ndarray, weight: np.ndarray) -> Gradient:
+    r"""Gradients of linear finite elements, averaged at the particles: V_I G_IJ = Σ_T V_T ∂N_J/(D + 1).
+
+    This is no meshfree gradient, but that of smoothed finite elements, constant on the median dual cells.  Nodal
+    integration with it obeys the divergence theorem Σ_I V_I G_IJ = ∮ n N_J dA, and linear fields are exact.  Neighbours
+    are the particles of one simplex.
+
+    Parameters
+    ----------
+    X : (n, D) -- positions [µm].
+    simplices : (k, D + 1) int -- corners of the simplices.
+    weight : (k,) -- of each simplex in sums [-].
+
+    Returns
+    -------
+    (n, n) CSR [1/µm] for each direction, of one symmetric pattern -- rows sum to zero.
+
+    Source: Dohrmann, Heinstein, Jung, Key & Witkowski (2000).
+    """
+    n, corners = len(X), simplices.shape[1]
+    slope, volume = shape_gradients(X, simplices)
+    volume = weight * np.abs(volume)
+    I, J = np.repeat(simplices, corners, axis=1), np.tile(simplices, corners)
+    V = nodal_volumes(n, simplices, volume)
+    G = []
+    for part in np.moveaxis(slope, 2, 0):
+        values = np.tile((volume / corners)[:, None] * part, corners)
+        matrix = sparse.csr_matrix((values.ravel(), (I.ravel(), J.ravel())), (n, n))
+        matrix.data /= np.repeat(V, np.diff(matrix.indptr))
+        G.append(matrix)
+    return zero_row_sums(np.column_stack([g.data for g in G]), G[0].indices, G[0].indptr)
+
+
+def zero_row_sums(entries: np.ndarray, indices: np.ndarray, indptr: np.ndarray) -> Gradient:
+    """Matrices (n, n) CSR of `entries` (e, D) of any unit, with a diagonal that makes their rows sum to zero.
+
+    indices : (e,) int -- columns of the entries;  indptr : (n + 1,) int -- first entry of each row.
+    """
+    n, G = len(indptr) - 1, []
+    for part in entries.T:
+        matrix = sparse.csr_matrix((np.ascontiguousarray(part), indices, indptr), (n, n))
+        matrix.setdiag(matrix.diagonal() - np.asarray(matrix.sum(axis=1)).ravel())
+        G.append(matrix)
+    return tuple(G)
+
+
+def facet_sizes(x: np.ndarray) -> np.ndarray:
+    """Lengths [µm] or areas [µm²] (m,) of segments or triangles with the corners x (m, D, D) [µm]."""
+    if x.shape[1] == 2:
+        return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+    return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+
+
+def volumes_below(x: np.ndarray) -> np.ndarray:
+    """Volumes [µm^D] (m,) between the origin and facets with the corners x (m, D, D) [µm], whose sum is that inside."""
+    if x.shape[1] == 2:
+        return 0.5 * (x[:, 0, 0] * x[:, 1, 1] - x[:, 1, 0] * x[:, 0, 1])
+    return (x[:, 0] * np.cross(x[:, 1], x[:, 2])).sum(axis=1) / 6.0
+
+
+def surface_normals(X: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Integrals ∮ n N_J dA (n, D) [µm^(D-1)] of the outward normal times functions that are linear on each facet.
+
+    X : (n, D) -- positions [µm];  facets : (m, D) int -- segments of a closed surface in the plane, counterclockwise,
+    or triangles in space, counterclockwise from outside.
+    """
+    if X.shape[1] == 2:
+        along = X[facets[:, 1]] - X[facets[:, 0]]
+        share = 0.5 * np.column_stack([along[:, 1], -along[:, 0]])
+    else:
+        a, b, c = (X[corner] for corner in facets.T)
+        share = np.cross(b - a, c - a) / 6.0
+    total = np.zeros_like(X)
+    for corner in facets.T:
+        np.add.at(total, corner, share)
+    return total
