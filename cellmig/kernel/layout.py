@@ -209,12 +209,12 @@ def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict
 
 
 def _space(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
-    """Coefficients lane by lane, each neighbour's G and C together."""
-    first, place, owned, kind, at, column = stencils.rows(parts[0])
-    gradient, adjoint = np.zeros((2, first[-1], len(parts)))
+    """Coefficients in groups of a neighbour to each lane, its G and C together."""
+    first, _, group, lane, owned, kind, at, column = stencils.entries(parts[0])
+    gradient, adjoint = np.zeros((2, first[-1], 4, len(parts)))
     for k in range(len(parts) if bends else len(parts) - 1):
-        gradient[place, k] = _values(parts[k], kind, at)
-        adjoint[place, k] = np.where(owned, _values(adjoints[k], kind, at), 0)
+        gradient[group, lane, k] = _values(parts[k], kind, at)  # of ghosts only stresses count:
+        adjoint[group, lane, k] = np.where(owned, _values(adjoints[k], kind, at), 0)
     return {"first": first, "column": column, "gradient": gradient, "adjoint": adjoint}
 
 
@@ -238,7 +238,7 @@ class Stencils:
         cell = scene.cell[self._ids]
         self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
         self._owned = row[self._stencil] < numbering.n_owned
-        self._place = numbering.places(scene.size)
+        self._place, self._stride = numbering.places(scene.size), 2 * scene.dimension
         self._lead = np.flatnonzero(self._lane == 0)
         self._itself = self._place[self._ids[self._lead]]
 
@@ -252,8 +252,8 @@ class Stencils:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
         Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero
-        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; four times
-        the neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
+        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; 2 d times the
+        neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
@@ -270,27 +270,7 @@ class Stencils:
         lane = self._lane[lanes]
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
         neighbours[group, lane] = self._place[self._offset[lanes] + columns]
-        return first, near, group, lane, self._owned[lanes], kind, at, (4 * neighbours).astype(np.uint32)
-
-
-    def rows(self, matrices: list) -> tuple[np.ndarray, ...]:
-        """Entries of CSR matrices, one for each template, lane by lane, an even number of each.
-
-        Returns the first entry of each lane, (4 stencils + 1,) int; place, whether owned, template and place in its CSR
-        of each entry, (k,) int; six times the neighbours (entries,) int.  Entries of a lane ascend by id.
-        """
-        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
-        kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
-        for k, m in enumerate(matrices):
-            columns[kind == k] = m.indices[at[kind == k]]
-        count = np.bincount(lanes, minlength=len(self._ids))
-        length = np.zeros(4 * self._count, np.int64)
-        length[4 * self._stencil + self._lane] = count + count % 2
-        first = np.append(0, np.cumsum(length))
-        place = first[(4 * self._stencil + self._lane)[lanes]] + np.arange(len(at)) - (np.cumsum(count) - count)[lanes]
-        neighbours = np.repeat(self._itself, length.reshape(-1, 4).sum(axis=1))
-        neighbours[place] = self._place[self._offset[lanes] + columns]
-        return first, place, self._owned[lanes], kind, at, (6 * neighbours).astype(np.uint32)
+        return first, near, group, lane, self._owned[lanes], kind, at, (self._stride * neighbours).astype(np.uint32)
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:

@@ -47,3 +47,14 @@ static inline int together(const KernelData *s, long b, long end)
         else if (n_ == 2) DO(2);                                                                                      \
         else DO(1);                                                                                                   \
     }
+
+/* Places of four neighbours in fields of 2 D numbers: `column` holds 2 D times their local numbers. */
+static inline void neighbours(const uint32_t *column, size_t c[4])
+{
+    uint64_t pair[2];
+    memcpy(pair, column, sizeof pair);
+    c[0] = (uint32_t)pair[0];
+    c[1] = pair[0] >> 32;
+    c[2] = (uint32_t)pair[1];
+    c[3] = pair[1] >> 32;
+}

@@ -11,17 +11,6 @@ enum { FORCES = 2 }; /* vectors for the forces on a block, of its particles (0 1
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i / 2][2 * (i % 2) + c]; }
 
-/* Places of four neighbours in fields of four numbers: `column` holds four times their local numbers. */
-static inline void neighbours(const uint32_t *column, size_t c[4])
-{
-    uint64_t pair[2];
-    memcpy(pair, column, sizeof pair);
-    c[0] = (uint32_t)pair[0];
-    c[1] = pair[0] >> 32;
-    c[2] = (uint32_t)pair[1];
-    c[3] = pair[1] >> 32;
-}
-
 /* Adds a group of four neighbours of n blocks of one stencil to sums with G, by lanes (00 10 01 11); for Laplacians, to
  * those with C, by lanes (0 1), (2 3). */
 INLINED void add_gradient(const KernelData *s, long k, const int laplacians, long l, const Block *block, const int n,

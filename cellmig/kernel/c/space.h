@@ -1,4 +1,4 @@
-/* Three dimensions: one particle of a block after the other; a neighbour's G and C are one vector (x, y, z, C). */
+/* Three dimensions: a neighbour's G and C are one vector (x, y, z, C) for each of the four particles of a block. */
 
 enum { FORCES = 4 }; /* vectors for the forces on a block, one for each particle */
 
@@ -11,39 +11,38 @@ enum { FORCES = 4 }; /* vectors for the forces on a block, one for each particle
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i][c]; }
 
-/* Adds two neighbours of a particle, k and k + 1, to the sums of n blocks: (∂x, ∂y, ∂z, C) of each component. */
-INLINED void add_gradient(const KernelData *s, long k, const Block *block, const int n, const double *field,
-                          v4 sum[][2][D])
-{
-    const coefficient *g = s->gradient + 4 * k;
-    __builtin_prefetch(g + 4 * AHEAD);
-    for (int e = 0; e < 2; e++) {
-        const v4 a = four_of(g + 4 * e);
-        const size_t at = s->column[k + e];
-        for (int m = 0; m < n; m++) {
-            const double *x = field + 2 * D * (long)block[m].shift + at;
-            for (int c = 0; c < D; c++) sum[m][e][c] = fma4(splat(x[c]), a, sum[m][e][c]);
-        }
-    }
-}
+/* Particles of a block at a time, whose sums fill the registers. */
+#define LANES(n) ((n) == 1 ? 4 : 2)
 
 /* Σ G x field over the neighbours of n blocks of one stencil, entries by columns, and if they are asked for Laplacians
  * Σ C field by lanes. */
 INLINED void gather_both(const KernelData *s, const Block *block, const int n, const int laplacians,
                          const double *field, v4 grad[][D * D], v4 bend[][D])
 {
-    v4 rows[MOST][D][4];
-    for (int i = 0; i < 4; i++) {
-        v4 sum[MOST][2][D] = {{{{0}}}};
-        const long *first = s->first + 4L * block->stencil + i;
-        for (long k = first[0]; k < first[1]; k += 2) add_gradient(s, k, block, n, field, sum);
+    v4 sum[MOST][D][4];
+    for (int from = 0; from < 4; from += LANES(n)) {
+        v4 acc[MOST][D][4] = {{{{0}}}};
+        for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
+            const coefficient *g = s->gradient + 16 * k + 4 * from;
+            size_t at[4];
+            neighbours(s->column + 4 * k, at);
+            __builtin_prefetch(g + 16 * AHEAD);
+            for (int i = 0; i < LANES(n); i++) {
+                const v4 a = four_of(g + 4 * i);
+                for (int m = 0; m < n; m++) {
+                    const double *x = field + 2 * D * (long)block[m].shift + at[from + i];
+                    for (int c = 0; c < D; c++) acc[m][c][i] = fma4(splat(x[c]), a, acc[m][c][i]);
+                }
+            }
+        }
         for (int m = 0; m < n; m++)
-            for (int c = 0; c < D; c++) rows[m][c][i] = sum[m][0][c] + sum[m][1][c];
+            for (int c = 0; c < D; c++)
+                for (int i = 0; i < LANES(n); i++) sum[m][c][from + i] = acc[m][c][i];
     }
     for (int m = 0; m < n; m++)
         for (int c = 0; c < D; c++) {
             v4 columns[4];
-            transpose(rows[m][c], columns);
+            transpose(sum[m][c], columns);
             for (int k = 0; k < D; k++) grad[m][c + D * k] = columns[k];
             if (laplacians) bend[m][c] = columns[D];
         }
@@ -66,28 +65,29 @@ static inline void store_stress(const KernelData *s, const Block *block, const v
  * same sums that of the Laplacian, where there is one. */
 INLINED void gather_stress(const KernelData *s, const Block *block, const int n, const int laplacians, v4 f[][FORCES])
 {
-    for (int i = 0; i < 4; i++) {
-        v4 sum[MOST][2][D] = {{{{0}}}};
-        const long *first = s->first + 4L * block->stencil + i;
-        for (long k = first[0]; k < first[1]; k += 2) {
-            const coefficient *h = s->adjoint + 4 * k;
-            __builtin_prefetch(h + 4 * AHEAD);
-            for (int e = 0; e < 2; e++) {
-                const v4 a = four_of(h + 4 * e);
-                const size_t at = 2 * (size_t)s->column[k + e];
+    for (int from = 0; from < 4; from += LANES(n)) {
+        v4 acc[MOST][4][D] = {{{{0}}}};
+        for (long k = s->first[block->stencil]; k < s->first[block->stencil + 1]; k++) {
+            const coefficient *h = s->adjoint + 16 * k + 4 * from;
+            size_t at[4];
+            neighbours(s->column + 4 * k, at);
+            __builtin_prefetch(h + 16 * AHEAD);
+            for (int i = 0; i < LANES(n); i++) {
+                const v4 a = four_of(h + 4 * i);
                 for (int m = 0; m < n; m++) {
-                    const double *Q = s->Q + 12L * block[m].shift + at;
-                    for (int c = 0; c < D; c++) sum[m][e][c] = fma4(load(Q + 4 * c), a, sum[m][e][c]);
+                    const double *Q = s->Q + 12L * block[m].shift + 2 * at[from + i];
+                    for (int c = 0; c < D; c++) acc[m][i][c] = fma4(load(Q + 4 * c), a, acc[m][i][c]);
                 }
             }
         }
-        for (int m = 0; m < n; m++) {
-            v4 parts[4] = {{0}}, by_entry[4];
-            for (int c = 0; c < D; c++) parts[c] = sum[m][0][c] + sum[m][1][c];
-            transpose(parts, by_entry);
-            f[m][i] = (by_entry[0] + by_entry[1]) + by_entry[2];
-            if (laplacians) f[m][i] += by_entry[3];
-        }
+        for (int m = 0; m < n; m++)
+            for (int i = 0; i < LANES(n); i++) {
+                const v4 parts[4] = {acc[m][i][0], acc[m][i][1], acc[m][i][2]};
+                v4 by_entry[4];
+                transpose(parts, by_entry);
+                f[m][from + i] = (by_entry[0] + by_entry[1]) + by_entry[2];
+                if (laplacians) f[m][from + i] += by_entry[3];
+            }
     }
 }
 
