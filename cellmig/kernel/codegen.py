@@ -103,6 +103,8 @@ class _Text:
         name, operands, one = value.operation, value.operands, value.one or self._number == "double"
         if name == "negative":
             return f"(-{self.of(operands[0])})"
+        if name in ("add", "subtract") and not one and (fused := self._fused(name, *operands)):
+            return fused
         if name in OPERATORS:
             return f"({self.of(operands[0])} {OPERATORS[name]} {self.of(operands[1])})"
         known = [self.of(a) if one or (isinstance(a, Symbol) and a.truth) else self.spread(a) for a in operands]
@@ -111,6 +113,15 @@ class _Text:
         if name == "where":
             return "(({}) ? {} : {})".format(*known) if one or operands[0].one else f"v4_where({', '.join(known)})"
         return f"{FUNCTIONS[name][1 if one else 2]}({', '.join(known)})"
+
+    def _fused(self, name: str, left: Any, right: Any) -> str:
+        """C of a sum or difference with a product that nothing else uses, rounded once; "" if there is none."""
+        for product, other, function in ((left, right, {"add": "fma4", "subtract": "fms4"}[name]),
+                                         (right, left, {"add": "fma4", "subtract": "fnma4"}[name])):
+            if (isinstance(product, Symbol) and product.operation == "multiply" and not product.one
+                    and product not in self._names and len(self._users[product]) == 1):
+                return f"{function}({', '.join(map(self.spread, (*product.operands, other)))})"
+        return ""
 
     def spread(self, value: Any) -> str:
         """A number as one for each particle."""

@@ -252,8 +252,8 @@ class Stencils:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
         Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero
-        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; 2 d times the
-        neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
+        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; 2 d times
+        the neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)

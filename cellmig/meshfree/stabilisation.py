@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy import cbrt
 from scipy import sparse
 
 from ..model.continuum import Continuum
@@ -72,10 +71,10 @@ def _both_ways(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class Stabilisation(Continuum):
     """Viscosity against Laplacians of v; no field that is linear in the current positions x is resisted.
 
-    The power is weight |r|² / (F : F - (D - 1) J^(2/D)), with r = C v - Ḟ F⁻¹ C u, where C are the Laplacians of
-    `laplacian`: r is zero for v = A x + b, as C x = C u, so that forces have no torque.  Waves along a stretch λ have
-    Laplacians λ² times as large as those of x; the divisor, which is positive and about λ², leaves λ², as the squared
-    distances of neighbours have grown.
+    The power is weight |r|² / (F : F - (D - 1) J), with r = C v - Ḟ F⁻¹ C u, where C are the Laplacians of `laplacian`:
+    r is zero for v = A x + b, as C x = C u, so that forces have no torque.  Waves along a stretch λ have Laplacians λ²
+    times as large as those of x; the divisor, which is about λ² and positive (in space for J < 3.4), leaves λ², as the
+    squared distances of neighbours have grown.
     Source: derived here, as an hourglass control (Flanagan & Belytschko 1981) of second differences.
     """
 
@@ -84,8 +83,7 @@ class Stabilisation(Continuum):
         1/(µm µs), the weight in pN µs µm².
         """
         w = self.pulled_back(F, bend)
-        J = self.volume_ratio(F)
-        k = weight / (self.first_invariant(F) - 1.0 - J if len(F) == 2 else contracted(F, F) - 2.0 * cbrt(J * J))
+        k = weight / (contracted(F, F) - (len(F) - 1.0) * self.volume_ratio(F))
         q = tuple(k * (r - a) for r, a in zip(bend_rate, applied(Fdot, w), strict=True))
         return q, combined((-1.0, outer(q, w)))
 

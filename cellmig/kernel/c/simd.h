@@ -24,6 +24,8 @@ static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 #include <immintrin.h>
 static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+static inline v4 fms4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmsub_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+static inline v4 fnma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fnmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
 static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
 static inline v4 smaller(v4 a, v4 b) { return (v4)_mm256_min_pd((__m256d)b, (__m256d)a); }
 static inline v4 larger(v4 a, v4 b) { return (v4)_mm256_max_pd((__m256d)b, (__m256d)a); }
@@ -34,6 +36,8 @@ static inline v4 odd_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_mov
 #else
 static inline v4 twice(const double *a) { return (v4){a[0], a[1], a[0], a[1]}; }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return a * b + c; }
+static inline v4 fms4(v4 a, v4 b, v4 c) { return a * b - c; }
+static inline v4 fnma4(v4 a, v4 b, v4 c) { return c - a * b; }
 static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
 static inline v4 smaller(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] < a[i] ? b[i] : a[i]; return a; }
 static inline v4 larger(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] > a[i] ? b[i] : a[i]; return a; }
