@@ -1,0 +1,199 @@
+"""Mechanics in three dimensions: forces have an energy, motions as a whole cost nothing, bits are the same on ranks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import example
+from space import Space, balls, bar
+
+from mpi4py import MPI
+
+from cellmig.case.pointwise import pointwise
+from cellmig.meshfree.body import Scene
+from cellmig.meshfree.terms import Terms
+from cellmig.model.cortex import LineTension
+from cellmig.solve.restart import restore, saved
+
+SEED = 5
+SUBSTRATE = example("adhesion", "seifert")
+FLUID, SOLID = example("material", "nematic"), example("material", "mooney-rivlin")
+ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True, bulk_damped=True,
+            friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), dimension=3)
+STILL = Terms(stabilised=False, bulk_damped=False, stiffened=True, dimension=3)  # what has an energy
+MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists motion
+
+
+@cache
+def cells(count: int = 1, size: int = 200, nucleus: bool = True) -> Scene:
+    """Balls 11 nm above the substrate, of fluid with a solid nucleus."""
+    return balls((FLUID, SOLID if nucleus else None), size, count, 0.011)
+
+
+def smooth(X: np.ndarray, size: float, seed: int = SEED) -> np.ndarray:
+    """A field (n, 3) of a few waves of 5 µm and more, with values of about `size`."""
+    rng = np.random.default_rng(seed)
+    waves = [(rng.uniform(-1, 1, 3) * 2 * np.pi / 5, rng.standard_normal(3), rng.uniform(0, 6)) for _ in range(3)]
+    return size * sum(a * np.sin(X @ k + phase)[:, None] for k, a, phase in waves)
+
+
+def energy(scene: Scene, u: np.ndarray) -> float:
+    """Energy of solids and of their stabilisation, of all particles at u [pN µm]."""
+    total = 0.0
+    for c, kind in enumerate(scene.kind):
+        t, on = scene.templates[kind], slice(*scene.offset[c : c + 2])
+        F = np.array([[g @ u[on, i] for g in t.G] for i in range(3)]) + np.eye(3)[:, :, None]
+        total += t.V @ pointwise(t.laws[0], "energy", {"F": F}) + 0.5 * (u[on] * (t.E @ u[on])).sum()
+    return float(total)
+
+
+# ---------------------------------------------------------------------------------------------------------- forces
+
+
+@pytest.mark.parametrize("law", [SOLID, example("material", "gel")], ids=lambda law: law.law)
+def test_forces_are_minus_the_gradient_of_the_energy(comm: MPI.Comm, law: Any) -> None:
+    scene = bar(law)
+    u, way, h = smooth(scene.X, 0.05), smooth(scene.X, 1.0, SEED + 1), 1e-5
+    with Space(scene, STILL, comm, u) as space:
+        power = float((space.forces() * way).sum())
+    slope = (energy(scene, u - h * way) - energy(scene, u + h * way)) / (2.0 * h)
+    assert power == pytest.approx(slope, rel=1e-7)  # measured 2e-9: of the difference
+
+
+def test_forces_of_tension_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) -> None:
+    scene = cells(nucleus=False)
+    terms = replace(STILL, cortex=LineTension(line_tension=30.0))
+    u, way, h = smooth(scene.X, 0.2), smooth(scene.X, 1.0, SEED + 1), 1e-4
+    found = []
+    for k in (0.0, -h, h):
+        with Space(scene, terms, comm, u + k * way) as space:
+            force, stored = (space.everywhere(a) for a in space.mechanics.surface_force("cortex"))
+            found.append((force * way).sum() if k == 0.0 else stored.sum())
+    assert found[0] == pytest.approx((found[1] - found[2]) / (2.0 * h), rel=1e-7)  # measured 1e-9
+
+
+def test_inner_forces_have_no_resultant_and_no_moment(comm: MPI.Comm) -> None:
+    scene = cells()
+    u, v = smooth(scene.X, 0.3), smooth(scene.X, 1.0, SEED + 1)
+    with Space(scene, replace(ALL, substrate=None, friction=None, acceleration=None), comm, u, v) as space:
+        f = space.forces()
+    size = np.abs(f).sum()
+    assert np.abs(f.sum(axis=0)).max() < 1e-13 * size  # measured 2e-16
+    assert np.abs(np.cross(scene.X + u, f).sum(axis=0)).max() < 1e-12 * size  # µm; measured 3e-15
+
+
+def test_rotation_of_a_deformed_body_costs_no_power(comm: MPI.Comm) -> None:
+    scene = cells(nucleus=False)
+    u = smooth(scene.X, 0.4)
+    turning = np.cross([0.3, -0.5, 0.8], scene.X + u)
+    rest, turned = [], []
+    for v, found in ((np.zeros_like(u), rest), (turning, turned), (smooth(scene.X, 1.0, SEED + 2), turned)):
+        with Space(scene, MOVING, comm, u, v) as space:
+            found.append(space.forces())
+    viscous = [np.abs(f - rest[0]).max() for f in turned]
+    assert viscous[0] < 1e-11 * viscous[1]  # measured 1e-14
+
+
+def test_what_resists_motion_takes_as_much_power_as_it_dissipates(comm: MPI.Comm) -> None:
+    scene = cells(nucleus=False)
+    u, v = smooth(scene.X, 0.3), smooth(scene.X, 1.0, SEED + 1)
+    with Space(scene, MOVING, comm, u) as space:
+        elastic = space.forces()
+    with Space(scene, MOVING, comm, u, v) as space:
+        power = -((space.forces() - elastic) * v).sum()
+        rates = space.mechanics.powers()
+        lost = sum(space.everywhere(rates[name]).sum() for name in ("viscous_loss", "artificial_dissipation"))
+    assert power > 0.0
+    assert lost == pytest.approx(power, rel=1e-6)  # measured 2e-8: memory of the last step is in single precision
+
+
+# ---------------------------------------------------------------------------------------------------- ranks and time
+
+
+@cache
+def alone(count: int, single: bool) -> bytes:
+    """The state after some steps on one rank."""
+    return _after(MPI.COMM_SELF, count, single)
+
+
+def _after(comm: MPI.Comm, count: int, single: bool, until: float = 0.3) -> bytes:
+    with Space(cells(count), replace(ALL, single=single), comm) as space:
+        space.integrator.advance_to(until)
+        return space.state()
+
+
+@pytest.mark.parametrize("single", [False, True], ids=["double", "single"])
+@pytest.mark.parametrize("count", [1, 4])
+def test_balls_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, count: int, single: bool) -> None:
+    assert _after(comm, count, single) == alone(count, single)
+
+
+def test_copies_that_share_coefficients_move_alike() -> None:
+    """Three cells that are computed together do what one does, but for the last bits of where they are."""
+    state = np.frombuffer(_after(MPI.COMM_SELF, 3, False)).reshape(3, -1, 6)
+    one = np.frombuffer(alone(1, False)).reshape(-1, 6)
+    for ball in state:
+        assert np.abs(ball - one).max() < 1e-9 * np.abs(one).max()  # measured 4e-13
+
+
+def test_a_ball_goes_on_with_the_same_bits_after_a_checkpoint(comm: MPI.Comm) -> None:
+    with Space(cells(2), ALL, comm) as space:
+        space.integrator.advance_to(0.2)
+        kept = saved(space.mechanics), space.integrator.saved()
+        space.integrator.advance_to(0.4)
+        right = space.state()
+    with Space(cells(2), ALL, comm) as space:
+        (about, arrays), integrator = kept
+        restore(space.mechanics, about, arrays)
+        space.integrator.restore(integrator)
+        space.integrator.advance_to(0.4)
+        assert space.state() == right
+
+
+def test_looking_at_a_ball_changes_no_bit(comm: MPI.Comm) -> None:
+    found = []
+    for often in (1, 4):
+        with Space(cells(), ALL, comm) as space:
+            for k in range(1, 5):
+                space.integrator.advance_to(0.1 * k)
+                if k % (4 // often) == 0:
+                    space.sample()
+            found.append(space.state())
+    assert found[0] == found[1]
+
+
+@pytest.mark.serial
+def test_energy_closes_while_a_ball_spreads(comm: MPI.Comm) -> None:
+    with Space(balls((FLUID, SOLID), 400, 1, 0.01), replace(ALL, acceleration=None), comm) as space:
+        space.integrator.advance_to(10.0)
+        row, entries = space.sample()
+        assert entries["energy_error"] < 0.01  # measured 0.003
+        assert row["substrate_contact_um2"] > 2.0  # measured 5
+        J = space.mechanics.state.J_of_rows
+        assert np.abs(J - 1.0).max() < 0.03  # measured 0.01
+
+
+@pytest.mark.serial
+def test_breathing_of_an_elastic_ball_has_the_frequency_of_lamb(comm: MPI.Comm) -> None:
+    """The lowest radial mode: 4 (c_t/c_l)² (1 - q cot q) = q², with q = ω R/c_l (Lamb 1882)."""
+    law = replace(SOLID, stabilisation=0.0, hourglass_modulus=0.16)
+    ratio = law.shear_modulus / (law.density * law.sound_speed**2)
+    q = np.linspace(1.5, 3.1, 200001)
+    q = q[np.argmin(np.abs(4.0 * ratio * (1.0 - q / np.tan(q)) - q * q))]
+    period = 2.0 * np.pi * 5.0 / (q * law.sound_speed)
+    scene = balls((law, None), 1000)
+    r = np.linalg.norm(scene.X - scene.centre, axis=1)[:, None]
+    k = q / 5.0
+    shape = (scene.X - scene.centre) * (np.sin(k * r) / (k * r) ** 2 - np.cos(k * r) / (k * r)) / r
+    mass, times, swing = scene.field("mass"), np.linspace(0.4, 0.6, 9) * period, []
+    with Space(scene, replace(STILL, acceleration=None), comm, 1e-4 * shape) as space:
+        for time in times:
+            space.integrator.advance_to(float(time))
+            space.mechanics.resume()
+            swing.append(float(mass @ (space.everywhere(space.mechanics.state.u) * shape).sum(axis=1)))
+    turn = -np.polyfit(times, swing, 2)[1] / (2.0 * np.polyfit(times, swing, 2)[0])  # farthest on the other side
+    assert turn == pytest.approx(0.5 * period, rel=0.03)  # measured 0.01
