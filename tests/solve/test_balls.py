@@ -61,7 +61,7 @@ def test_forces_are_minus_the_gradient_of_the_energy(comm: MPI.Comm, law: Any) -
     with Space(scene, STILL, comm, u) as space:
         power = float((space.forces() * way).sum())
     slope = (energy(scene, u - h * way) - energy(scene, u + h * way)) / (2.0 * h)
-    assert power == pytest.approx(slope, rel=1e-7)  # measured 2e-9: of the difference
+    assert power == pytest.approx(slope, rel=1e-8)  # measured 6e-10: of the difference
 
 
 def test_forces_of_tension_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) -> None:
@@ -73,7 +73,7 @@ def test_forces_of_tension_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) 
         with Space(scene, terms, comm, u + k * way) as space:
             force, stored = (space.everywhere(a) for a in space.mechanics.surface_force("cortex"))
             found.append((force * way).sum() if k == 0.0 else stored.sum())
-    assert found[0] == pytest.approx((found[1] - found[2]) / (2.0 * h), rel=1e-7)  # measured 1e-9
+    assert found[0] == pytest.approx((found[1] - found[2]) / (2.0 * h), rel=1e-8)  # measured 5e-10
 
 
 def test_inner_forces_have_no_resultant_and_no_moment(comm: MPI.Comm) -> None:
@@ -82,8 +82,8 @@ def test_inner_forces_have_no_resultant_and_no_moment(comm: MPI.Comm) -> None:
     with Space(scene, replace(ALL, substrate=None, friction=None, acceleration=None), comm, u, v) as space:
         f = space.forces()
     size = np.abs(f).sum()
-    assert np.abs(f.sum(axis=0)).max() < 1e-13 * size  # measured 2e-16
-    assert np.abs(np.cross(scene.X + u, f).sum(axis=0)).max() < 1e-12 * size  # µm; measured 3e-15
+    assert np.abs(f.sum(axis=0)).max() < 1e-14 * size  # measured 2e-17
+    assert np.abs(np.cross(scene.X + u, f).sum(axis=0)).max() < 1e-14 * size  # µm; measured 1e-16
 
 
 def test_rotation_of_a_deformed_body_costs_no_power(comm: MPI.Comm) -> None:
@@ -95,7 +95,7 @@ def test_rotation_of_a_deformed_body_costs_no_power(comm: MPI.Comm) -> None:
         with Space(scene, MOVING, comm, u, v) as space:
             found.append(space.forces())
     viscous = [np.abs(f - rest[0]).max() for f in turned]
-    assert viscous[0] < 1e-11 * viscous[1]  # measured 1e-14
+    assert viscous[0] < 1e-13 * viscous[1]  # measured 5e-16
 
 
 def test_what_resists_motion_takes_as_much_power_as_it_dissipates(comm: MPI.Comm) -> None:
@@ -108,7 +108,7 @@ def test_what_resists_motion_takes_as_much_power_as_it_dissipates(comm: MPI.Comm
         rates = space.mechanics.powers()
         lost = sum(space.everywhere(rates[name]).sum() for name in ("viscous_loss", "artificial_dissipation"))
     assert power > 0.0
-    assert lost == pytest.approx(power, rel=1e-6)  # measured 2e-8: memory of the last step is in single precision
+    assert lost == pytest.approx(power, rel=1e-12)  # measured 2e-16
 
 
 # ---------------------------------------------------------------------------------------------------- ranks and time
@@ -137,7 +137,7 @@ def test_copies_that_share_coefficients_move_alike() -> None:
     state = np.frombuffer(_after(MPI.COMM_SELF, 3, False)).reshape(3, -1, 6)
     one = np.frombuffer(alone(1, False)).reshape(-1, 6)
     for ball in state:
-        assert np.abs(ball - one).max() < 1e-9 * np.abs(one).max()  # measured 4e-13
+        assert np.abs(ball - one).max() < 1e-12 * np.abs(one).max()  # measured 2e-16
 
 
 def test_a_ball_goes_on_with_the_same_bits_after_a_checkpoint(comm: MPI.Comm) -> None:
@@ -171,10 +171,10 @@ def test_energy_closes_while_a_ball_spreads(comm: MPI.Comm) -> None:
     with Space(balls((FLUID, SOLID), 400, 1, 0.01), replace(ALL, acceleration=None), comm) as space:
         space.integrator.advance_to(10.0)
         row, entries = space.sample()
-        assert entries["energy_error"] < 0.01  # measured 0.003
-        assert row["substrate_contact_um2"] > 2.0  # measured 5
+        assert entries["energy_error"] < 0.005  # measured 0.0009
+        assert row["substrate_contact_um2"] > 4.0  # measured 7.0
         J = space.mechanics.state.J_of_rows
-        assert np.abs(J - 1.0).max() < 0.03  # measured 0.01
+        assert np.abs(J - 1.0).max() < 0.06  # measured 0.039, in the soft nucleus
 
 
 @pytest.mark.serial
@@ -196,4 +196,4 @@ def test_breathing_of_an_elastic_ball_has_the_frequency_of_lamb(comm: MPI.Comm) 
             space.mechanics.resume()
             swing.append(float(mass @ (space.everywhere(space.mechanics.state.u) * shape).sum(axis=1)))
     turn = -np.polyfit(times, swing, 2)[1] / (2.0 * np.polyfit(times, swing, 2)[0])  # farthest on the other side
-    assert turn == pytest.approx(0.5 * period, rel=0.03)  # measured 0.01
+    assert turn == pytest.approx(0.5 * period, rel=0.02)  # measured 0.007
