@@ -15,7 +15,6 @@ from .kernel.source import c_source
 from .laws import register
 from .meshfree.body import Scene
 from .meshfree.boundary import Boundary, Probes
-from .meshfree.contact import Surfaces
 from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
 from .output.sample import Sampler
@@ -76,7 +75,7 @@ class Simulation:
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         names, law = [c.name for c in case.cells], self.terms.protrusion
         protruding = Protruding(np.array([law is not None and name in law.cells for name in names]),
-                                random_factor(Surfaces.of(scene), law, case.seed, names))
+                                random_factor(scene, law, case.seed, names))
         return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
                 protruding)
 

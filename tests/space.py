@@ -21,6 +21,7 @@ from cellmig.parallel.swarm import Swarm
 from cellmig.solve.integrate import Integrator
 from cellmig.solve.mechanics import Mechanics
 from cellmig.solve.protrusion import Protruding
+from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.step import StepControl
 
 RADIUS = 5.0
@@ -64,8 +65,10 @@ class Space:
         self.swarm.migrate(owner[own])
         boundary = Boundary((), (), some.reshape(0, 2), none, some, some, some, none.reshape(0, 3), some,
                             some.reshape(0, 3), none, some, none.reshape(0, 9), some)
-        alpha = np.zeros(sum(len(scene.surface(c)) for c in range(cells)))
-        self.mechanics = Mechanics(scene, terms, boundary, Protruding(np.zeros(cells, bool), alpha), owner, self.swarm)
+        names, law = [f"Cell-{k + 1}" for k in range(cells)], terms.protrusion
+        pushing = np.array([law is not None and name in law.cells for name in names])
+        protruding = Protruding(pushing, random_factor(scene, law, 2019, names))
+        self.mechanics = Mechanics(scene, terms, boundary, protruding, owner, self.swarm)
         self.integrator = Integrator(self.mechanics, StepControl(scene, terms), "leapfrog", None, 0.8)
         self.sampler = Sampler(self.mechanics, Probes((), some, some, some, none))
         self.sample()

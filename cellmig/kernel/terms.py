@@ -13,7 +13,7 @@ from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
-from ..model.membranes import CortexTension, SlidingFriction, TriangleAdhesion
+from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from ..model.pressure import Pressure
 from ..model.protrusion import ProtrusionForce
 from ..model.triangles import TriangleBonds
@@ -43,6 +43,12 @@ def _of_cortex(t: Terms) -> Any:
     return CortexForce(t.cortex) if t.dimension == 2 else CortexTension(t.cortex)
 
 
+def _of_protrusion(t: Terms) -> Any:
+    if t.dimension == 2:
+        return ProtrusionForce(t.protrusion, bonds_of(t.substrate))
+    return ProtrusionPush(t.protrusion, TriangleBonds(t.substrate))
+
+
 def _of_friction(t: Terms) -> Any:
     if t.dimension == 2:
         return FrictionForce(t.friction, bonds_of(t.substrate))
@@ -58,8 +64,7 @@ SURFACE_TERMS = (
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _of_friction(t), {"force": ()}),
-    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and ProtrusionForce(
-        t.protrusion, bonds_of(t.substrate)),
+    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _of_protrusion(t),
                 {"grip": (), "hold": (), "force": ()}),
     SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
 )

@@ -65,6 +65,13 @@ class Surfaces:
         found[self.facets[self.outer]] = True
         return found
 
+    @property
+    def shares(self) -> np.ndarray:
+        """Size of the surface that belongs to each particle (m,) [µm or µm²], of each facet an equal part."""
+        total = np.zeros(len(self.ids))
+        np.add.at(total, self.facets, self.size[:, None] / self.facets.shape[1])
+        return total
+
     def touching(self, some: np.ndarray) -> np.ndarray:
         """Whether facets have a corner among `some` (m,) bool, (f,) bool."""
         return some[self.facets].any(axis=1)

@@ -92,7 +92,7 @@ class SlidingFriction:
 
 @dataclass(frozen=True)
 class ProtrusionPush:
-    """Push of a cell on a triangle of its surface along a direction in the plane.
+    """Push of a cell on a triangle of its surface along x.
 
     law : of protrusion, as EdgeProtrusion is;  bonds : TriangleBonds of the substrate.
     """
@@ -108,11 +108,9 @@ class ProtrusionPush:
         """Share of the push [-] for an area of closed bonds [µm²] under the front half, full from that of ℓ² on."""
         return self.law.hold(bonded / self.law.height)
 
-    def force(self, size: Vector3, hold, area, ahead: Vector3, gap: Vector3, direction: Vector):
-        """Forces on three corners [pN]; `size` : β α N σ/3 at these [pN/µm]; `ahead` and `gap` of them [µm].
-
-        `hold` : see there; `direction` : unit vector in the plane [-].
+    def force(self, size: Vector3, hold, area, ahead: Vector3, gap: Vector3):
+        """Forces on three corners along x [pN]; `size` : β α N σ/3 at these [pN/µm]; `ahead` and `gap` of them [µm];
+        `hold` : see there.
         """
         share = hold * area * RampSlope(self.law).average(*gap)
-        pushes = [share * one * self.law.front(x) for one, x in zip(size, ahead, strict=True)]
-        return tuple((push * direction[0], push * direction[1], 0.0) for push in pushes)
+        return tuple((share * one * self.law.front(x), 0.0, 0.0) for one, x in zip(size, ahead, strict=True))

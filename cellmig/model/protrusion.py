@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from numpy import maximum, minimum, where
 
+from ..case.pointwise import Vector
 from ..case.registry import law, parameter, quantity
 from .adhesion import SegmentBonds
 from .protocols import ProtrusionLaw
@@ -79,8 +80,9 @@ class ProtrusionForce:
         """Share of the push [-] for a length of closed bonds [µm] under the front half."""
         return self.law.hold(bonded)
 
-    def force(self, size1, size2, hold, length, ahead1, ahead2, gap1, gap2):
+    def force(self, size: Vector, hold, length, ahead: Vector, gap: Vector):
         """Forces on both ends [pN/µm]; `size` : β α N σ/2 [pN/µm]; `hold` : see there; lengths in µm."""
+        (size1, size2), (ahead1, ahead2), (gap1, gap2) = size, ahead, gap
         share, rise = hold * length, gap2 - gap1
         inclined = abs(rise) > LEVEL * self.law.height
         edge = where(inclined, (self.law.ramp(gap2) - self.law.ramp(gap1)) / where(inclined, rise, 1.0),

@@ -25,7 +25,7 @@ class Protrusion:
     """
 
     FIELDS = (
-        Field("push", "double *", "(n_facets, d)", "pN/µm", "half of β α N σ at the ends of the segments"),
+        Field("push", "double *", "(n_facets, d)", "pN/µm", "β α N σ/d at the corners of the facets"),
         Field("pushed", "double *", "(n_facets, d)", "pN/µm", "forces of the last kick"),
         Field("n_movers", "long", doc="protruding cells"),
         Field("first_mover", "long *", "(n_movers + 1,)", "", "their particles in `mover`"),
@@ -44,17 +44,17 @@ class Protrusion:
         law, bonds = part.terms.protrusion, part.terms.substrate
         assert law is not None and bonds is not None  # without bonds nothing protrudes
         self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
-        size = 0.5 * law.protrusion_ratio * bonds.work
+        size = law.protrusion_ratio * bonds.work / part.scene.dimension
         k["push"] = np.where(segments.acts[:, None], size * protruding.alpha[segments.ends], 0.0)
         k["pushed"] = np.zeros(segments.ends.shape)
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
-        share = 0.5 * (s.size + s.size[s.before])[part.pushed]
+        share = s.shares[part.pushed]
         k["mover_weight"] = share / np.repeat(np.add.reduceat(share, first) if len(first) else share, count)
         k["n_movers"], k["first_mover"] = len(cells), np.append(first, len(part.pushed))
         k["mover"] = part.numbering.local(s.ids[part.pushed])
-        k["mover_of"] = np.searchsorted(cells, s.cell[segments.number])
+        k["mover_of"] = np.searchsorted(cells, s.cell[segments.ends[:, 0]])
         k["firm"], k["middle"], k["hold"] = law.height, np.zeros(len(cells)), np.zeros(len(cells))
-        self._on = protruding.cells[s.cell[segments.number]] & s.outer[segments.number]
+        self._on = protruding.cells[s.cell[segments.ends[:, 0]]] & s.outer[segments.number]
 
     def renew(self) -> None:
         """Select the segments near the substrate, from the current search lists."""

@@ -1,33 +1,54 @@
-"""The random factor α of the protrusion: a function of arc length that does not depend on the spacing."""
+"""The random factor α of the protrusion: a function of the place on the surface that does not depend on the spacing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
+from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..model.protocols import ProtrusionLaw
 from ..parallel.random import uniform
 
+PERIOD = 64  # of the random numbers in space along each axis [correlation lengths]: a cell is smaller
 
-def random_factor(surfaces: Surfaces, law: ProtrusionLaw | None, seed: int, names: Sequence[str]) -> np.ndarray:
-    """α of all surface particles (m,) [-]: zero but on the outer loops of the cells that protrude.
+
+def random_factor(scene: Scene, law: ProtrusionLaw | None, seed: int, names: Sequence[str]) -> np.ndarray:
+    """α of all surface particles (m,) [-]: zero but on the outer surfaces of the cells that protrude.
 
     law : the protrusion or None;  names : of all cells, in order, since random numbers belong to the name of a cell.
 
-    Source: derived here: random numbers at equal distances, linear interpolation, means over dual arcs.
+    Source: derived here: random numbers at equal distances, linear interpolation, in the plane means over dual arcs.
     """
+    surfaces = Surfaces.of(scene)
     alpha, bounds = np.zeros(len(surfaces.ids)), np.searchsorted(surfaces.cell, np.arange(len(names) + 1))
     for c, name in enumerate(names):
         if law is not None and name in law.cells:
             on = np.arange(*bounds[c : c + 2])
-            on = on[surfaces.outer[on]]
-            alpha[on] = _of_cell(surfaces.size[on], law, seed, name)
+            on = on[surfaces.on_outside[on]]
+            if scene.dimension == 2:
+                alpha[on] = _along_loop(surfaces.size[on], law, seed, name)
+            else:
+                alpha[on] = _in_space(scene.X[surfaces.ids[on]] - scene.centre[c], law, seed, name)
     return alpha
 
 
-def _of_cell(length: np.ndarray, law: ProtrusionLaw, seed: int, name: str) -> np.ndarray:
+def _in_space(X: np.ndarray, law: ProtrusionLaw, seed: int, name: str) -> np.ndarray:
+    """α at reference positions X (m, 3) [µm] from the cell's centre (m,) [-], linear between the points of a grid."""
+    if not law.random:
+        return np.full(len(X), 0.5)
+    numbers = uniform(seed, "protrusion", name, PERIOD**3).reshape(PERIOD, PERIOD, PERIOD)
+    first = np.floor(X / law.correlation_length)
+    part, out = X / law.correlation_length - first, np.zeros(len(X))
+    for corner in product((0, 1), repeat=3):
+        weight = np.where(corner, part, 1.0 - part).prod(axis=1)
+        out += weight * numbers[tuple((first.astype(int) + corner).T % PERIOD)]
+    return out
+
+
+def _along_loop(length: np.ndarray, law: ProtrusionLaw, seed: int, name: str) -> np.ndarray:
     """α of a cell's outer loop (m,) [-], for lengths (m,) [µm] of its segments."""
     if not law.random:
         return np.full(len(length), 0.5)

@@ -139,7 +139,7 @@ class Push:
         return self.formula.grip(self.length, ahead, gap1, gap2)
 
     def _along(self, bonded: Any, *places: Any) -> tuple:
-        ends = self.formula.force(*self.push, self.formula.hold(bonded), self.length, *places)
+        ends = self.formula.force(self.push, self.formula.hold(bonded), self.length, places[:2], places[2:])
         return tuple(along for along, _ in ends)
 
 

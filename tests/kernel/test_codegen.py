@@ -240,8 +240,11 @@ def formulas() -> Iterator[tuple[Any, str, str, tuple]]:
 
 
 @pytest.mark.parametrize(("formula", "number", "method", "results"), formulas())
-def test_a_force_is_the_same_in_c_to_the_last_bit(formula: Any, number: str, method: str, results: tuple) -> None:
-    """Segments as of the paper's cells, from pressed to out of reach, level and inclined."""
+def test_a_force_is_the_same_in_c(formula: Any, number: str, method: str, results: tuple) -> None:
+    """To the last bit, but for four points at once, where sums with a product are rounded once.
+
+    Segments as of the paper's cells, from pressed to out of reach, level and inclined.
+    """
     rng, given = np.random.default_rng(4), {}
     for name, shape in shapes_of(getattr(type(formula), method)).items():
         given[name] = rng.uniform(0.002, 0.1, (*shape, 400))
@@ -254,7 +257,12 @@ def test_a_force_is_the_same_in_c_to_the_last_bit(formula: Any, number: str, met
     value = getattr(formula, method)(*given.values())
     for found, expected in zip(in_c(formula, method, number, given, *results), value if results else (value,),
                                strict=True):
-        assert np.abs(found).max() > 0.0 and np.array_equal(found, stacked(expected, 400))
+        right = stacked(expected, 400)
+        assert np.abs(found).max() > 0.0
+        if number == "double":
+            assert np.array_equal(found, right)
+        else:
+            assert np.abs(found - right).max() < 1e-13 * np.abs(right).max()  # measured 2e-16
 
 
 def triangles() -> Iterator[tuple[Any, str, tuple]]:

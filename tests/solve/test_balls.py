@@ -17,13 +17,15 @@ from cellmig.case.pointwise import pointwise
 from cellmig.meshfree.body import Scene
 from cellmig.meshfree.terms import Terms
 from cellmig.model.cortex import LineTension
+from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.restart import restore, saved
 
 SEED = 5
 SUBSTRATE = example("adhesion", "seifert")
 FLUID, SOLID = example("material", "nematic"), example("material", "mooney-rivlin")
-ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True, bulk_damped=True,
-            friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), dimension=3)
+PUSH = replace(example("protrusion", "edge"), cells=("Cell-1", "Cell-3"), protrusion_ratio=0.06, height=1.0)
+ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True,
+            bulk_damped=True, friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), protrusion=PUSH, dimension=3)
 STILL = Terms(stabilised=False, bulk_damped=False, stiffened=True, dimension=3)  # what has an energy
 MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists motion
 
@@ -79,7 +81,8 @@ def test_forces_of_tension_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) 
 def test_inner_forces_have_no_resultant_and_no_moment(comm: MPI.Comm) -> None:
     scene = cells()
     u, v = smooth(scene.X, 0.3), smooth(scene.X, 1.0, SEED + 1)
-    with Space(scene, replace(ALL, substrate=None, friction=None, acceleration=None), comm, u, v) as space:
+    terms = replace(ALL, substrate=None, friction=None, protrusion=None, acceleration=None)
+    with Space(scene, terms, comm, u, v) as space:
         f = space.forces()
     size = np.abs(f).sum()
     assert np.abs(f.sum(axis=0)).max() < 1e-14 * size  # measured 2e-17
@@ -120,9 +123,9 @@ def alone(count: int, single: bool) -> bytes:
     return _after(MPI.COMM_SELF, count, single)
 
 
-def _after(comm: MPI.Comm, count: int, single: bool, until: float = 0.3) -> bytes:
-    with Space(cells(count), replace(ALL, single=single), comm) as space:
-        space.integrator.advance_to(until)
+def _after(comm: MPI.Comm, count: int, single: bool, terms: Terms = ALL) -> bytes:
+    with Space(cells(count), replace(terms, single=single), comm) as space:
+        space.integrator.advance_to(0.3)
         return space.state()
 
 
@@ -134,8 +137,9 @@ def test_balls_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, count: 
 
 def test_copies_that_share_coefficients_move_alike() -> None:
     """Three cells that are computed together do what one does, but for the last bits of where they are."""
-    state = np.frombuffer(_after(MPI.COMM_SELF, 3, False)).reshape(3, -1, 6)
-    one = np.frombuffer(alone(1, False)).reshape(-1, 6)
+    terms = replace(ALL, protrusion=None)
+    state = np.frombuffer(_after(MPI.COMM_SELF, 3, False, terms)).reshape(3, -1, 6)
+    one = np.frombuffer(_after(MPI.COMM_SELF, 1, False, terms)).reshape(-1, 6)
     for ball in state:
         assert np.abs(ball - one).max() < 1e-12 * np.abs(one).max()  # measured 2e-16
 
@@ -166,9 +170,33 @@ def test_looking_at_a_ball_changes_no_bit(comm: MPI.Comm) -> None:
     assert found[0] == found[1]
 
 
+def test_a_protruding_ball_gains_the_impulse_of_its_push(comm: MPI.Comm) -> None:
+    terms = replace(ALL, acceleration=None, friction=None)
+    with Space(cells(), terms, comm) as space:
+        space.integrator.advance_to(2.0)
+        m = space.mechanics
+        momentum, impulse = space.sampler.momentum(), m.accounts.protrusion_impulse()
+        assert impulse > 0.0
+        assert momentum[0] == pytest.approx(impulse, rel=1e-12)  # measured 5e-15
+        assert abs(momentum[1]) < 1e-12 * impulse  # measured 7e-15
+
+
+def test_the_random_push_is_a_function_of_the_place() -> None:
+    """With correlation lengths far above the spacing, two discretisations have the same push."""
+    law = replace(PUSH, correlation_length=4.0)
+    values = []
+    for size in (400, 1500):
+        scene = balls((FLUID, None), size)
+        X = scene.X[scene.surface(0)] - scene.centre[0]
+        alpha = random_factor(scene, law, 2019, ["Cell-1"])
+        values.append([alpha[np.argsort(np.linalg.norm(X - way, axis=1))[:3]].mean() for way in 5.0 * np.eye(3)])
+    assert np.abs(np.diff(values, axis=0)).max() < 0.1  # measured 0.04
+    assert np.ptp(values) > 0.3  # measured 0.55
+
+
 @pytest.mark.serial
 def test_energy_closes_while_a_ball_spreads(comm: MPI.Comm) -> None:
-    with Space(balls((FLUID, SOLID), 400, 1, 0.01), replace(ALL, acceleration=None), comm) as space:
+    with Space(balls((FLUID, SOLID), 400, 1, 0.01), replace(ALL, acceleration=None, protrusion=None), comm) as space:
         space.integrator.advance_to(10.0)
         row, entries = space.sample()
         assert entries["energy_error"] < 0.005  # measured 0.0009

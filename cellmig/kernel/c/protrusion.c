@@ -10,31 +10,32 @@ static void find_hold(const KernelData *s)
             middle += s->mover_weight[k] * coordinate(s, s->mover[k], TANGENT);
         for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
             const Facet e = facet_at(s, s->grip[k]);
-            const long i = e.node[0], j = e.node[1];
-            const double x = 0.5 * (coordinate(s, i, TANGENT) + s->X[D * j + TANGENT] + s->state[2 * D * j + TANGENT]);
-            bonded += protrusion_grip(s->protrusion, e.size, x - middle, e.gap[0], e.gap[1]);
+            double x = 0;
+            for (int i = 0; i < D; i++) x += coordinate(s, e.node[i], TANGENT) / D;
+            bonded += protrusion_grip(s->protrusion, e.size, x - middle, GAPS(e.gap));
         }
         s->middle[c] = middle;
         s->hold[c] = protrusion_hold(s->protrusion, bonded);
     }
 }
 
-/* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[2e],
- * push[2e + 1] hold β α N σ/2 of the ends of segment e, `pushed` their forces at the start of the step. */
+/* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[D e]
+ * and on hold β α N σ/D of the corners of facet e, `pushed` their forces at the start of the step. */
 void add_protrusion(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     find_hold(s);
     for (long k = 0; k < s->n_near; k++) {
         const Facet e = facet_at(s, s->near[k]);
-        const double *push = s->push + 2 * e.number;
-        double *pushed = s->pushed + 2 * e.number, f[D][D];
-        if (push[0] == 0 && push[1] == 0) continue;
+        const double *push = s->push + D * e.number;
+        double *pushed = s->pushed + D * e.number, f[D][D], ahead[D], most = 0;
+        for (int i = 0; i < D; i++)
+            if (push[i] > most) most = push[i];
+        if (most == 0) continue;
         const double middle = s->middle[s->mover_of[e.number]], hold = s->hold[s->mover_of[e.number]];
-        const double ahead1 = coordinate(s, e.node[0], TANGENT) - middle;
-        const double ahead2 = coordinate(s, e.node[1], TANGENT) - middle;
-        protrusion_force(s->protrusion, push[0], push[1], hold, e.size, ahead1, ahead2, e.gap[0], e.gap[1], f);
+        for (int i = 0; i < D; i++) ahead[i] = coordinate(s, e.node[i], TANGENT) - middle;
+        protrusion_force(s->protrusion, push, hold, e.size, ahead, e.gap, f);
         add_to_corners(force, e.node, f);
-        for (int i = 0; i < 2 && !energy; i++) {
+        for (int i = 0; i < D && !energy; i++) {
             const double now = f[i][TANGENT], v = velocity(s, e.node[i], TANGENT);
             s->protrusion_impulse[e.node[i]] += dt * now;
             *impulse_at(s, &e, i, BY_PUSH) += dt * now;
