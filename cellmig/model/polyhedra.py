@@ -79,3 +79,16 @@ class PolyhedronAdhesion:
         """Load at a point [pN] and energy [pN µm]; `area` : reference area of the point, with its sign [µm²]."""
         size = 0.5 * self.bonds.law.bond_density * area
         return size * self.bonds.law.slope(distance), size * self.bonds.law.potential(distance)
+
+    def face_stiffness(self, area, gap1, gap2, gap3):
+        """Bound of the row sums of the tangent of a piece over a face, where levers are 1 [pN/µm]."""
+        return self.bonds.law.bond_density * area * self.bonds.curvature(gap1, gap2, gap3)
+
+    def edge_stiffness(self, width1, width2, distance1, distance2):
+        """The same of a line over a convex edge [pN/µm]."""
+        size = 0.5 * self.bonds.law.bond_density * (width1 + width2)
+        return size * self.bonds.curvature(distance1, distance2, 0.5 * (distance1 + distance2))
+
+    def vertex_stiffness(self, area, distance):
+        """The same of a point over a vertex that adds energy [pN/µm]."""
+        return self.bonds.law.bond_density * area * self.bonds.curvature(distance, distance, distance)

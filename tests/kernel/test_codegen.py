@@ -266,6 +266,8 @@ def triangles() -> Iterator[tuple[Any, str, tuple]]:
     yield PolyhedronAdhesion(bonds), "face", ("loads", "energy")
     yield PolyhedronAdhesion(bonds), "edge", ("loads", "energy")
     yield PolyhedronAdhesion(bonds), "vertex", ("load", "energy")
+    for name in ("face", "edge", "vertex"):
+        yield PolyhedronAdhesion(bonds), f"{name}_stiffness", ()
     yield CortexTension(example("cortex", "line-tension")), "force", ()
     yield CortexTension(example("cortex", "line-tension")), "energy", ()
     yield SlidingFriction(example("friction", "bonds"), bonds), "force", ()
