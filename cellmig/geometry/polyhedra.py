@@ -95,7 +95,7 @@ class FacePiece:
     """A triangle of the part of T over a face: shares at its corners of T and of the face, gaps [µm], part of T [-]."""
 
     on: list[Point]
-    below: list[Point]
+    below: list[tuple]
     gaps: list[float]
     part: float
 

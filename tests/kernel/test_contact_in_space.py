@@ -117,6 +117,36 @@ def test_contact_in_c_is_that_of_the_pieces(in_c: InC, surface: tuple, low: list
     assert_close(on_x, expected.force_on_x, 1e-10)  # measured 1e-13
 
 
+def heights(x: np.ndarray, faces: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Height (n,) of a surface without overhangs above places (n, 2) [µm]."""
+    a, b, c = x[faces].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    a, b, c, normal = (v[normal[:, 2] > 0.0] for v in (a, b, c, normal))
+    inside = np.ones((len(at), len(a)), bool)
+    for p, q in ((a, b), (b, c), (c, a)):
+        side, from_p = (q - p)[None, :, :2], at[:, None] - p[None, :, :2]
+        inside &= side[..., 0] * from_p[..., 1] - side[..., 1] * from_p[..., 0] >= -1e-12
+    z = a[:, 2] - ((at[:, None] - a[None, :, :2]) * (normal[:, :2] / normal[:, 2:])).sum(axis=2)
+    return np.where(inside, z, -np.inf).max(axis=1)
+
+
+def test_the_potential_of_a_rugged_surface_has_the_gradient_that_it_says_everywhere(in_c: InC) -> None:
+    """Along paths close above faces, edges that turn by up to 86 degrees, peaks, pits and saddles."""
+    rng = np.random.default_rng(4)
+    x, faces = relief(0.13 * rng.standard_normal((5, 5)), 0.5)
+    surface, size = Polyhedron.of(faces), 1e-6
+    assert max(map(len, surface.rings)) <= 9
+    per_area = 0.5 * LAW.bond_density * 0.5 * np.sqrt(3.0) * size**2
+    for turn in rng.uniform(0.0, np.pi, 8):
+        along = np.linspace(-0.8, 0.8, 400)[:, None] * [np.cos(turn), np.sin(turn)]
+        way = np.column_stack([along, heights(x, faces, along) + 0.03])
+        found = [in_c((p + size * np.eye(3))[None], x, surface) for p in way]
+        potential = np.array([energy.sum() for *_, energy in found]) / per_area
+        slope = -np.array([on_T[0].sum(axis=0) for _, on_T, *_ in found]) / per_area
+        expected = (0.5 * (slope[1:] + slope[:-1]) * np.diff(way, axis=0)).sum(axis=1)
+        assert np.abs(np.diff(potential) - expected).max() < 0.01 * LAW.well_depth  # measured 6e-3, of the steps
+
+
 def test_a_triangle_through_a_face_is_told(in_c: InC) -> None:
     x, faces = blocks([(0, 0, 0)])
     T = np.array([[[0.4, 0.4, 0.9], [0.6, 0.4, 1.2], [0.5, 0.6, 1.2]]])
