@@ -24,6 +24,7 @@ from cellmig.kernel.terms import FORMULAS, SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
 from cellmig.meshfree.terms import Contacts, Terms
 from cellmig.model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
+from cellmig.model.polyhedra import PolyhedronAdhesion
 from cellmig.model.triangles import TriangleBonds
 from cellmig.solve.tangent import derivative
 
@@ -270,6 +271,11 @@ def triangles() -> Iterator[tuple[Any, str, tuple]]:
     bonds = TriangleBonds(example("adhesion", "seifert"))
     yield TriangleAdhesion(bonds), "facet", ("force", "energy", "impulse")
     yield TriangleAdhesion(bonds), "stiffness", ()
+    yield PolyhedronAdhesion(bonds), "face", ("loads", "energy")
+    yield PolyhedronAdhesion(bonds), "edge", ("loads", "energy")
+    yield PolyhedronAdhesion(bonds), "vertex", ("load", "energy")
+    for name in ("face", "edge", "vertex"):
+        yield PolyhedronAdhesion(bonds), f"{name}_stiffness", ()
     yield CortexTension(example("cortex", "line-tension")), "force", ()
     yield CortexTension(example("cortex", "line-tension")), "energy", ()
     yield SlidingFriction(example("friction", "bonds"), bonds), "force", ()

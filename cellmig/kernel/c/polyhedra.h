@@ -1,0 +1,287 @@
+/* Pieces of a triangle T of one surface beside faces and edges of another, and what bonds do there.  Points of T are
+ * shares of its corners.  The same as geometry/polyhedra.py, where it is explained. */
+
+enum { MOST_CORNERS = 16, MOST_SPOKES = 32, MOST_WAITING = 64, HALVINGS = 10, POINTS_OF_LINE = 3, POINTS_OF_CONE = 7 };
+static const double CHANGE = 0.4, COS_TURN = 0.921060994002885, SIZE = 0.8, LEVEL = 1e-9, THIN = 1e-12;
+static const double LINE_AT[POINTS_OF_LINE] = {0.11270166537925831, 0.5, 0.8872983346207417};
+static const double LINE_WEIGHT[POINTS_OF_LINE] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* Radon (1948) */
+static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
+
+/* T: parameters of its law, distances beyond which there are no bonds and below which they have no scale, reference
+ * area, corners and forces on them. */
+typedef struct { const double *law; double within, smooth, area; const double *x[3]; double *force[3]; } Triangle;
+
+/* A convex polygon on T. */
+typedef struct { int n; double at[MOST_CORNERS][3]; } Polygon;
+
+static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static inline void cross3(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+static inline void less3(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = a[i] - b[i];
+}
+
+static inline void mixed3(const double a[3], const double b[3], double share, double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = a[i] + share * (b[i] - a[i]);
+}
+
+/* A vector at a point of T from those at its corners. */
+static inline void vector_at(const double corner[3][3], const double on[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = on[0] * corner[0][i] + on[1] * corner[1][i] + on[2] * corner[2][i];
+}
+
+static inline Polygon whole(void) { return (Polygon){3, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}; }
+
+/* Cuts a polygon to where `sign` times something linear is positive, with values at the corners of T. */
+static void clip(Polygon *p, const double value[3], double sign)
+{
+    double at[MOST_CORNERS], least = INFINITY;
+    for (int k = 0; k < p->n; k++) {
+        at[k] = sign * dot3(p->at[k], value);
+        if (at[k] < least) least = at[k];
+    }
+    if (least >= 0) return;
+    Polygon part;
+    part.n = 0;
+    for (int k = 0, last = p->n - 1; k < p->n; last = k++) {
+        if ((at[last] < 0) != (at[k] < 0))
+            mixed3(p->at[last], p->at[k], at[last] / (at[last] - at[k]), part.at[part.n++]);
+        if (at[k] >= 0) memcpy(part.at[part.n++], p->at[k], sizeof part.at[0]);
+    }
+    p->n = part.n;
+    memcpy(p->at, part.at, sizeof part.at[0] * (size_t)part.n);
+}
+
+/* Area between two vectors on T, over twice that of T. */
+static inline double crossed(const double a[3], const double b[3]) { return a[1] * b[2] - a[2] * b[1]; }
+
+/* Share of T of the triangle k of the fan of a polygon. */
+static inline double fan(const Polygon *p, int k)
+{
+    double a[3], b[3];
+    less3(p->at[k + 1], p->at[0], a);
+    less3(p->at[k + 2], p->at[0], b);
+    return fabs(crossed(a, b));
+}
+
+/* A load at a point of T along the direction from the feature, to the corners of both by their shares. */
+static inline void pull(const Triangle *T, const double on[3], double *const force[], const double *below, int n,
+                        double load, const double away[3])
+{
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) T->force[k][i] -= on[k] * load * away[i];
+        for (int k = 0; k < n; k++) force[k][i] += below[k] * load * away[i];
+    }
+}
+
+/* A face: its first corner, unit normal, and the gradients of the shares of its second and third corners. */
+typedef struct { double start[3], normal[3], gradient[2][3]; } Face;
+
+/* The face with these corners, in positive order as seen from outside. */
+static Face face_of(const double *const x[3])
+{
+    Face f;
+    double side1[3], side2[3];
+    less3(x[1], x[0], side1);
+    less3(x[2], x[0], side2);
+    cross3(side1, side2, f.normal);
+    const double square = dot3(f.normal, f.normal), length = sqrt(square);
+    cross3(side2, f.normal, f.gradient[0]);
+    cross3(f.normal, side1, f.gradient[1]);
+    for (int i = 0; i < 3; i++) {
+        f.start[i] = x[0][i];
+        f.normal[i] /= length;
+        f.gradient[0][i] /= square;
+        f.gradient[1][i] /= square;
+    }
+    return f;
+}
+
+/* The part of T over a face, on its outer side.  Energy; *pierced is set where T goes through the face. */
+static double over_face(const Triangle *T, const Face *f, double *const force[3], int *pierced)
+{
+    double from[3], gap[3], on[3][3], energy = 0;
+    int out = 0, behind = 0, before[3] = {0};
+    for (int k = 0; k < 3; k++) {
+        less3(T->x[k], f->start, from);
+        gap[k] = dot3(from, f->normal);
+        on[1][k] = dot3(from, f->gradient[0]);
+        on[2][k] = dot3(from, f->gradient[1]);
+        on[0][k] = 1 - on[1][k] - on[2][k];
+        out += gap[k] >= T->within;
+        behind += gap[k] <= 0;
+        for (int c = 0; c < 3; c++) before[c] += on[c][k] <= 0;
+    }
+    if (out == 3 || behind == 3 || before[0] == 3 || before[1] == 3 || before[2] == 3) return 0;
+    Polygon p = whole();
+    for (int k = 0; k < 3 && p.n > 2; k++) clip(&p, on[k], 1);
+    if (p.n < 3) return 0;
+    if (behind) {
+        clip(&p, gap, 1);
+        *pierced |= p.n > 2;
+    }
+    for (int k = 0; k + 2 < p.n; k++) {
+        const double *corner[3] = {p.at[0], p.at[k + 1], p.at[k + 2]};
+        double loads[3], stored[1];
+        contact_face(T->law, T->area * fan(&p, k), dot3(corner[0], gap), dot3(corner[1], gap), dot3(corner[2], gap),
+                     loads, stored);
+        for (int c = 0; c < 3; c++) {
+            const double below[3] = {dot3(corner[c], on[0]), dot3(corner[c], on[1]), dot3(corner[c], on[2])};
+            pull(T, corner[c], force, below, 3, loads[c], f->normal);
+        }
+        energy += stored[0];
+    }
+    return energy;
+}
+
+/* The part of T beside an edge: sign, places along it, vectors from it, weights of both normals at the corners. */
+typedef struct { double sign, along[3], away[3][3], first[MOST_CORNERS], last[MOST_CORNERS]; Polygon p; } Wedge;
+
+/* The point of a side of a wedge's polygon in a direction, its derivative by that, and the vector from the edge. */
+static inline void crossing(const Wedge *w, int side, double at, double on[3], double moved[3], double away[3])
+{
+    const int i = side ? side - 1 : w->p.n - 1;
+    const double here = (1 - at) * w->last[i] - at * w->first[i], sum1 = w->first[i] + w->last[i];
+    const double there = (1 - at) * w->last[side] - at * w->first[side], sum2 = w->first[side] + w->last[side];
+    const double rate = (there * sum1 - here * sum2) / ((here - there) * (here - there));
+    mixed3(w->p.at[i], w->p.at[side], here / (here - there), on);
+    less3(w->p.at[side], w->p.at[i], moved);
+    for (int k = 0; k < 3; k++) moved[k] *= rate;
+    vector_at(w->away, on, away);
+}
+
+/* Whether distances change little between two directions. */
+static int is_short(const Wedge *w, const int side[2], double start, double end, double smooth)
+{
+    for (int k = 0; k < 2; k++) {
+        double on[3], moved[3], one[3], other[3];
+        crossing(w, side[k], start, on, moved, one);
+        crossing(w, side[k], end, on, moved, other);
+        const double r1 = sqrt(dot3(one, one)), r2 = sqrt(dot3(other, other)), least = fmin(r1, r2);
+        if (fabs(r2 - r1) > CHANGE * fmax(least, smooth) || dot3(one, other) < COS_TURN * r1 * r2) return 0;
+    }
+    return 1;
+}
+
+/* What acts on the line across a wedge in a direction, which stands for a range of them.  Energy. */
+static double on_line(const Triangle *T, const Wedge *w, const int side[2], double at, double range,
+                      double *const force[2])
+{
+    double on[2][3], moved[2][3], away[2][3], r[2], width[2], loads[2], stored[1];
+    for (int k = 0; k < 2; k++) {
+        crossing(w, side[k], at, on[k], moved[k], away[k]);
+        r[k] = sqrt(dot3(away[k], away[k]));
+    }
+    if (r[0] >= T->within && r[1] >= T->within) return 0;
+    double across[3];
+    less3(on[1], on[0], across);
+    for (int k = 0; k < 2; k++) width[k] = 2 * range * w->sign * T->area * fabs(crossed(moved[k], across));
+    contact_edge(T->law, width[0], width[1], r[0], r[1], loads, stored);
+    const int far = r[1] > r[0];
+    for (int i = 0; i < 3; i++) away[far][i] /= r[far];
+    for (int k = 0; k < 2; k++) {
+        const double t = dot3(on[k], w->along), below[2] = {1 - t, t};
+        pull(T, on[k], force, below, 2, loads[k], away[far]);
+    }
+    return stored[0];
+}
+
+/* An edge: its start, unit vector and length; its sign, 0 if it is level; gradients of the weights of its normals. */
+typedef struct { double start[3], along[3], length, sign, gradient[2][3]; } Edge3;
+
+/* The edge between two points, with the third corners of its faces on the left and on the right. */
+static Edge3 edge_of(const double *const x[4])
+{
+    Edge3 e;
+    double one[3], other[3], n1[3], n2[3], turn[3];
+    less3(x[1], x[0], e.along);
+    e.length = sqrt(dot3(e.along, e.along));
+    less3(x[2], x[0], one);
+    less3(x[3], x[0], other);
+    for (int i = 0; i < 3; i++) {
+        e.start[i] = x[0][i];
+        e.along[i] /= e.length;
+    }
+    cross3(e.along, one, n1);
+    cross3(other, e.along, n2);
+    const double length1 = sqrt(dot3(n1, n1)), length2 = sqrt(dot3(n2, n2));
+    cross3(n1, n2, turn);
+    const double sine = dot3(turn, e.along) / (length1 * length2);
+    e.sign = fabs(sine) < LEVEL ? 0 : sine > 0 ? 1 : -1;
+    cross3(e.along, n2, e.gradient[0]);
+    cross3(n1, e.along, e.gradient[1]);
+    for (int i = 0; i < 3; i++) {
+        e.gradient[0][i] *= -e.sign / length2;
+        e.gradient[1][i] *= -e.sign / length1;
+    }
+    return e;
+}
+
+/* The part of T in the wedge over an edge, if there is any. */
+static int find_wedge(const Triangle *T, const Edge3 *e, Wedge *w)
+{
+    double from[3], first[3], last[3], rest[3];
+    int out[4] = {0};
+    if (e->sign == 0) return 0;
+    for (int k = 0; k < 3; k++) {
+        less3(T->x[k], e->start, from);
+        const double t = dot3(from, e->along);
+        first[k] = dot3(from, e->gradient[0]);
+        last[k] = dot3(from, e->gradient[1]);
+        w->along[k] = t / e->length;
+        rest[k] = 1 - w->along[k];
+        for (int i = 0; i < 3; i++) w->away[k][i] = from[i] - t * e->along[i];
+        out[0] += first[k] <= 0;
+        out[1] += last[k] <= 0;
+        out[2] += t <= 0;
+        out[3] += rest[k] <= 0;
+    }
+    if (out[0] == 3 || out[1] == 3 || out[2] == 3 || out[3] == 3) return 0;
+    const double *values[4] = {first, last, w->along, rest};
+    w->sign = e->sign;
+    w->p = whole();
+    for (int k = 0; k < 4 && w->p.n > 2; k++) clip(&w->p, values[k], 1);
+    for (int k = 0; k < w->p.n; k++) {
+        w->first[k] = dot3(w->p.at[k], first);
+        w->last[k] = dot3(w->p.at[k], last);
+    }
+    return w->p.n > 2;
+}
+
+/* What acts on the part of T in the wedge over an edge.  Energy. */
+static double beside_edge3(const Triangle *T, const Edge3 *e, double *const force[2])
+{
+    Wedge w;
+    if (!find_wedge(T, e, &w)) return 0;
+    double at[MOST_CORNERS], limit[MOST_CORNERS], energy = 0;
+    for (int k = 0; k < w.p.n; k++) {
+        const double a = fmax(w.first[k], 0), b = fmax(w.last[k], 0);
+        at[k] = b / (a + b + 1e-300);
+        int m = k;
+        for (; m > 0 && limit[m - 1] > at[k]; m--) limit[m] = limit[m - 1];
+        limit[m] = at[k];
+    }
+    for (int m = 0; m + 1 < w.p.n; m++) {
+        if (limit[m + 1] - limit[m] < THIN) continue;
+        const double middle = 0.5 * (limit[m] + limit[m + 1]);
+        int side[MOST_CORNERS], n = 0;
+        for (int k = 0; k < w.p.n; k++) side[n] = k, n += (at[k ? k - 1 : w.p.n - 1] < middle) != (at[k] < middle);
+        if (n != 2) continue;
+        for (double start = limit[m], end; start < limit[m + 1]; start = end) {
+            end = limit[m + 1];
+            for (int k = 0; k < HALVINGS && !is_short(&w, side, start, end, T->smooth); k++) end = 0.5 * (start + end);
+            const double range = end - start;
+            for (int k = 0; k < POINTS_OF_LINE; k++)
+                energy += on_line(T, &w, side, start + LINE_AT[k] * range, LINE_WEIGHT[k] * range, force);
+        }
+    }
+    return energy;
+}

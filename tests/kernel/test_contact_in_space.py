@@ -1,0 +1,154 @@
+"""Contact of triangles in C: what the pieces in Python say."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+
+import numpy as np
+import pytest
+from polyhedra import Contact, blocks, relief
+from samples import assert_close
+from scenes import example
+from scipy.spatial.transform import Rotation
+
+from cellmig.geometry.polyhedra import Polyhedron
+from cellmig.kernel.codegen import Translator
+from cellmig.kernel.source import text_of
+from cellmig.kernel.toolchain import compiled
+from cellmig.model.polyhedra import PolyhedronAdhesion
+from cellmig.model.seifert import BetweenCells
+from cellmig.model.triangles import TriangleBonds
+
+pytestmark = pytest.mark.serial
+
+LAW = BetweenCells(**dataclasses.asdict(dataclasses.replace(example("adhesion", "seifert"), cutoff=0.5)))
+TERM = PolyhedronAdhesion(TriangleBonds(LAW))
+ALL_PAIRS = """
+int run(const double *law, double within, double smooth, long n, const double *T, double *force_on_T,
+        const double *area, const double *x, double *force, long faces, const int *face, long edges, const int *edge,
+        long vertices, const int *first, const int *ring, double *energy)
+{
+    int pierced = 0;
+    for (long t = 0; t < n; t++) {
+        const double *a = T + 9 * t;
+        double *f = force_on_T + 9 * t;
+        const Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {f, f + 3, f + 6}};
+        for (long k = 0; k < faces; k++) {
+            const int *m = face + 3 * k;
+            const double *of[3] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2]};
+            double *on[3] = {force + 3 * m[0], force + 3 * m[1], force + 3 * m[2]};
+            const Face here = face_of(of);
+            energy[0] += over_face(&S, &here, on, &pierced);
+        }
+        for (long k = 0; k < edges; k++) {
+            const int *m = edge + 4 * k;
+            const double *of[4] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2], x + 3 * m[3]};
+            double *on[2] = {force + 3 * m[0], force + 3 * m[1]};
+            const Edge3 here = edge_of(of);
+            energy[1] += beside_edge3(&S, &here, on);
+        }
+        for (long k = 0; k < vertices; k++) {
+            const double *around[MOST_SPOKES];
+            for (int j = first[k]; j < first[k + 1]; j++) around[j - first[k]] = x + 3 * ring[j];
+            double *on[1] = {force + 3 * k};
+            const Vertex here = vertex_of(x + 3 * k, around, first[k + 1] - first[k]);
+            energy[2] += beside_vertex3(&S, &here, on);
+        }
+    }
+    return pierced;
+}
+"""
+
+
+class InC:
+    """The same as `Contact`, in C."""
+
+    def __init__(self) -> None:
+        t = Translator(TERM, "double")
+        parts = [t.function(name, f"contact_{name}", ("load", "stored")) for name in ("face", "edge", "vertex")]
+        source = "\n".join([text_of("simd.h"), *parts, text_of("polyhedra.h"), text_of("cones.h"), ALL_PAIRS])
+        self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
+
+    def __call__(self, T: np.ndarray, x: np.ndarray, surface: Polyhedron) -> tuple[int, np.ndarray, ...]:
+        area = 0.5 * np.linalg.norm(np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]), axis=1)
+        first = np.concatenate([[0], np.cumsum([len(ring) for ring in surface.rings])]).astype(np.int32)
+        lists = surface.faces, surface.edges, np.concatenate(surface.rings)
+        faces, edges, ring = (np.array(a, np.int32) for a in lists)
+        on_T, on_x, energy = np.zeros_like(T), np.zeros_like(x), np.zeros(3)
+        T = np.ascontiguousarray(T)
+
+        def at(a: np.ndarray) -> ctypes.c_void_p:
+            return ctypes.c_void_p(a.ctypes.data)
+
+        number, length = ctypes.c_double, ctypes.c_long
+        pierced = self.library.run(at(self.law), number(LAW.cutoff), number(LAW.cap), length(len(T)), at(T), at(on_T),
+                                   at(area), at(x), at(on_x), length(len(faces)), at(faces), length(len(edges)),
+                                   at(edges), length(len(x)), at(first), at(ring), at(energy))
+        return pierced, on_T, on_x, energy
+
+
+@pytest.fixture(scope="module")
+def in_c() -> InC:
+    return InC()
+
+
+def triangles(n: int, low: list[float], high: list[float]) -> np.ndarray:
+    """Triangles of 0.1 to 0.3 µm in any position between two corners of a box [µm]."""
+    rng = np.random.default_rng(8)
+    T = rng.uniform(0.05, 0.2, (n, 1, 1)) * np.array([[1.0, 0.0, 0.0], [-0.5, 0.9, 0.0], [-0.5, -0.9, 0.1]])
+    turned = np.einsum("nij,nkj->nki", Rotation.random(n, random_state=3).as_matrix(), T)
+    return turned + rng.uniform(low, high, (n, 1, 3))
+
+
+@pytest.mark.parametrize(("surface", "low", "high"), [
+    (blocks([(0, 0, 0)]), [0.7, 0.7, 1.2], [1.3, 1.3, 1.4]),
+    (blocks([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1) if (i, j, k) != (1, 1, 1)], 0.5),
+     [0.7, 0.7, 0.7], [1.2, 1.2, 1.2]),
+    (relief(0.1 * np.random.default_rng(1).standard_normal((4, 4)), 0.5), [-0.5, -0.5, 0.3], [0.5, 0.5, 0.6])],
+    ids=["cube", "notched cube", "relief"])
+def test_contact_in_c_is_that_of_the_pieces(in_c: InC, surface: tuple, low: list, high: list) -> None:
+    T, (x, faces) = triangles(25, low, high), surface
+    expected = Contact(TERM, T, x, Polyhedron.of(faces))
+    pierced, on_T, on_x, energy = in_c(T, x, Polyhedron.of(faces))
+    assert not pierced and all(expected.pieces.values())
+    assert energy == pytest.approx(list(expected.energy.values()), rel=1e-12)  # measured 7e-15
+    assert_close(on_T, expected.force_on_T, 1e-10)  # measured 1e-12
+    assert_close(on_x, expected.force_on_x, 1e-10)  # measured 1e-13
+
+
+def heights(x: np.ndarray, faces: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Height (n,) of a surface without overhangs above places (n, 2) [µm]."""
+    a, b, c = x[faces].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    a, b, c, normal = (v[normal[:, 2] > 0.0] for v in (a, b, c, normal))
+    inside = np.ones((len(at), len(a)), bool)
+    for p, q in ((a, b), (b, c), (c, a)):
+        side, from_p = (q - p)[None, :, :2], at[:, None] - p[None, :, :2]
+        inside &= side[..., 0] * from_p[..., 1] - side[..., 1] * from_p[..., 0] >= -1e-12
+    z = a[:, 2] - ((at[:, None] - a[None, :, :2]) * (normal[:, :2] / normal[:, 2:])).sum(axis=2)
+    return np.where(inside, z, -np.inf).max(axis=1)
+
+
+def test_the_potential_of_a_rugged_surface_has_the_gradient_that_it_says_everywhere(in_c: InC) -> None:
+    """Along paths close above faces, edges that turn by up to 86 degrees, peaks, pits and saddles."""
+    rng = np.random.default_rng(4)
+    x, faces = relief(0.13 * rng.standard_normal((5, 5)), 0.5)
+    surface, size = Polyhedron.of(faces), 1e-6
+    assert max(map(len, surface.rings)) <= 9
+    per_area = 0.5 * LAW.bond_density * 0.5 * np.sqrt(3.0) * size**2
+    for turn in rng.uniform(0.0, np.pi, 8):
+        along = np.linspace(-0.8, 0.8, 400)[:, None] * [np.cos(turn), np.sin(turn)]
+        way = np.column_stack([along, heights(x, faces, along) + 0.03])
+        found = [in_c((p + size * np.eye(3))[None], x, surface) for p in way]
+        potential = np.array([energy.sum() for *_, energy in found]) / per_area
+        slope = -np.array([on_T[0].sum(axis=0) for _, on_T, *_ in found]) / per_area
+        expected = (0.5 * (slope[1:] + slope[:-1]) * np.diff(way, axis=0)).sum(axis=1)
+        assert np.abs(np.diff(potential) - expected).max() < 0.01 * LAW.well_depth  # measured 6e-3, of the steps
+
+
+def test_a_triangle_through_a_face_is_told(in_c: InC) -> None:
+    x, faces = blocks([(0, 0, 0)])
+    T = np.array([[[0.4, 0.4, 0.9], [0.6, 0.4, 1.2], [0.5, 0.6, 1.2]]])
+    assert in_c(T, x, Polyhedron.of(faces))[0]
+    assert not in_c(T + np.array([0.0, 0.0, 0.2]), x, Polyhedron.of(faces))[0]
