@@ -32,7 +32,8 @@ def text_of(name: str) -> str:
 
 def parameters(materials: Sequence) -> list[Field]:
     """Vectors of parameters of all laws that a scene may have."""
-    names = [*(term.name for term in SURFACE_TERMS), "load_curves", *(f"material_{i}" for i in range(len(materials)))]
+    names = [*dict.fromkeys(term.name for term in SURFACE_TERMS), "load_curves"]
+    names += [f"material_{i}" for i in range(len(materials))]
     return [Field(name, "double *", doc="parameters of its laws") for name in names]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +14,7 @@ from ..model.cortex import CortexForce
 from ..model.director import Couple
 from ..model.friction import FrictionForce
 from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
+from ..model.polyhedra import PolyhedronAdhesion
 from ..model.pressure import Pressure
 from ..model.protrusion import ProtrusionForce
 from ..model.triangles import TriangleBonds
@@ -25,18 +26,24 @@ class SurfaceTerm:
 
     formula : from the terms of a scene, None where it lacks this one, a tuple where several laws may act;
     methods : of the formula, with names of their results where these have different shapes;
-    in_fours : those of them that are computed for four points at a time.
+    in_fours : those of them that are computed for four points at a time;
+    files : of c/, by default NAME.c.
     """
 
     name: str
     formula: Callable[[Terms], Any]
     methods: dict[str, tuple[str, ...]]
     in_fours: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
 
 def _of_substrate(t: Terms) -> Any:
     law = t.substrate
     return SubstrateAdhesion(bonds_of(law)) if t.dimension == 2 else TriangleAdhesion(TriangleBonds(law))
+
+
+def _of_contacts(t: Terms, dimension: int, formula: Callable[[Any], Any]) -> Any:
+    return tuple(map(formula, t.contacts.laws)) if t.contacts and t.dimension == dimension else None
 
 
 def _of_cortex(t: Terms) -> Any:
@@ -58,10 +65,14 @@ def _of_friction(t: Terms) -> Any:
 # In the order in which forces are added up.
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: t.substrate and _of_substrate(t), {"facet": ("force", "energy", "impulse")}),
-    SurfaceTerm("contact", lambda t: t.contacts and tuple(CellAdhesion(bonds_of(law)) for law in t.contacts.laws),
+    SurfaceTerm("contact", lambda t: _of_contacts(t, 2, lambda law: CellAdhesion(bonds_of(law))),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
+    SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
+                {name: ("load", "stored") for name in ("face", "edge", "vertex")} | {
+                    f"{name}_stiffness": () for name in ("face", "edge", "vertex")},
+                files=("polyhedra.h", "cones.h", "contact_space.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _of_friction(t), {"force": ()}),
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _of_protrusion(t),
@@ -95,9 +106,11 @@ def _always(terms: Terms) -> bool:
     return True
 
 
-def _of_surface(term: SurfaceTerm) -> Part:
+def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
+    *others, file = term.files or (f"{term.name}.c",)
+    yield from (Part(name, lambda t: term.formula(t) is not None) for name in others)
     call = f"add_{term.name}(s, s->force, 0, accounted_dt, dt);"
-    return Part(f"{term.name}.c", lambda t: term.formula(t) is not None, {"add_surface_forces": call})
+    yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call})
 
 
 # In the order of the C source, the stages behind them and step.c at the end.
@@ -105,7 +118,7 @@ PARTS = (
     Part("layout.h", _always), Part("plane.h", lambda t: t.dimension == 2), Part("space.h", lambda t: t.dimension == 3),
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
-    *map(_of_surface, SURFACE_TERMS),
+    *(part for term in SURFACE_TERMS for part in _of_surface(term)),
     Part("boundary.c", lambda t: t.load_curves is not None, {
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",

@@ -12,6 +12,7 @@ from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import ContactLists, acting, contact_pairs
+from ..meshfree.contact_space import Features, TriangleLists, acting_triangles, triangle_pairs
 from ..meshfree.terms import NO_CONTACTS
 from ..model.adhesion import Pieces
 from ..parallel.reduce import global_maximum
@@ -61,6 +62,25 @@ class Segments:
         Field("first_listed", "long *", "(n_contact_segments + 1,)", "", "those of each segment"),
         Field("listed_x", "double *", "(n_contact_nodes, 2)", "µm", "positions when they were listed"),
         Field("contact_margin", "double", "", "µm", "change of a distance up to which they are complete"),
+        # in space, where edges are those of `contact_side`, and nodes have forces and stiffness in (n_contact_nodes, 4)
+        Field("n_contact_faces", "long", doc="faces near another cell, see `TriangleLists`"),
+        Field("contact_face", "int32_t *", "(n_contact_faces, 3)", "", "their corners in `contact_node`"),
+        Field("n_contact_edges", "long", doc="edges near another cell"),
+        Field("contact_side", "int32_t *", "(n_contact_edges, 4)", "", "their ends, and third corners of their faces"),
+        Field("n_contact_vertices", "long", doc="vertices near another cell"),
+        Field("contact_vertex", "int32_t *", "(n_contact_vertices,)", "", "these"),
+        Field("first_ring", "long *", "(n_contact_vertices + 1,)", "", "their neighbours in `contact_ring`"),
+        Field("contact_ring", "int32_t *", "(…,)", "", "these, in positive order from outside"),
+        Field("first_face", "long *", "(n_contact_segments + 1,)", "", "faces near a triangle in `near_face`"),
+        Field("near_face", "int32_t *", "(…,)", "", "these"),
+        Field("first_side", "long *", "(n_contact_segments + 1,)", "", "edges near a triangle in `near_side`"),
+        Field("near_side", "int32_t *", "(…,)", "", "these"),
+        Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
+        Field("near_vertex", "int32_t *", "(…,)", "", "these"),
+        Field("face_frame", "double *", "(n_contact_faces, …)", "", "what a step needs of them"),
+        Field("edge_frame", "double *", "(n_contact_edges, …)", "", "the same of edges"),
+        Field("vertex_frame", "double *", "(n_contact_vertices, …)", "", "the same of vertices"),
+        Field("contact_smooth", "double *", "(n_contact_segments,)", "µm", "distances below which laws have no scale"),
         Field("contact_law", "int32_t *", "(n_contact_segments,)", "", "numbers of their laws in `Terms.contacts`"),
         Field("contact_cutoff", "double *", "(n_contact_segments,)", "µm", "distances beyond which these do not act"),
     )
@@ -74,7 +94,8 @@ class Segments:
         self.number = np.flatnonzero(acts | (s.touching(pushed) & s.outer))
         self.acts = acts[self.number]
         self.low = np.zeros(len(self.number), bool)
-        self.lists: ContactLists | None = None
+        self.lists: ContactLists | TriangleLists | None = None
+        self._features = Features.of(part.scene, s) if part.scene.dimension == 3 and part.terms.contacts else None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
         self.renewed_at = np.zeros((len(part.own_surface), part.scene.dimension))
         self.turn = s.turn
@@ -134,7 +155,7 @@ class Segments:
         if t.substrate is None and t.contacts is None:
             return
         x2 = self.owned()[1]
-        longest = np.linalg.norm(x2[:, 1] - x2[:, 0], axis=1).max(initial=0.0)
+        longest = np.linalg.norm(x2 - np.roll(x2, 1, axis=1), axis=2).max(initial=0.0)
         longest = float(global_maximum(part.comm, np.array([longest]))[0])
         reach = self._contacts.reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
         x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
@@ -147,32 +168,60 @@ class Segments:
             if self._contacts.own:
                 self.turn = part.surfaces.followed(self.turn, x, self._places.on)
             farthest = self._contacts.reach.max() + self.skin
-            pairs = contact_pairs(part.surfaces, x, farthest, self._within, self.turn, around)
-            self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
+            if part.scene.dimension == 2:
+                pairs = contact_pairs(part.surfaces, x, farthest, self._within, self.turn, around)
+                self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
+            else:
+                near = triangle_pairs(part.surfaces, self._features, x, farthest, self._within, around)
+                near = acting_triangles(part.surfaces, self._features, near, part.on_surface)
+                self._set_triangles(TriangleLists.of(part.surfaces, self._features, near))
 
     def _within(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance (k,) [µm] up to which surfaces of the cells a and b (k,) int are paired; -1 if they never meet."""
         within = self._contacts.reach[self._contacts.of_pair(a, b)] + self.skin
         return within if self._contacts.own else np.where(a == b, -1.0, within)
 
-    def _set_contact(self, lists: ContactLists) -> None:
-        """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
+    def _set_nodes(self, lists: ContactLists | TriangleLists) -> None:
+        """Set the kernel's nodes and sources of contact, and the ghosts that they need; collective."""
         s, k, state = self._part.surfaces, self._kernel, self._state
         numbering = self._part.numbering.extended(s.ids[lists.node])
         same = np.array_equal(numbering.ids, state.numbering.ids)
         if not self._part.comm.allreduce(same, MPI.LAND):
             state.renumber(numbering)
         k["n_contact_nodes"], k["contact_node"] = len(lists.node), numbering.local(s.ids[lists.node])
-        k["contact_x"], k["contact_force"] = (np.zeros((len(lists.node), 2)) for _ in range(2))
-        k["contact_stiffness"] = np.zeros(len(lists.node))
+        k["contact_x"] = np.zeros((len(lists.node), self._part.scene.dimension))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
-        k["contact_length"], k["first_edge"], k["contact_edge"] = s.size[lists.source], lists.first, lists.edge
-        k["listed"], k["first_listed"] = np.zeros((len(lists.edge) + 1, 2)), np.zeros(len(lists.first))
-        k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 2), np.nan), MARGIN * self.skin
-        cell = s.cell[lists.source], lists.other[lists.segment[:, 0]]
+        k["contact_length"] = s.size[lists.source]
+        cell = s.cell[s.facets[lists.source, 0]], lists.other[lists.segment[:, 0]]
         k["contact_law"] = law = self._contacts.of_pair(*cell)
         k["contact_cutoff"] = self._contacts.reach[law]
         self.lists = lists
+
+    def _set_triangles(self, lists: TriangleLists) -> None:
+        """Set the kernel's arrays in space for the lists that act on this rank's particles; collective."""
+        self._set_nodes(lists)
+        k, sizes = self._kernel, np.zeros(3)
+        k["contact_force"] = np.zeros((len(lists.node), 4))
+        k["n_contact_faces"], k["contact_face"] = len(lists.face), lists.face
+        k["n_contact_edges"], k["contact_side"] = len(lists.edge), lists.edge
+        k["n_contact_vertices"], k["contact_vertex"] = len(lists.vertex), lists.vertex
+        k["first_ring"], k["contact_ring"] = lists.first_ring, lists.ring
+        for kind, name in (("face", "face"), ("edge", "side"), ("vertex", "vertex")):
+            k[f"first_{name}"], k[f"near_{name}"] = lists.first[kind], lists.number[kind]
+        k("contact_sizes", sizes)
+        for (kind, features), size in zip((("face", lists.face), ("edge", lists.edge), ("vertex", lists.vertex)),
+                                          sizes.astype(int), strict=True):
+            k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
+        k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
+
+    def _set_contact(self, lists: ContactLists) -> None:
+        """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
+        self._set_nodes(lists)
+        k = self._kernel
+        k["contact_force"], k["contact_stiffness"] = np.zeros((len(lists.node), 2)), np.zeros(len(lists.node))
+        k["first_edge"], k["contact_edge"] = lists.first, lists.edge
+        k["listed"], k["first_listed"] = np.zeros((len(lists.edge) + 1, 2)), np.zeros(len(lists.first))
+        k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 2), np.nan), MARGIN * self.skin
 
     @property
     def cross(self) -> bool:

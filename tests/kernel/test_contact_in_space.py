@@ -32,26 +32,26 @@ int run(const double *law, double within, double smooth, long n, const double *T
     int pierced = 0;
     for (long t = 0; t < n; t++) {
         const double *a = T + 9 * t;
-        double *f = force_on_T + 9 * t;
-        const Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {f, f + 3, f + 6}};
+        double *f = force_on_T + 12 * t;
+        const Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {f, f + 4, f + 8}};
         for (long k = 0; k < faces; k++) {
             const int *m = face + 3 * k;
             const double *of[3] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2]};
-            double *on[3] = {force + 3 * m[0], force + 3 * m[1], force + 3 * m[2]};
+            double *on[3] = {force + 4 * m[0], force + 4 * m[1], force + 4 * m[2]};
             const Face here = face_of(of);
             energy[0] += over_face(&S, &here, on, &pierced);
         }
         for (long k = 0; k < edges; k++) {
             const int *m = edge + 4 * k;
             const double *of[4] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2], x + 3 * m[3]};
-            double *on[2] = {force + 3 * m[0], force + 3 * m[1]};
+            double *on[2] = {force + 4 * m[0], force + 4 * m[1]};
             const Edge3 here = edge_of(of);
             energy[1] += beside_edge3(&S, &here, on);
         }
         for (long k = 0; k < vertices; k++) {
             const double *around[MOST_SPOKES];
             for (int j = first[k]; j < first[k + 1]; j++) around[j - first[k]] = x + 3 * ring[j];
-            double *on[1] = {force + 3 * k};
+            double *on[1] = {force + 4 * k};
             const Vertex here = vertex_of(x + 3 * k, around, first[k + 1] - first[k]);
             energy[2] += beside_vertex3(&S, &here, on);
         }
@@ -67,6 +67,7 @@ class InC:
     def __init__(self) -> None:
         t = Translator(TERM, "double")
         parts = [t.function(name, f"contact_{name}", ("load", "stored")) for name in ("face", "edge", "vertex")]
+        parts += [t.function(f"{name}_stiffness", f"contact_{name}_stiffness") for name in ("face", "edge", "vertex")]
         source = "\n".join([text_of("simd.h"), *parts, text_of("polyhedra.h"), text_of("cones.h"), ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
 
@@ -75,7 +76,7 @@ class InC:
         first = np.concatenate([[0], np.cumsum([len(ring) for ring in surface.rings])]).astype(np.int32)
         lists = surface.faces, surface.edges, np.concatenate(surface.rings)
         faces, edges, ring = (np.array(a, np.int32) for a in lists)
-        on_T, on_x, energy = np.zeros_like(T), np.zeros_like(x), np.zeros(3)
+        on_T, on_x, energy = np.zeros((len(T), 3, 4)), np.zeros((len(x), 4)), np.zeros(3)
         T = np.ascontiguousarray(T)
 
         def at(a: np.ndarray) -> ctypes.c_void_p:
@@ -85,7 +86,7 @@ class InC:
         pierced = self.library.run(at(self.law), number(LAW.cutoff), number(LAW.cap), length(len(T)), at(T), at(on_T),
                                    at(area), at(x), at(on_x), length(len(faces)), at(faces), length(len(edges)),
                                    at(edges), length(len(x)), at(first), at(ring), at(energy))
-        return pierced, on_T, on_x, energy
+        return pierced, on_T[..., :3], on_x[:, :3], energy
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,8 @@ SUBSTRATE = example("adhesion", "seifert")
 FLUID, SOLID = example("material", "nematic"), example("material", "mooney-rivlin")
 PUSH = replace(example("protrusion", "edge"), cells=("Cell-1", "Cell-3"), protrusion_ratio=0.06, height=1.0)
 ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True,
-            bulk_damped=True, friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), protrusion=PUSH, dimension=3)
+            bulk_damped=True, friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), protrusion=PUSH,
+            dimension=3)
 STILL = Terms(stabilised=False, bulk_damped=False, stiffened=True, dimension=3)  # what has an energy
 MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists motion
 

@@ -92,8 +92,10 @@ static double on_cone(const Triangle *T, const Cone *cone, const double corner[3
                     on[i] = at * (now.at[0][i] + now.at[1][i] + now.at[2][i]) + (1 - 3 * at) * now.at[q % 3][i];
                 vector_at(cone->away, on, away);
                 const double r = sqrt(dot3(away, away)), one = 1;
-                contact_vertex(T->law, now.part * CONE_WEIGHT[q / 3], r, load, stored);
+                const double area = now.part * CONE_WEIGHT[q / 3];
+                contact_vertex(T->law, area, r, load, stored);
                 pull(T, on, force, &one, 1, load[0] / r, away);
+                if (area > 0) stiffen(T, on, force, &one, 1, contact_vertex_stiffness(T->law, area, r));
                 energy += stored[0];
             }
         } else if (nearest - side[k] < T->within) {

@@ -9,7 +9,8 @@ static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* 
 static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
 
 /* T: parameters of its law, distances beyond which there are no bonds and below which they have no scale, reference
- * area, corners and forces on them. */
+ * area, corners and what acts on them: here and below forces, and in the fourth place a bound of the sum of their row
+ * of the tangent. */
 typedef struct { const double *law; double within, smooth, area; const double *x[3]; double *force[3]; } Triangle;
 
 /* A convex polygon on T. */
@@ -82,6 +83,14 @@ static inline void pull(const Triangle *T, const double on[3], double *const for
     }
 }
 
+/* Adds the stiffness of what acts at a point of T to the corners of both by their shares. */
+static inline void stiffen(const Triangle *T, const double on[3], double *const force[], const double *below, int n,
+                           double stiffness)
+{
+    for (int k = 0; k < 3; k++) T->force[k][3] += on[k] * stiffness;
+    for (int k = 0; k < n; k++) force[k][3] += below[k] * stiffness;
+}
+
 /* A face: its first corner, unit normal, and the gradients of the shares of its second and third corners. */
 typedef struct { double start[3], normal[3], gradient[2][3]; } Face;
 
@@ -124,18 +133,22 @@ static double over_face(const Triangle *T, const Face *f, double *const force[3]
     Polygon p = whole();
     for (int k = 0; k < 3 && p.n > 2; k++) clip(&p, on[k], 1);
     if (p.n < 3) return 0;
-    if (behind) {
+    for (int k = 0; behind && k < p.n; k++)
+        if (dot3(p.at[k], gap) < 0) behind = -1;
+    if (behind < 0) {
         clip(&p, gap, 1);
         *pierced |= p.n > 2;
     }
     for (int k = 0; k + 2 < p.n; k++) {
         const double *corner[3] = {p.at[0], p.at[k + 1], p.at[k + 2]};
+        const double g[3] = {dot3(corner[0], gap), dot3(corner[1], gap), dot3(corner[2], gap)};
         double loads[3], stored[1];
-        contact_face(T->law, T->area * fan(&p, k), dot3(corner[0], gap), dot3(corner[1], gap), dot3(corner[2], gap),
-                     loads, stored);
+        contact_face(T->law, T->area * fan(&p, k), g[0], g[1], g[2], loads, stored);
+        const double stiffness = contact_face_stiffness(T->law, T->area * fan(&p, k), g[0], g[1], g[2]) / 3;
         for (int c = 0; c < 3; c++) {
             const double below[3] = {dot3(corner[c], on[0]), dot3(corner[c], on[1]), dot3(corner[c], on[2])};
             pull(T, corner[c], force, below, 3, loads[c], f->normal);
+            stiffen(T, corner[c], force, below, 3, stiffness);
         }
         energy += stored[0];
     }
@@ -185,11 +198,13 @@ static double on_line(const Triangle *T, const Wedge *w, const int side[2], doub
     less3(on[1], on[0], across);
     for (int k = 0; k < 2; k++) width[k] = 2 * range * w->sign * T->area * fabs(crossed(moved[k], across));
     contact_edge(T->law, width[0], width[1], r[0], r[1], loads, stored);
+    const double stiffness = w->sign > 0 ? 0.5 * contact_edge_stiffness(T->law, width[0], width[1], r[0], r[1]) : 0;
     const int far = r[1] > r[0];
     for (int i = 0; i < 3; i++) away[far][i] /= r[far];
     for (int k = 0; k < 2; k++) {
         const double t = dot3(on[k], w->along), below[2] = {1 - t, t};
         pull(T, on[k], force, below, 2, loads[k], away[far]);
+        stiffen(T, on[k], force, below, 2, stiffness);
     }
     return stored[0];
 }

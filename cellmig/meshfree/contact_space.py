@@ -1,0 +1,167 @@
+"""The search for triangles of surfaces that are near faces, edges and vertices of the surface of another cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..geometry.polyhedra import Polyhedron
+from .body import Scene
+from .contact import Surfaces
+
+
+@dataclass(frozen=True)
+class Features:
+    """Faces, edges and vertices of all surfaces in space, by indices of `Surfaces`.
+
+    Attributes
+    ----------
+    faces : (f, 3) int -- corners, as the facets.
+    edges : (e, 4) int -- both ends, and the third corners of the faces on the left and on the right.
+    edges_of : (f, 3) int -- edges of the faces.
+    first_ring : (m + 1,) int -- where the neighbours of each vertex begin in `ring`.
+    ring : (…,) int -- these, in positive order as seen from outside.
+    """
+
+    faces: np.ndarray
+    edges: np.ndarray
+    edges_of: np.ndarray
+    first_ring: np.ndarray
+    ring: np.ndarray
+
+    @classmethod
+    def of(cls, scene: Scene, surfaces: Surfaces) -> Features:
+        """Features of the surfaces of a scene; those of copies are found once."""
+        known = {k: Polyhedron.of(scene.templates[k].places) for k in np.unique(scene.kind)}
+        solids = [known[k] for k in scene.kind]
+        start = np.searchsorted(surfaces.cell, np.arange(len(solids)))
+        edges = np.concatenate([a + p.edges for a, p in zip(start, solids, strict=True)])
+        number = {tuple(sorted(ends)): k for k, ends in enumerate(edges[:, :2].tolist())}
+        corners = surfaces.facets
+        edges_of = [[number[tuple(sorted(side))] for side in ((a, b), (b, c), (c, a))] for a, b, c in corners.tolist()]
+        sizes = np.concatenate([[len(ring) for ring in p.rings] for p in solids])
+        ring = np.concatenate([a + np.concatenate(p.rings) for a, p in zip(start, solids, strict=True)])
+        return cls(corners, edges, np.array(edges_of), np.append(0, np.cumsum(sizes)), ring)
+
+    def rings(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the neighbours of `vertices` (k,) int begin (k + 1,) int, and these (…,) int."""
+        count = self.first_ring[vertices + 1] - self.first_ring[vertices]
+        first = np.append(0, np.cumsum(count))
+        at = np.arange(first[-1]) - np.repeat(first[:-1] - self.first_ring[vertices], count)
+        return first, self.ring[at]
+
+
+KINDS = ("face", "edge", "vertex")
+Pairs = dict[str, np.ndarray]  # by kind of feature, triangles and features (p, 2) int, sorted
+
+
+def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthest: float,
+                   within: Callable[[np.ndarray, np.ndarray], np.ndarray], among: np.ndarray) -> Pairs:
+    """Pairs of a triangle and a feature of another cell that may be near each other, by their bounding spheres.
+
+    Parameters
+    ----------
+    x : (m, 3) -- positions of the surface particles [µm].
+    farthest : float -- largest distance of a pair [µm].
+    within : function -- of two cells (k,) int each, distance up to which they are near (k,) [µm], < 0 if they never
+        are.
+    among : (k,) int -- particles of the cells to consider, ascending.
+    """
+    there = np.zeros(len(surfaces.ids), bool)
+    there[among] = True
+    on = np.flatnonzero(there[surfaces.facets[:, 0]] & surfaces.outer)
+    middle = x[surfaces.facets[on]].mean(axis=1)
+    radius = np.linalg.norm(x[surfaces.facets[on]] - middle[:, None], axis=2).max(axis=1, initial=0.0)
+    i, j = cKDTree(middle).query_pairs((farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9),
+                                       output_type="ndarray").T
+    cell = surfaces.cell[surfaces.facets[on, 0]]
+    most = within(cell[i], cell[j])
+    near = (most >= 0.0) & (cell[i] != cell[j])
+    near &= np.linalg.norm(middle[i] - middle[j], axis=1) <= most + radius[i] + radius[j]
+    i, j = np.concatenate([np.column_stack([i[near], j[near]]), np.column_stack([j[near], i[near]])]).T
+    most = np.concatenate([most[near], most[near]])
+    found = {"face": np.column_stack([i, on[j]])}
+    limit = np.zeros(len(on))
+    np.maximum.at(limit, i, most)
+    for kind, table, corners in (("edge", features.edges_of, features.edges[:, :2]),
+                                 ("vertex", features.faces, np.arange(len(x))[:, None])):
+        pairs = np.unique(np.column_stack([np.repeat(i, 3), table[on[j]].ravel()]), axis=0)
+        place = x[corners[pairs[:, 1]]]
+        centre = place.mean(axis=1)
+        size = np.linalg.norm(place - centre[:, None], axis=2).max(axis=1, initial=0.0)
+        away = np.linalg.norm(middle[pairs[:, 0]] - centre, axis=1)
+        found[kind] = pairs[away <= limit[pairs[:, 0]] + radius[pairs[:, 0]] + size]
+    for kind, pairs in found.items():
+        pairs = np.column_stack([on[pairs[:, 0]], pairs[:, 1]])
+        found[kind] = pairs[np.lexsort(pairs.T[::-1])]
+    return found
+
+
+def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray) -> Pairs:
+    """Those of `pairs` that exert forces on particles in `own` (m,) bool, in the same order."""
+    corners = {"face": features.faces, "edge": features.edges[:, :2], "vertex": np.arange(len(own))[:, None]}
+    return {kind: of[own[surfaces.facets[of[:, 0]]].any(axis=1) | own[corners[kind][of[:, 1]]].any(axis=1)]
+            for kind, of in pairs.items()}
+
+
+@dataclass(frozen=True)
+class TriangleLists:
+    """The lists of pairs that act on a rank; nodes are particles near one other cell, as of `ContactLists`.
+
+    Attributes
+    ----------
+    node, other : (n,) int -- particles, as indices of `Surfaces`, and the cells that they are near.
+    segment : (s, 3) int -- nodes at the corners of the triangles, once for each cell that they are near.
+    source : (s,) int -- these triangles, as facets of `Surfaces`.
+    first : dict of (s + 1,) int -- by kind of feature, where those near each triangle begin in `number`.
+    number : dict of (p,) int -- by kind, features in the next three.
+    face, edge : (…, 3), (…, 4) int -- nodes of the features.
+    vertex, first_ring, ring : (v,), (v + 1,), (…,) int -- nodes of the vertices, and of their neighbours.
+    """
+
+    node: np.ndarray
+    other: np.ndarray
+    segment: np.ndarray
+    source: np.ndarray
+    first: dict[str, np.ndarray]
+    number: dict[str, np.ndarray]
+    face: np.ndarray
+    edge: np.ndarray
+    vertex: np.ndarray
+    first_ring: np.ndarray
+    ring: np.ndarray
+
+    @classmethod
+    def of(cls, surfaces: Surfaces, features: Features, pairs: Pairs) -> TriangleLists:
+        """The lists of `pairs`, as `triangle_pairs` returns them."""
+        cell, n_cells, m = surfaces.cell, int(surfaces.cell.max()) + 1, len(surfaces.ids)
+        corner = {"face": features.faces, "edge": features.edges, "vertex": np.arange(m)[:, None]}
+        of_cell = {kind: cell[corner[kind][:, 0]] for kind in KINDS}
+        # A source is a triangle near one cell; a feature is one near the cell of the triangle.
+        sources = np.unique(np.concatenate([np.column_stack([of[:, 0], of_cell[kind][of[:, 1]]])
+                                            for kind, of in pairs.items()]), axis=0)
+        source_key = sources[:, 0] * n_cells + sources[:, 1]
+        own = cell[surfaces.facets[:, 0]]
+        used, first, number = {}, {}, {}
+        for kind, of in pairs.items():
+            key, number[kind] = np.unique(of[:, 1] * n_cells + own[of[:, 0]], return_inverse=True)
+            used[kind] = key // n_cells, key % n_cells
+            place = np.searchsorted(source_key, of[:, 0] * n_cells + of_cell[kind][of[:, 1]])
+            order = np.argsort(place, kind="stable")
+            number[kind] = number[kind].ravel()[order]
+            first[kind] = np.searchsorted(place[order], np.arange(len(sources) + 1))
+        vertex, near = used["vertex"]
+        first_ring, ring = features.rings(vertex)
+        parts = [(surfaces.facets[sources[:, 0]], sources[:, 1]), (features.faces[used["face"][0]], used["face"][1]),
+                 (features.edges[used["edge"][0]], used["edge"][1]), (vertex[:, None], near),
+                 (ring[:, None], np.repeat(near, np.diff(first_ring)))]
+        keys = [(cell[p] * n_cells + other[:, None]) * m + p for p, other in parts]
+        key, flat = np.unique(np.concatenate([k.ravel() for k in keys]), return_inverse=True)
+        ends = np.cumsum([k.size for k in keys])[:-1]
+        segment, face, edge, vertex, ring = (n.reshape(k.shape) for n, k in zip(np.split(flat.ravel(), ends), keys,
+                                                                                strict=True))
+        return cls(key % m, key // m % n_cells, segment, sources[:, 0], first, number, face, edge, vertex[:, 0],
+                   first_ring, ring[:, 0])
