@@ -25,13 +25,13 @@ from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.step import StepControl
 
 RADIUS = 5.0
-_layout = cache(ball)
+layout = cache(ball)
 
 
 @cache
 def balls(laws: tuple, count: int, cells: int = 1, height: float = 0.0) -> Scene:
     """A row of equal balls of 5 µm, of a body's law and that of a nucleus or None, `height` [µm] above z = 0."""
-    return scene_of(_layout(count, RADIUS), laws, cells, 10.5, height)
+    return scene_of(layout(count, RADIUS), laws, cells, 10.5, height)
 
 
 def bar(law: Any, shape: tuple = (6, 2, 2)) -> Scene:
@@ -43,8 +43,8 @@ def scene_of(body: Body, laws: tuple, cells: int = 1, pitch: float = 0.0, height
     """Copies of a body, a `pitch` apart along x, whose lowest points are at a height [µm]."""
     inner = laws[1] or laws[0]
     depth = np.linalg.norm(body.X, axis=1) < 0.4 * RADIUS
-    layout = Body(body.X, depth & (laws[1] is not None), body.triangles, body.tetrahedra)
-    t: Template = template(SimpleNamespace(particles=lambda *_: layout), len(body.X), 0.0, laws, 0.05)
+    with_nucleus = Body(body.X, depth & (laws[1] is not None), body.triangles, body.tetrahedra)
+    t: Template = template(SimpleNamespace(particles=lambda *_: with_nucleus), len(body.X), 0.0, laws, 0.05)
     centre = np.array([[pitch * k, 0.0, height - t.X[:, 2].min()] for k in range(cells)])
     return Scene([t], np.zeros(cells, int), centre, [laws[0], inner], [(0, 1)])
 

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from scenes import example
-from space import Space, balls, bar
+from space import Space, balls, bar, layout, scene_of
 
 from mpi4py import MPI
 
+from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import pointwise
 from cellmig.meshfree.body import Scene
-from cellmig.meshfree.terms import Terms
+from cellmig.meshfree.terms import Contacts, Terms
 from cellmig.model.cortex import LineTension
+from cellmig.model.seifert import BetweenCells
 from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.restart import restore, saved
 
@@ -27,6 +29,7 @@ PUSH = replace(example("protrusion", "edge"), cells=("Cell-1", "Cell-3"), protru
 ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True,
             bulk_damped=True, friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), protrusion=PUSH,
             dimension=3)
+BETWEEN = BetweenCells(**asdict(replace(SUBSTRATE, bond_density=1000.0, cutoff=0.5)))
 STILL = Terms(stabilised=False, bulk_damped=False, stiffened=True, dimension=3)  # what has an energy
 MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists motion
 
@@ -35,6 +38,18 @@ MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists m
 def cells(count: int = 1, size: int = 200, nucleus: bool = True) -> Scene:
     """Balls 11 nm above the substrate, of fluid with a solid nucleus."""
     return balls((FLUID, SOLID if nucleus else None), size, count, 0.011)
+
+
+def touching(terms: Terms, cells: int) -> Terms:
+    """The same terms and contact between the cells."""
+    pairing = Pairing(np.zeros(cells, int), np.zeros((1, 1), int), np.zeros(1, int))
+    return replace(terms, contact=BETWEEN, contacts=Contacts((BETWEEN,), pairing, False))
+
+
+@cache
+def row(count: int = 2, size: int = 200) -> Scene:
+    """Balls that nearly touch each other."""
+    return scene_of(layout(size, 5.0), (FLUID, None), count, 10.0, 0.011)
 
 
 def smooth(X: np.ndarray, size: float, seed: int = SEED) -> np.ndarray:
@@ -77,6 +92,21 @@ def test_forces_of_tension_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) 
             force, stored = (space.everywhere(a) for a in space.mechanics.surface_force("cortex"))
             found.append((force * way).sum() if k == 0.0 else stored.sum())
     assert found[0] == pytest.approx((found[1] - found[2]) / (2.0 * h), rel=1e-8)  # measured 5e-10
+
+
+def test_forces_of_contact_are_minus_the_gradient_of_its_energy(comm: MPI.Comm) -> None:
+    scene, terms = row(), touching(STILL, 2)
+    way, h, found = smooth(scene.X, 1.0, SEED + 1), 2e-6, []
+    for k in (0.0, -h, h):
+        with Space(scene, terms, comm, k * way) as space:
+            force, stored = (space.everywhere(a) for a in space.mechanics.surface_force("contact"))
+            found.append(force if k == 0.0 else stored.sum())
+    force, low, high = found
+    size = np.abs(force).sum()
+    assert size > 10.0  # pN; measured
+    assert np.abs(force.sum(axis=0)).max() < 1e-12 * size  # measured
+    assert np.abs(np.cross(scene.X, force).sum(axis=0)).max() < 1e-11 * size  # µm; measured
+    assert (force * way).sum() == pytest.approx((low - high) / (2.0 * h), abs=1e-3 * size)  # measured
 
 
 def test_inner_forces_have_no_resultant_and_no_moment(comm: MPI.Comm) -> None:
@@ -128,6 +158,22 @@ def _after(comm: MPI.Comm, count: int, single: bool, terms: Terms = ALL) -> byte
     with Space(cells(count), replace(terms, single=single), comm) as space:
         space.integrator.advance_to(0.3)
         return space.state()
+
+
+@cache
+def touching_alone() -> bytes:
+    """The state of three cells in contact on one rank."""
+    return _in_contact(MPI.COMM_SELF)
+
+
+def _in_contact(comm: MPI.Comm) -> bytes:
+    with Space(row(3), touching(ALL, 3), comm) as space:
+        space.integrator.advance_to(0.2)
+        return space.state()
+
+
+def test_cells_in_contact_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm) -> None:
+    assert _in_contact(comm) == touching_alone()
 
 
 @pytest.mark.parametrize("single", [False, True], ids=["double", "single"])
