@@ -1,0 +1,164 @@
+"""Particles in a closed surface: on it, in two layers along that of a nucleus, and evenly elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .polygons import snapped
+from .surface_points import SAMPLES, Samples, surface_points
+from .surfaces import ClosedSurface
+from .tetrahedra import delaunay, filled, volumes
+from .triangles import area_vectors, unit
+
+NEIGHBOUR = 1.0911  # distance of neighbours in a body-centred lattice with one point per unit volume
+SURFACE_SHARE = 0.45  # volume of a particle on the surface over that of one inside
+FIRST = 0.9  # least depth of inner particles [distances of neighbours]: higher ones leave the surface too little volume
+LAYER = 0.41  # distance of the layers from the surface of the nucleus [distances of neighbours]
+ROOM = 0.65  # initial distance of inner particles from those layers [distances of neighbours]
+RESOLVED = 1.5  # a nucleus of the volume of a ball of this radius has layers [distances of neighbours]
+TRIANGULATIONS, MOVES = 5, 6  # moves of the inner particles between one triangulation and the next
+ROUNDS = 8  # in which the lattice is fitted
+DIGITS = 40  # bits of coordinates that are kept: the last ones depend on the library
+
+
+def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: ClosedSurface | None = None,
+         exact: Callable[[np.ndarray], np.ndarray] = np.asarray) -> tuple[np.ndarray, ...]:
+    """Fill a closed surface with exactly `count` particles, and with tetrahedra between them.
+
+    Parameters
+    ----------
+    surface : ClosedSurface
+    count : int
+    refinement : float -- density of particles along the surface over that inside [-].
+    nucleus : ClosedSurface -- around the nucleus; None if there is none.
+    exact : function -- moves points (n, 3) [µm] of the triangles to the curved surface that these represent.
+
+    Returns
+    -------
+    X : (count, 3) -- positions, surface particles first [µm].
+    within : (count,) bool -- whether a particle belongs to the nucleus.
+    tet : (k, 4) int -- tetrahedra that fill the surface, with positive volumes.
+    triangles : (m, 3) int -- their surface, oriented outward.
+    origin : (m,) int -- for each of these, a triangle of `surface` where it lies.
+
+    Raises ValueError if the particles are too few for the surface; the message is for the user.
+    """
+    h = _spacing(surface, count, refinement)
+    samples = Samples(surface, round(SAMPLES * refinement**2 * surface.area / h**2))
+    outer = snapped(exact(surface_points(samples, refinement**2 * surface.area / h**2)), DIGITS)
+    layers, sides, shape = np.zeros((0, 3)), np.zeros(0), None
+    if nucleus is not None and nucleus.volume > 4.0 / 3.0 * np.pi * (RESOLVED * NEIGHBOUR * h) ** 3:
+        shape = Samples(nucleus, round(SAMPLES * nucleus.area / h**2))
+        layers, sides = _layers(shape, samples, h)
+    if len(outer) + len(layers) >= count:
+        raise ValueError(f"{count} particles are too few for such a surface")
+    inner = _lattice(samples, h, count - len(outer) - len(layers), layers)
+    X = _spread(np.concatenate([outer, layers, inner]), len(outer), samples, NEIGHBOUR * h, shape, sides)
+    tet, triangles = filled(X, len(outer), surface)
+    near = samples.onto(X[triangles].mean(axis=1), unit(area_vectors(X[triangles])))[2]
+    within = np.zeros(count, bool)
+    if nucleus is not None:
+        within = _within(X, tet, len(outer), nucleus, nucleus.volume / surface.volume, shape is not None)
+    return X, within, tet, triangles, samples.triangle[near]
+
+
+def _spacing(surface: ClosedSurface, count: int, refinement: float) -> float:
+    """Root h [µm] of V = h³ (N - N_s) + SURFACE_SHARE A h, with N_s = refinement² A/h² particles on the surface."""
+    V, A = surface.volume, surface.area
+    linear = (refinement**2 - SURFACE_SHARE) * A
+    h = np.cbrt(V / count) + np.sqrt(max(linear, 0.0) / count)  # above the root: Newton's steps go down to it
+    for _ in range(50):
+        h -= (count * h**3 - linear * h - V) / (3.0 * count * h**2 - linear)
+    return float(h)
+
+
+def _layers(nucleus: Samples, surface: Samples, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (k, 3) of two layers along the surface of a nucleus where there is room, and their heights above it."""
+    above, radius = LAYER * NEIGHBOUR * h, 3.0 * nucleus.surface.volume / nucleus.surface.area
+    found, heights = [], []
+    for side in (-above, above):
+        n = 2.0 * above * nucleus.surface.area / h**3 * (1.0 + side / radius) ** 2
+        p = surface_points(nucleus, n)
+        p = snapped(p + side * nucleus.onto(p, nucleus.normals[nucleus.tree.query(p)[1]])[1], DIGITS)
+        p = p[surface.surface.inside(p)]
+        found.append(p[surface.height(p, 2.0 * h)[0] < -FIRST * NEIGHBOUR * h])
+        heights.append(np.full(len(found[-1]), side))
+    return np.concatenate(found), np.concatenate(heights)
+
+
+def _lattice(samples: Samples, h: float, count: int, layers: np.ndarray) -> np.ndarray:
+    """Points (count, 3) of the widest body-centred lattice that has so many inside, away from surface and layers."""
+    s, points = h, _points(samples, h, layers)
+    for _ in range(ROUNDS):
+        if 0 <= len(points) - count <= 1e-3 * count:
+            break
+        s *= np.cbrt((len(points) + 0.1) / (count + 0.1))
+        points = _points(samples, s, layers)
+    while len(points) < count:
+        s *= 0.999
+        points = _points(samples, s, layers)
+    depth = np.rint(-samples.height(points, 2.0 * h)[0] / (1e-6 * h))
+    return points[np.sort(np.argsort(-depth, kind="stable")[:count])]
+
+
+def _points(samples: Samples, s: float, layers: np.ndarray) -> np.ndarray:
+    """Points (k, 3) of a body-centred lattice with one in the volume s³, inside and away from surface and layers."""
+    surface, side = samples.surface, np.cbrt(2.0) * s
+    low = surface.centroid + side * np.array([0.137, 0.241, 0.389])  # none of them in a plane of symmetry
+    ranges = [np.arange(np.floor((a - c) / side), np.ceil((b - c) / side) + 1) for a, b, c in
+              zip(surface.vertices.min(axis=0), surface.vertices.max(axis=0), low, strict=True)]
+    cubes = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = low + side * np.concatenate([cubes, cubes + 0.5])
+    points = points[surface.inside(points)]
+    points = points[samples.height(points, 2.0 * s)[0] < -FIRST * NEIGHBOUR * s]
+    if len(layers):
+        points = points[cKDTree(layers).query(points)[0] > ROOM * NEIGHBOUR * s]
+    return points
+
+
+def _spread(X: np.ndarray, m: int, samples: Samples, d: float, nucleus: Samples | None,
+            heights: np.ndarray) -> np.ndarray:
+    """Points X (n, 3), of which the first m are fixed, evened out: the others move to the centroids around them.
+
+    They stay below the surface by FIRST d, and those of layers, which come first, at their `heights` above a nucleus.
+
+    Source: the centroid of the tetrahedra around a point (Chen & Xu 2004).
+    """
+    n, of_layer = len(X), slice(m, m + len(heights))
+    for _ in range(TRIANGULATIONS):
+        tet = delaunay(X)
+        tet = tet[(tet >= m).any(axis=1)]  # those of surface points alone may be outside
+        near = m + np.flatnonzero(samples.height(X[m:], 2.0 * d)[0] > -np.inf)
+        for _ in range(MOVES):
+            size = np.abs(volumes(X, tet))
+            middle = (0.25 * size)[:, None] * X[tet].sum(axis=1)
+            total = np.column_stack([np.bincount(tet.ravel(), np.repeat(x, 4), n) for x in (size, *middle.T)])
+            X = np.concatenate([X[:m], total[m:, 1:] / np.maximum(total[m:, :1], 1e-300)])
+            if nucleus is not None:
+                height, normal = nucleus.height(X[of_layer], d)
+                X[of_layer] += np.where(height > -np.inf, heights - height, 0.0)[:, None] * normal
+            height, normal = samples.height(X[near], 2.0 * d)
+            X[near] -= np.maximum(height + FIRST * d, 0.0)[:, None] * normal
+        X = snapped(X, DIGITS)
+    return X
+
+
+def _within(X: np.ndarray, tet: np.ndarray, m: int, nucleus: ClosedSurface, share: float, layers: bool) -> np.ndarray:
+    """Whether each particle is nucleus (n,) bool; the first m, on the surface, are not.
+
+    Without layers along its surface, the deepest particles are nucleus, of which the volumes add up to its `share`.
+    """
+    within = np.zeros(len(X), bool)
+    if layers:
+        within[m:] = nucleus.inside(X[m:])
+        return within
+    volume = np.bincount(tet.ravel(), np.repeat(volumes(X, tet), 4), len(X)) / 4.0
+    distance = np.rint(nucleus.distance(X[m:]) / (1e-6 * np.cbrt(nucleus.volume)))
+    order = m + np.argsort(distance, kind="stable")
+    until = np.cumsum(volume[order])
+    number = 1 + int(np.abs(until - share * volume.sum()).argmin())
+    within[order[:number]] = True
+    return within
