@@ -11,6 +11,7 @@ from .triangles import unit
 
 HALVINGS = 4  # of the edges of an icosahedron: 5,120 triangles, the volume of which is 0.3 % below that of the ball
 RINGS = 24  # of vertices of a disc; the outermost has 144
+INSCRIBED = np.cos(np.pi / (6 * RINGS)) - 1e-9  # less than the distance of its edges from the centre
 GOLDEN = 0.5 + np.sqrt(1.25)
 
 

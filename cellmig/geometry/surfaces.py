@@ -67,6 +67,10 @@ class ClosedSurface:
         six = dot(p[:, 0], cross(p[:, 1], p[:, 2]))
         return self.vertices[0] + (six[:, None] * p.sum(axis=1)).sum(axis=0) / (4.0 * six.sum())
 
+    def moved(self, vertices: np.ndarray) -> ClosedSurface:
+        """The same triangles between `vertices` (k, 3) [µm] elsewhere, by a map that keeps the sense of rotation."""
+        return ClosedSurface(vertices, self.triangles, self.part)
+
     def sampled(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Points that represent equal areas.
 

@@ -6,11 +6,12 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from .surfaces import ClosedSurface
-from .triangles import area_vectors, cross, dot, edges_of, lengths, unit
+from .triangles import area_vectors, cross, dot, edges_of, unit, volume
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # opposite to each corner, seen from outside
 FLAT = 0.1  # quality of a tetrahedron below which it is a sliver
 SMOOTH = np.cos(np.radians(40.0))  # of the angle between two outer faces of a sliver on a surface without an edge
+DEFECT = 0.1  # largest difference of the volume from that inside the surface, over the latter
 PASSES = 8  # in which slivers are taken off the surface
 
 
@@ -55,6 +56,15 @@ def boundary(tet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return faces[alone], alone // 4
 
 
+def circumcentres(X: np.ndarray, tet: np.ndarray) -> np.ndarray:
+    """Centres (k, 3) [µm] of the spheres through the corners of the tetrahedra `tet` (k, 4) int of X (n, 3) [µm]."""
+    a, b, c, d = X[tet].transpose(1, 0, 2)
+    u, v, w = b - a, c - a, d - a
+    total = sum(dot(p, p)[:, None] * cross(q, r) for p, q, r in ((u, v, w), (v, w, u), (w, u, v)))
+    six = dot(u, cross(v, w))
+    return a + total / np.where(six == 0.0, 1e-300, 2.0 * six)[:, None]
+
+
 def filled(X: np.ndarray, m: int, surface: ClosedSurface) -> tuple[np.ndarray, np.ndarray]:
     """Tetrahedra that fill a body, and its surface.
 
@@ -69,21 +79,30 @@ def filled(X: np.ndarray, m: int, surface: ClosedSurface) -> tuple[np.ndarray, n
     tet : (k, 4) int -- Delaunay tetrahedra inside, with positive volumes.
     triangles : (t, 3) int -- their surface, oriented outward, a closed surface with all m points and no others.
 
+    Source: of a surface without sharp edges whose points are close enough, the tetrahedra with the circumcentre inside
+    end at triangles of the same topology (restricted Delaunay triangulation; Edelsbrunner & Shah 1997, Amenta & Bern
+    1999); if they do not, at sharp concave edges, those with the centroid inside may.
+
     Raises ValueError if the points are too few for the surface; the message is for the user.
     """
     tet = delaunay(X)
     outer = np.flatnonzero((tet < m).all(axis=1))
-    within = np.ones(len(tet), bool)
-    within[outer] = surface.inside(X[tet[outer]].mean(axis=1)) & (volumes(X, tet[outer]) > 0.0)
-    tet = _peeled(X, tet[within], m)
-    triangles = boundary(tet)[0]
+    for middle in (circumcentres(X, tet[outer]), X[tet[outer]].mean(axis=1)):
+        within = np.ones(len(tet), bool)
+        within[outer] = surface.inside(middle) & (volumes(X, tet[outer]) > 0.0)
+        inside = _peeled(X, tet[within], m)
+        triangles = boundary(inside)[0]
+        if _faithful(triangles, m, surface) and abs(volume(X, triangles) / surface.volume - 1.0) < DEFECT:
+            return inside, triangles
+    raise ValueError(f"{len(X)} particles are too few for such a surface")
+
+
+def _faithful(triangles: np.ndarray, m: int, surface: ClosedSurface) -> bool:
+    """Whether triangles (t, 3) form a closed surface of the first m points, with as many handles as `surface`."""
     edges, edge = edges_of(triangles)
-    once = edges_of(surface.triangles)[0]
-    euler = len(surface.vertices) - len(once) + len(surface.triangles)
-    if ((np.bincount(edge.ravel()) != 2).any() or len(used := np.unique(triangles)) != m or used[-1] != m - 1
-            or m - len(edges) + len(triangles) != euler):
-        raise ValueError(f"{len(X)} particles are too few for such a surface")
-    return tet, triangles
+    euler = len(surface.vertices) - len(surface.triangles) // 2
+    return bool((np.bincount(edge.ravel()) == 2).all() and np.array_equal(np.unique(triangles), np.arange(m))
+                and m - len(edges) + len(triangles) == euler)
 
 
 def _peeled(X: np.ndarray, tet: np.ndarray, m: int) -> np.ndarray:
@@ -105,7 +124,8 @@ def _peeled(X: np.ndarray, tet: np.ndarray, m: int) -> np.ndarray:
         ends = np.sort(np.column_stack([triangles[one][~shared.any(axis=2)], triangles[other][~shared.any(axis=1)]]),
                        axis=1)
         n = len(X)
-        present = np.isin(ends[:, 0] * n + ends[:, 1], (lambda e: e[:, 0] * n + e[:, 1])(edges_of(triangles)[0]))
+        edges = edges_of(triangles)[0]
+        present = np.isin(ends[:, 0] * n + ends[:, 1], edges[:, 0] * n + edges[:, 1])
         if present.all():
             break
         tet = np.delete(tet, two[~present], axis=0)
