@@ -16,10 +16,11 @@ from .triangles import area_vectors, unit
 NEIGHBOUR = 1.0911  # distance of neighbours in a body-centred lattice with one point per unit volume
 SURFACE_SHARE = 0.45  # volume of a particle on the surface over that of one inside
 FIRST = 0.9  # least depth of inner particles [distances of neighbours]: higher ones leave the surface too little volume
+CLEARANCE = 0.6  # initial depth of inner particles [distances of neighbours]
 LAYER = 0.41  # distance of the layers from the surface of the nucleus [distances of neighbours]
 ROOM = 0.65  # initial distance of inner particles from those layers [distances of neighbours]
 RESOLVED = 1.5  # a nucleus of the volume of a ball of this radius has layers [distances of neighbours]
-TRIANGULATIONS, MOVES = 5, 6  # moves of the inner particles between one triangulation and the next
+TRIANGULATIONS, MOVES = 4, 8  # moves of the inner particles between one triangulation and the next
 ROUNDS = 8  # in which the lattice is fitted
 DIGITS = 40  # bits of coordinates that are kept: the last ones depend on the library
 
@@ -113,7 +114,7 @@ def _points(samples: Samples, s: float, layers: np.ndarray) -> np.ndarray:
     cubes = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
     points = low + side * np.concatenate([cubes, cubes + 0.5])
     points = points[surface.inside(points)]
-    points = points[samples.height(points, 2.0 * s)[0] < -FIRST * NEIGHBOUR * s]
+    points = points[samples.height(points, 2.0 * s)[0] < -CLEARANCE * NEIGHBOUR * s]
     if len(layers):
         points = points[cKDTree(layers).query(points)[0] > ROOM * NEIGHBOUR * s]
     return points

@@ -1,4 +1,4 @@
-"""Closed triangulated surfaces in space: checked, oriented outward, with their volume, what is inside, and distances."""
+"""Closed triangulated surfaces in space, oriented outward: volume, what is inside, distances, and points on them."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from .surfaces import ClosedSurface
 from .triangles import area_vectors, cross, dot, edges_of, unit, volume
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # opposite to each corner, seen from outside
+FAR = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
 FLAT = 0.1  # quality of a tetrahedron below which it is a sliver
 SMOOTH = np.cos(np.radians(40.0))  # of the angle between two outer faces of a sliver on a surface without an edge
 DEFECT = 0.1  # largest difference of the volume from that inside the surface, over the latter
@@ -16,8 +17,14 @@ PASSES = 8  # in which slivers are taken off the surface
 
 
 def delaunay(X: np.ndarray) -> np.ndarray:
-    """Delaunay tetrahedra (k, 4) int of the points X (n, 3) [µm], with positive volumes.  Source: Qhull (1996)."""
-    tet = Delaunay(X).simplices.astype(int)
+    """Delaunay tetrahedra (k, 4) int of the points X (n, 3) [µm], with positive volumes.
+
+    Eight points far outside take part: otherwise Qhull needs up to six times as long where many points are in a plane.
+    """
+    low, high = X.min(axis=0), X.max(axis=0)
+    outside = 0.5 * (low + high) + 2.0 * (high - low).max() * FAR
+    tet = Delaunay(np.concatenate([X, outside])).simplices.astype(int)
+    tet = tet[(tet < len(X)).all(axis=1)]
     negative = volumes(X, tet) < 0.0
     tet[negative] = tet[negative][:, [1, 0, 2, 3]]
     return tet

@@ -61,7 +61,7 @@ def edges_of(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def on_triangles(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Closest points (..., 3) [µm] to the points p (..., 3) [µm] on triangles with these `corners` (..., 3, 3) [µm].
 
-    Source: the foot of the perpendicular where it is in the triangle, else the closest one on an edge.
+    Source: the projection along the normal where that is in the triangle, else the closest one on an edge.
     """
     a, b, c = (corners[..., k, :] for k in range(3))
     n = cross(b - a, c - a)
