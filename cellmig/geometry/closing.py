@@ -15,7 +15,7 @@ BLOCK = 2_000_000  # pairs that are looked at together
 
 
 def closed(vertices: np.ndarray, triangles: np.ndarray, part: np.ndarray | None = None) -> ClosedSurface:
-    """The closed surface of one piece that triangles form, oriented outward.
+    """The closed surface of one piece that triangles form, oriented outward, the same in whatever order they are listed.
 
     Parameters
     ----------
@@ -41,11 +41,13 @@ def closed(vertices: np.ndarray, triangles: np.ndarray, part: np.ndarray | None 
     _refuse_pinched(vertices, triangles)
     if volume(vertices, triangles) < 0.0:
         triangles = triangles[:, ::-1]
-    first = triangles.argmin(axis=1)  # vertices are sorted by place: the lists' order does not matter
+    first = triangles.argmin(axis=1)
     triangles = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
     if (pair := _crossing(vertices[triangles], triangles)) is not None:
         raise ValueError(f"triangles {pair[0] + 1} and {pair[1] + 1} cross each other")
-    return ClosedSurface(vertices, triangles, np.zeros(len(triangles), int) if part is None else np.asarray(part, int))
+    order = np.lexsort(triangles.T)
+    part = np.zeros(len(triangles), int) if part is None else np.asarray(part, int)
+    return ClosedSurface(vertices, triangles[order], part[order])
 
 
 def _refuse(wrong: np.ndarray, what: str) -> None:

@@ -12,7 +12,7 @@ FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # opposite to ea
 FAR = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
 FLAT = 0.1  # quality of a tetrahedron below which it is a sliver
 SMOOTH = np.cos(np.radians(40.0))  # of the angle between two outer faces of a sliver on a surface without an edge
-DEFECT = 0.1  # largest difference of the volume from that inside the surface, over the latter
+DEFECT = 0.2  # largest difference of the volume from that inside the surface, over the latter
 PASSES = 8  # in which slivers are taken off the surface
 
 
