@@ -156,7 +156,7 @@ class Ball(_Body):
 
 @dataclass(frozen=True, kw_only=True)
 class Cap(_Body):
-    """Cap of a spheroid that rests with its flat base on a plane, as a spread cell does; its centre is that of the base.
+    """Cap of a spheroid that rests with its flat base on a plane, as a spread cell does; the base has the origin.
 
     Without a contact angle it is the cap of a sphere.  Parts of its surface: base, cap.
 

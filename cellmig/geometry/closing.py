@@ -15,7 +15,7 @@ BLOCK = 2_000_000  # pairs that are looked at together
 
 
 def closed(vertices: np.ndarray, triangles: np.ndarray, part: np.ndarray | None = None) -> ClosedSurface:
-    """The closed surface of one piece that triangles form, oriented outward, the same in whatever order they are listed.
+    """The closed surface of one piece that triangles form, oriented outward, the same in any order of the list.
 
     Parameters
     ----------

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .polygons import snapped
-from .surface_points import SAMPLES, Samples, surface_points
+from .surface_points import SAMPLES, Samples, surface_points, thinned
 from .surfaces import ClosedSurface
-from .tetrahedra import delaunay, filled, volumes
+from .tetrahedra import FACES, delaunay, filled, quality, volumes
 from .triangles import area_vectors, unit
 
 NEIGHBOUR = 1.0911  # distance of neighbours in a body-centred lattice with one point per unit volume
@@ -18,10 +18,14 @@ SURFACE_SHARE = 0.45  # volume of a particle on the surface over that of one ins
 FIRST = 0.9  # least depth of inner particles [distances of neighbours]: higher ones leave the surface too little volume
 CLEARANCE = 0.6  # initial depth of inner particles [distances of neighbours]
 LAYER = 0.41  # distance of the layers from the surface of the nucleus [distances of neighbours]
+CLOSE = 0.6  # least initial distance of points of the layers [distances of neighbours]
 ROOM = 0.65  # initial distance of inner particles from those layers [distances of neighbours]
 RESOLVED = 1.5  # a nucleus of the volume of a ball of this radius has layers [distances of neighbours]
-TRIANGULATIONS, MOVES = 4, 8  # moves of the inner particles between one triangulation and the next
-ROUNDS = 8  # in which the lattice is fitted
+TRIANGULATIONS, MOVES = 3, 10  # moves of the inner particles between one triangulation and the next
+PASSES = 4  # in which flat tetrahedra are removed
+SLIVER = 0.3  # quality of a tetrahedron below which it is flat
+AWAY = 0.08  # by which one of its corners moves [distances of neighbours]
+ROUNDS, EXCESS = 6, 5e-3  # in which the lattice is fitted, until it has so many points too many, over the number
 DIGITS = 40  # bits of coordinates that are kept: the last ones depend on the library
 
 
@@ -58,6 +62,7 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
         raise ValueError(f"{count} particles are too few for such a surface")
     inner = _lattice(samples, h, count - len(outer) - len(layers), layers)
     X = _spread(np.concatenate([outer, layers, inner]), len(outer), samples, NEIGHBOUR * h, shape, sides)
+    X = _without_slivers(X, len(outer), NEIGHBOUR * h)
     tet, triangles = filled(X, len(outer), surface)
     near = samples.onto(X[triangles].mean(axis=1), unit(area_vectors(X[triangles])))[2]
     within = np.zeros(count, bool)
@@ -87,19 +92,21 @@ def _layers(nucleus: Samples, surface: Samples, h: float) -> tuple[np.ndarray, n
         p = p[surface.surface.inside(p)]
         found.append(p[surface.height(p, 2.0 * h)[0] < -FIRST * NEIGHBOUR * h])
         heights.append(np.full(len(found[-1]), side))
-    return np.concatenate(found), np.concatenate(heights)
+    layers = np.concatenate(found)
+    kept = thinned(layers, CLOSE * NEIGHBOUR * h)
+    return layers[kept], np.concatenate(heights)[kept]
 
 
 def _lattice(samples: Samples, h: float, count: int, layers: np.ndarray) -> np.ndarray:
     """Points (count, 3) of the widest body-centred lattice that has so many inside, away from surface and layers."""
     s, points = h, _points(samples, h, layers)
     for _ in range(ROUNDS):
-        if 0 <= len(points) - count <= 1e-3 * count:
+        if 0 <= len(points) - count <= EXCESS * count:
             break
         s *= np.cbrt((len(points) + 0.1) / (count + 0.1))
         points = _points(samples, s, layers)
     while len(points) < count:
-        s *= 0.999
+        s *= 1.0 - 0.3 * EXCESS
         points = _points(samples, s, layers)
     depth = np.rint(-samples.height(points, 2.0 * h)[0] / (1e-6 * h))
     return points[np.sort(np.argsort(-depth, kind="stable")[:count])]
@@ -116,7 +123,7 @@ def _points(samples: Samples, s: float, layers: np.ndarray) -> np.ndarray:
     points = points[surface.inside(points)]
     points = points[samples.height(points, 2.0 * s)[0] < -CLEARANCE * NEIGHBOUR * s]
     if len(layers):
-        points = points[cKDTree(layers).query(points)[0] > ROOM * NEIGHBOUR * s]
+        points = points[np.isinf(cKDTree(layers).query(points, distance_upper_bound=ROOM * NEIGHBOUR * s)[0])]
     return points
 
 
@@ -143,6 +150,23 @@ def _spread(X: np.ndarray, m: int, samples: Samples, d: float, nucleus: Samples 
                 X[of_layer] += np.where(height > -np.inf, heights - height, 0.0)[:, None] * normal
             height, normal = samples.height(X[near], 2.0 * d)
             X[near] -= np.maximum(height + FIRST * d, 0.0)[:, None] * normal
+        X = snapped(X, DIGITS)
+    return X
+
+
+def _without_slivers(X: np.ndarray, m: int, d: float) -> np.ndarray:
+    """Points X (n, 3), of which the first m are fixed; inner corners of flat tetrahedra move away from the other three.
+
+    The next triangulation has others in their place.
+    """
+    for _ in range(PASSES):
+        tet = delaunay(X)
+        tet = tet[(quality(X, tet) < SLIVER) & (tet >= m).any(axis=1)]
+        if len(tet) == 0:
+            break
+        for corner, face in enumerate(FACES):
+            inner = tet[tet[:, corner] >= m]
+            np.add.at(X, inner[:, corner], -AWAY * d * unit(area_vectors(X[inner[:, face]])))
         X = snapped(X, DIGITS)
     return X
 

@@ -205,7 +205,8 @@ def _fixed(surface: ClosedSurface, spacing: float) -> np.ndarray:
     z = surface.vertices[:, 2]
     lowest = np.flatnonzero(z < z.min() + 1e-6 * spacing)
     points.append(surface.vertices[lowest if len(lowest) == 1 else lowest[:0]])
-    return _thinned(np.concatenate(points), CLOSE * spacing)
+    found = np.concatenate(points)
+    return found[thinned(found, CLOSE * spacing)]
 
 
 def _lines(vertices: np.ndarray, edges: np.ndarray) -> tuple[list[int], list[list[int]]]:
@@ -234,9 +235,9 @@ def _lines(vertices: np.ndarray, edges: np.ndarray) -> tuple[list[int], list[lis
     return corners, lines
 
 
-def _thinned(points: np.ndarray, apart: float) -> np.ndarray:
-    """Points without those that are closer than `apart` to an earlier one."""
+def thinned(points: np.ndarray, apart: float) -> np.ndarray:
+    """Which `points` (n, 3) [µm] are left (n,) bool without those closer than `apart` [µm] to an earlier one."""
     kept = np.ones(len(points), bool)
     for i, j in sorted(cKDTree(points).query_pairs(apart)) if len(points) else []:
         kept[j] &= not kept[i]
-    return points[kept]
+    return kept
