@@ -56,8 +56,8 @@ class _Body:
         """
         if self.nucleus_offset is not None and self.nucleus_ratio is None:
             raise ValueError("nucleus_offset: needs nucleus_ratio, the size of the nucleus, which is missing")
-        nucleus = self._nucleus
-        if nucleus is not None and not self._surface.inside(nucleus.vertices).all():
+        surface, nucleus = self._surface, self._nucleus
+        if nucleus is not None and not surface.inside(nucleus.vertices).all():
             key = "nucleus_ratio" if self.nucleus_offset is None else "nucleus_offset"
             raise ValueError(f"{key}: the nucleus does not lie within the body")
 

@@ -11,7 +11,7 @@ from .polygons import snapped
 from .surface_points import SAMPLES, Samples, surface_points, thinned
 from .surfaces import ClosedSurface
 from .tetrahedra import FACES, delaunay, filled, quality, volumes
-from .triangles import area_vectors, unit
+from .triangles import area_vectors, lengths, unit
 
 NEIGHBOUR = 1.0911  # distance of neighbours in a body-centred lattice with one point per unit volume
 SURFACE_SHARE = 0.45  # volume of a particle on the surface over that of one inside
@@ -20,7 +20,8 @@ CLEARANCE = 0.6  # initial depth of inner particles [distances of neighbours]
 LAYER = 0.41  # distance of the layers from the surface of the nucleus [distances of neighbours]
 CLOSE = 0.6  # least initial distance of points of the layers [distances of neighbours]
 ROOM = 0.65  # initial distance of inner particles from those layers [distances of neighbours]
-RESOLVED = 1.5  # a nucleus of the volume of a ball of this radius has layers [distances of neighbours]
+RESOLVED = 1.5  # a nucleus has layers if three times its volume over its area is above this [distances of neighbours]
+SHARE = 0.05  # by which the volume of the particles inside a nucleus may differ from its own, over the latter
 TRIANGULATIONS, MOVES = 3, 10  # moves of the inner particles between one triangulation and the next
 PASSES = 4  # in which flat tetrahedra are removed
 SLIVER = 0.3  # quality of a tetrahedron below which it is flat
@@ -53,9 +54,10 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
     """
     h = _spacing(surface, count, refinement)
     samples = Samples(surface, round(SAMPLES * refinement**2 * surface.area / h**2))
-    outer = snapped(exact(surface_points(samples, refinement**2 * surface.area / h**2)), DIGITS)
+    outer, fixed = surface_points(samples, refinement**2 * surface.area / h**2)
+    outer = snapped(exact(outer), DIGITS)
     layers, sides, shape = np.zeros((0, 3)), np.zeros(0), None
-    if nucleus is not None and nucleus.volume > 4.0 / 3.0 * np.pi * (RESOLVED * NEIGHBOUR * h) ** 3:
+    if nucleus is not None and 3.0 * nucleus.volume > RESOLVED * NEIGHBOUR * h * nucleus.area:
         shape = Samples(nucleus, round(SAMPLES * nucleus.area / h**2))
         layers, sides = _layers(shape, samples, h)
     if len(outer) + len(layers) >= count:
@@ -63,12 +65,12 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
     inner = _lattice(samples, h, count - len(outer) - len(layers), layers)
     X = _spread(np.concatenate([outer, layers, inner]), len(outer), samples, NEIGHBOUR * h, shape, sides)
     X = _without_slivers(X, len(outer), NEIGHBOUR * h)
-    tet, triangles = filled(X, len(outer), surface)
-    near = samples.onto(X[triangles].mean(axis=1), unit(area_vectors(X[triangles])))[2]
+    tet, triangles = filled(X, len(outer), fixed, surface)
+    origin = samples.alike(X[triangles].mean(axis=1), unit(area_vectors(X[triangles])), 2.0 * h)
     within = np.zeros(count, bool)
     if nucleus is not None:
-        within = _within(X, tet, len(outer), nucleus, nucleus.volume / surface.volume, shape is not None)
-    return X, within, tet, triangles, samples.triangle[near]
+        within = _within(X, tet, len(outer), nucleus, nucleus.volume / surface.volume)
+    return X, within, tet, triangles, origin
 
 
 def _spacing(surface: ClosedSurface, count: int, refinement: float) -> float:
@@ -87,7 +89,7 @@ def _layers(nucleus: Samples, surface: Samples, h: float) -> tuple[np.ndarray, n
     found, heights = [], []
     for side in (-above, above):
         n = 2.0 * above * nucleus.surface.area / h**3 * (1.0 + side / radius) ** 2
-        p = surface_points(nucleus, n)
+        p = surface_points(nucleus, n)[0]
         p = snapped(p + side * nucleus.onto(p, nucleus.normals[nucleus.tree.query(p)[1]])[1], DIGITS)
         p = p[surface.surface.inside(p)]
         found.append(p[surface.height(p, 2.0 * h)[0] < -FIRST * NEIGHBOUR * h])
@@ -171,19 +173,19 @@ def _without_slivers(X: np.ndarray, m: int, d: float) -> np.ndarray:
     return X
 
 
-def _within(X: np.ndarray, tet: np.ndarray, m: int, nucleus: ClosedSurface, share: float, layers: bool) -> np.ndarray:
+def _within(X: np.ndarray, tet: np.ndarray, m: int, nucleus: ClosedSurface, share: float) -> np.ndarray:
     """Whether each particle is nucleus (n,) bool; the first m, on the surface, are not.
 
-    Without layers along its surface, the deepest particles are nucleus, of which the volumes add up to its `share`.
+    They are those inside it if these have its `share` of the volume; else as many of the deepest as have.
     """
-    within = np.zeros(len(X), bool)
-    if layers:
-        within[m:] = nucleus.inside(X[m:])
+    within, inside = np.zeros(len(X), bool), nucleus.inside(X[m:])
+    volume = (np.bincount(tet.ravel(), np.repeat(volumes(X, tet), 4), len(X)) / 4.0)[m:]
+    wanted = share * volumes(X, tet).sum()
+    if abs(volume[inside].sum() - wanted) < SHARE * wanted:
+        within[m:] = inside
         return within
-    volume = np.bincount(tet.ravel(), np.repeat(volumes(X, tet), 4), len(X)) / 4.0
-    distance = np.rint(nucleus.distance(X[m:]) / (1e-6 * np.cbrt(nucleus.volume)))
-    order = m + np.argsort(distance, kind="stable")
-    until = np.cumsum(volume[order])
-    number = 1 + int(np.abs(until - share * volume.sum()).argmin())
-    within[order[:number]] = True
+    depth = np.where(inside, 1.0, -1.0) * lengths(nucleus.closest(X[m:])[0] - X[m:])
+    order = np.argsort(-np.rint(depth / (1e-6 * np.cbrt(nucleus.volume))), kind="stable")
+    number = 1 + int(np.abs(np.cumsum(volume[order]) - wanted).argmin())
+    within[m + order[:number]] = True
     return within

@@ -90,8 +90,16 @@ class Samples:
         height[seen] = dot(p[seen] - self.points[near[seen]], normal[seen])
         return height, normal
 
+    def alike(self, p: np.ndarray, normal: np.ndarray, reach: float) -> np.ndarray:
+        """Triangles (n,) int of the surface near the points p (n, 3) [µm] whose normals are like `normal` (n, 3).
 
-def surface_points(samples: Samples, n: float) -> np.ndarray:
+        An angle of one radian counts as much as the distance `reach` [µm].
+        """
+        tree = cKDTree(np.concatenate([self.points, reach * self.normals], axis=1))
+        return self.triangle[tree.query(np.concatenate([p, reach * normal], axis=1))[1]]
+
+
+def surface_points(samples: Samples, n: float) -> tuple[np.ndarray, int]:
     """About n points of a surface, so that each has nearly the same area.
 
     Parameters
@@ -101,7 +109,8 @@ def surface_points(samples: Samples, n: float) -> np.ndarray:
 
     Returns
     -------
-    (m, 3) -- positions [µm]: those in corners and along sharp edges first.
+    points : (m, 3) -- positions [µm].
+    fixed : int -- how many of them, the first ones, are in corners, along sharp edges or the lowest one.
 
     Source: derived here, see the head of this module.
     """
@@ -119,7 +128,7 @@ def surface_points(samples: Samples, n: float) -> np.ndarray:
         P[free] = moved
     near = samples.onto(P[free], N[free])[2]
     P[free] = on_triangles(P[free], samples.surface.corners[samples.triangle[near]])
-    return P
+    return P, len(fixed)
 
 
 def _near(P: np.ndarray, N: np.ndarray, reach: float) -> np.ndarray:

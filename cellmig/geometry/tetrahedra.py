@@ -72,13 +72,14 @@ def circumcentres(X: np.ndarray, tet: np.ndarray) -> np.ndarray:
     return a + total / np.where(six == 0.0, 1e-300, 2.0 * six)[:, None]
 
 
-def filled(X: np.ndarray, m: int, surface: ClosedSurface) -> tuple[np.ndarray, np.ndarray]:
+def filled(X: np.ndarray, m: int, fixed: int, surface: ClosedSurface) -> tuple[np.ndarray, np.ndarray]:
     """Tetrahedra that fill a body, and its surface.
 
     Parameters
     ----------
     X : (n, 3) -- points in the body [µm], the first m on its surface.
     m : int -- number of points on the surface.
+    fixed : int -- how many of these, the first ones, are in corners and on sharp edges.
     surface : ClosedSurface -- of the body.
 
     Returns
@@ -86,17 +87,18 @@ def filled(X: np.ndarray, m: int, surface: ClosedSurface) -> tuple[np.ndarray, n
     tet : (k, 4) int -- Delaunay tetrahedra inside, with positive volumes.
     triangles : (t, 3) int -- their surface, oriented outward, a closed surface with all m points and no others.
 
-    Source: of a surface without sharp edges whose points are close enough, the tetrahedra with the circumcentre inside
-    end at triangles of the same topology (restricted Delaunay triangulation; Edelsbrunner & Shah 1997, Amenta & Bern
-    1999); if they do not, at sharp concave edges, those with the centroid inside may.
+    Source: away from sharp edges, if the points are close enough, the tetrahedra with the circumcentre inside end at
+    triangles of the surface's topology (restricted Delaunay triangulation; Edelsbrunner & Shah 1997, Amenta & Bern
+    1999).  At sharp edges those count whose centroid is inside, or elsewhere, too, where this leads to no closed surface.
 
     Raises ValueError if the points are too few for the surface; the message is for the user.
     """
     tet = delaunay(X)
     outer = np.flatnonzero((tet < m).all(axis=1))
-    for middle in (circumcentres(X, tet[outer]), X[tet[outer]].mean(axis=1)):
-        within = np.ones(len(tet), bool)
-        within[outer] = surface.inside(middle) & (volumes(X, tet[outer]) > 0.0)
+    spherical, central = (surface.inside(p) for p in (circumcentres(X, tet[outer]), X[tet[outer]].mean(axis=1)))
+    within = np.ones(len(tet), bool)
+    for chosen in (np.where((tet[outer] < fixed).any(axis=1), central, spherical), central, spherical):
+        within[outer] = chosen & (volumes(X, tet[outer]) > 0.0)
         inside = _peeled(X, tet[within], m)
         triangles = boundary(inside)[0]
         if _faithful(triangles, m, surface) and abs(volume(X, triangles) / surface.volume - 1.0) < DEFECT:
