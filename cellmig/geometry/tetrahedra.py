@@ -10,7 +10,7 @@ from .triangles import area_vectors, cross, dot, edges_of, unit, volume
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # opposite to each corner, seen from outside
 FAR = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
-FLAT = 0.1  # quality of a tetrahedron below which it is a sliver
+FLAT = 0.25  # quality of a tetrahedron below which it is a sliver
 SMOOTH = np.cos(np.radians(40.0))  # of the angle between two outer faces of a sliver on a surface without an edge
 DEFECT = 0.2  # largest difference of the volume from that inside the surface, over the latter
 PASSES = 8  # in which slivers are taken off the surface
@@ -89,7 +89,7 @@ def filled(X: np.ndarray, m: int, fixed: int, surface: ClosedSurface) -> tuple[n
 
     Source: away from sharp edges, if the points are close enough, the tetrahedra with the circumcentre inside end at
     triangles of the surface's topology (restricted Delaunay triangulation; Edelsbrunner & Shah 1997, Amenta & Bern
-    1999).  At sharp edges those count whose centroid is inside, or elsewhere, too, where this leads to no closed surface.
+    1999).  At sharp edges those with the centroid inside count, and everywhere if the surface is not closed otherwise.
 
     Raises ValueError if the points are too few for the surface; the message is for the user.
     """

@@ -64,14 +64,14 @@ SHAPES = {
     "peanut": surface(peanut(SPHERE.vertices), SPHERE.triangles),
     "angle": surface(*angle()),
 }
-# Largest measured, at 1,000 particles: volume that the chords leave out, over the whole.
-DEFECT = {"ball": 0.0133, "ellipsoid": 0.0138, "cap": 0.0069, "spheroidal cap": 0.0084, "high cap": 0.0131, "box": 0.0,
-          "cylinder": 0.0080, "bumpy": 0.0139, "peanut": 0.0163, "angle": 0.0}
+# Measured: the share of the volume that the chords of a curved surface leave out.
+DEFECT = {"ball": 0.0192, "ellipsoid": 0.0207, "cap": 0.0097, "spheroidal cap": 0.0118, "high cap": 0.0193, "box": 0.0,
+          "cylinder": 0.0116, "bumpy": 0.0212, "peanut": 0.0239, "angle": 0.0}
 every = pytest.mark.parametrize("name", SHAPES)
 
 
 @cache
-def layout(name: str, count: int = 1000, refinement: float = 1.0) -> Layout3:
+def layout(name: str, count: int = 600, refinement: float = 1.0) -> Layout3:
     return SHAPES[name].particles(count, refinement)
 
 
@@ -81,7 +81,7 @@ def nodal(found: Layout3) -> np.ndarray:
     return np.bincount(found.tetrahedra.ravel(), size, len(found.X)) / 4.0
 
 
-@pytest.mark.parametrize("count", [200, 1000])
+@pytest.mark.parametrize("count", [200, 600])
 @every
 def test_a_body_has_exactly_as_many_particles_as_asked_for(name: str, count: int) -> None:
     found = layout(name, count)
@@ -98,7 +98,7 @@ def test_the_surface_is_closed_and_its_area_vectors_add_up_to_nothing(name: str)
     assert (surface_particles == np.arange(len(surface_particles))).all()
     assert len(surface_particles) - len(edges) + len(found.triangles) == 2  # Euler: no handles
     areas = area_vectors(found.X[found.triangles])
-    assert np.abs(areas.sum(axis=0)).max() < 1e-13 * lengths(areas).sum()  # measured 6e-16
+    assert np.abs(areas.sum(axis=0)).max() < 1e-14 * lengths(areas).sum()  # measured 6e-17
 
 
 @every
@@ -106,7 +106,7 @@ def test_the_tetrahedra_fill_the_surface_exactly(name: str) -> None:
     found = layout(name)
     size = volumes(found.X, found.tetrahedra)
     assert (size > 0.0).all()
-    assert size.sum() == pytest.approx(volume(found.X, found.triangles), rel=1e-12)  # measured 4e-16
+    assert size.sum() == pytest.approx(volume(found.X, found.triangles), rel=1e-12)  # measured 2e-16
     ends = boundary(found.tetrahedra)[0]
     assert {frozenset(t) for t in ends.tolist()} == {frozenset(t) for t in found.triangles.tolist()}
 
@@ -116,7 +116,7 @@ def test_gauss_theorem_holds_for_the_surface_and_the_volumes_inside(name: str) -
     found = layout(name)
     corners = found.X[found.triangles]
     over_surface = area_vectors(corners).T @ corners.mean(axis=1)  # of n x, whose divergence is the unit tensor
-    assert np.abs(over_surface - nodal(found).sum() * np.eye(3)).max() < 1e-12 * SHAPES[name].volume  # measured 4e-15
+    assert np.abs(over_surface - nodal(found).sum() * np.eye(3)).max() < 1e-13 * SHAPES[name].volume  # measured 1e-15
 
 
 @every
@@ -126,8 +126,8 @@ def test_the_volume_is_that_of_the_shape_less_what_chords_leave_out(name: str) -
 
 
 def test_the_volume_left_out_by_chords_falls_as_the_spacing_squared() -> None:
-    left = [1.0 - nodal(layout("ball", count)).sum() / SHAPES["ball"].volume for count in (500, 4000)]
-    assert np.log2(left[0] / left[1]) == pytest.approx(2.0, abs=0.5)
+    left = [1.0 - nodal(layout("ball", count)).sum() / SHAPES["ball"].volume for count in (200, 1600)]
+    assert np.log2(left[0] / left[1]) == pytest.approx(2.0, abs=0.4)  # measured 2.16
 
 
 @every
@@ -136,8 +136,8 @@ def test_surface_particles_lie_on_the_surface_and_others_well_below(name: str) -
     shape = SHAPES[name]
     away = -shape._surface.distance(found.X)
     size = shape.volume ** (1 / 3)
-    assert np.abs(away[:m]).max() < 2e-3 * size
-    assert away[m:].min() > 0.5 * (shape.volume / 1000) ** (1 / 3)
+    assert np.abs(away[:m]).max() < 2e-3 * size  # of the fine triangles; measured 1.3e-3
+    assert away[m:].min() > 0.5 * (shape.volume / 600) ** (1 / 3)  # measured 0.60 at the edge of the cap
 
 
 @every
@@ -146,8 +146,9 @@ def test_no_tetrahedron_inside_is_flat_and_volumes_are_alike(name: str) -> None:
     shape = quality(found.X, found.tetrahedra)
     inner = (found.tetrahedra >= m).any(axis=1)
     V = nodal(found)[m:]
-    assert shape[inner].min() > 0.2 and np.median(shape) > 0.85
-    assert V.std() / V.mean() < 0.25 and V.min() > 0.25 * V.mean() and V.max() < 2.3 * V.mean()
+    assert shape[inner].min() > 0.25 and np.median(shape) > 0.85  # measured 0.30, 0.88
+    assert V.std() < 0.3 * V.mean()  # measured 0.24
+    assert 0.35 * V.mean() < V.min() and V.max() < 2.0 * V.mean()  # measured 0.42, 1.79
 
 
 @every
@@ -188,7 +189,8 @@ def test_the_nucleus_has_its_share_of_the_volume(name: str) -> None:
     found, shape = layout(name), SHAPES[name]
     inner = shape._nucleus
     V = nodal(found)
-    assert V[found.nucleus].sum() / V.sum() == pytest.approx(inner.volume / shape._surface.volume, rel=0.05)
+    share = inner.volume / shape._surface.volume
+    assert V[found.nucleus].sum() / V.sum() == pytest.approx(share, rel=0.05)  # measured 0.026
     assert inner.distance(found.X[found.nucleus]).max() < inner.distance(found.X[~found.nucleus]).min() + 1e-5
 
 
@@ -197,7 +199,7 @@ def test_a_nucleus_too_small_for_layers_has_the_deepest_particles() -> None:
     deep = lengths(found.X)
     V = nodal(found)
     assert 0 < found.nucleus.sum() < 10 and deep[found.nucleus].max() < deep[~found.nucleus].min()
-    assert V[found.nucleus].sum() / V.sum() == pytest.approx(0.25**3, rel=0.3)
+    assert V[found.nucleus].sum() / V.sum() == pytest.approx(0.25**3, rel=0.2)  # measured 0.10: three particles
 
 
 def test_a_body_without_nucleus_has_no_particle_of_it() -> None:
@@ -206,8 +208,8 @@ def test_a_body_without_nucleus_has_no_particle_of_it() -> None:
 
 @pytest.mark.parametrize("name", ["ball", "box", "bumpy"])
 def test_denser_surfaces_have_more_particles_there(name: str) -> None:
-    one, two = (len(np.unique(layout(name, 1000, refinement).triangles)) for refinement in (1.0, 1.3))
-    assert 1.25 < two / one < 1.69  # measured 1.29 to 1.5
+    one, two = (len(np.unique(layout(name, 600, refinement).triangles)) for refinement in (1.0, 1.3))
+    assert 1.25 < two / one < 1.69  # measured 1.32 to 1.35, less than 1.3² as h grows
 
 
 @every
@@ -238,23 +240,23 @@ def test_triangles_that_each_have_their_own_vertices_are_joined() -> None:
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("change", [TURN, np.diag([-1.0, 1.0, 1.0]), -np.eye(3)], ids=["turned", "mirrored", "inverted"])
+@pytest.mark.parametrize("change", [TURN, np.diag([-1.0, 1.0, 1.0]), -np.eye(3)], ids=["turn", "mirror", "inversion"])
 def test_turned_and_mirrored_surfaces_are_filled_alike(change: np.ndarray) -> None:
     vertices = bumpy(SPHERE.vertices)
     one, two = (surface(v, SPHERE.triangles) for v in (vertices, vertices @ change.T))
     assert two.volume == pytest.approx(one.volume, rel=1e-13)
-    first, second = one.particles(1000), two.particles(1000)
-    assert nodal(first).sum() == pytest.approx(nodal(second).sum(), rel=2e-3)
+    first, second = one.particles(600), two.particles(600)
+    assert nodal(first).sum() == pytest.approx(nodal(second).sum(), rel=2e-3)  # measured 6e-4
     spread = [np.std(v) / np.mean(v) for v in map(nodal, (first, second))]
-    assert spread[0] == pytest.approx(spread[1], rel=0.1)
+    assert spread[0] == pytest.approx(spread[1], rel=0.05)  # measured 0.023
 
 
 def test_points_on_a_surface_are_even() -> None:
     samples = Samples(SPHERE, SAMPLES * 600)
     found, _ = surface_points(samples, 600)
-    assert len(found) == pytest.approx(600, rel=0.06)
+    assert len(found) == pytest.approx(600, rel=0.06)  # measured 0.038
     away = np.sort(lengths(found[:, None] - found[None]), axis=1)[:, 1] * np.sqrt(len(found) / SPHERE.area)
-    assert away.min() > 0.65 and away.max() < 1.15
+    assert away.min() > 0.75 and away.max() < 1.15  # measured 0.81, 1.095; a lattice has 1.075
 
 
 def test_volume_area_and_centre_of_a_tetrahedron_are_exact() -> None:
@@ -335,7 +337,7 @@ def test_triangles_that_bound_no_volume_are_refused(vertices: np.ndarray, triang
     (lambda: Ball(radius=1.0, nucleus_offset=(0.1, 0.0, 0.0)), "nucleus_offset: needs nucleus_ratio"),
     (lambda: Ball(radius=1.0, nucleus_ratio=0.5, nucleus_offset=(0.6, 0.0, 0.0)), "nucleus_offset: the nucleus does"),
     (lambda: surface(*angle(), nucleus_ratio=0.9), "nucleus_ratio: the nucleus does not lie within the body"),
-    (lambda: Cap(contact_radius=5.0, height=3.0, contact_angle=0.8), "contact_angle: a spheroid of this height has one"),
+    (lambda: Cap(contact_radius=5.0, height=3.0, contact_angle=0.8), "contact_angle: a spheroid of this height has"),
     (lambda: surface(*angle(), nucleus_vertices=((0.0, 0.0, 0.0),)), "nucleus_vertices, nucleus_triangles: one is"),
     (lambda: Ball(radius=1.0).particles(20), "20 particles are too few for such a surface")])
 def test_shapes_that_cannot_be_are_refused(make, message: str) -> None:
@@ -354,7 +356,8 @@ def test_a_cap_without_contact_angle_is_that_of_a_sphere() -> None:
 
 def test_a_ball_is_an_ellipsoid_with_equal_axes() -> None:
     one, two = Ball(radius=3.0).particles(300), Ellipsoid(a=3.0, b=3.0, c=3.0).particles(300)
-    assert np.abs(one.X - two.X).max() < 1e-10 and (one.tetrahedra == two.tetrahedra).all()
+    assert np.abs(one.X - two.X).max() < 1e-10  # measured 0
+    assert (one.tetrahedra == two.tetrahedra).all()
 
 
 def test_layouts_have_the_same_bits_every_time() -> None:
