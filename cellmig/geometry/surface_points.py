@@ -15,6 +15,7 @@ from .triangles import cross, dot, edges_of, lengths, on_triangles, unit
 
 SHARP = np.cos(np.radians(40.0))  # of the angle between the normals at an edge: less is a sharp edge
 CORNER = np.cos(np.radians(60.0))  # of the turn of a line of sharp edges: less is a corner
+OPPOSITE = -0.1  # cosine of the angle between normals: less is the other side of a thin body
 SAMPLES = 20  # of the surface for each point
 NEAR = 6  # samples among which that of a point is looked for
 FACES = 12  # samples nearest to a point on a sharp edge, whose normals are those of its faces
@@ -25,6 +26,7 @@ STEEP = 0.5  # largest distance of the surface from the tangent at a neighbour
 GAP = 0.9  # largest initial distance of the surface from a point
 CLOSE = 0.5  # least distance of points on sharp edges
 REACH, PUSH = 1.3, 0.3  # points push each other away within this distance, with this step
+FAR = 0.3  # largest move in a round, in each direction
 ROUNDS = 30  # that even out the points
 
 
@@ -115,7 +117,7 @@ def surface_points(samples: Samples, n: float) -> tuple[np.ndarray, int]:
     Source: derived here, see the head of this module.
     """
     apart = SPACING * np.sqrt(samples.surface.area / n)
-    fixed = _fixed(samples.surface, apart)
+    fixed = _fixed(samples, apart)
     P, N = _grown(samples, fixed, apart)
     free = np.arange(len(P)) >= len(fixed)
     for _ in range(ROUNDS):
@@ -124,7 +126,7 @@ def surface_points(samples: Samples, n: float) -> tuple[np.ndarray, int]:
         away = lengths(along)
         push = (PUSH * apart * (1.0 / np.maximum(away, 1e-300) - 1.0 / (REACH * apart)))[:, None] * along
         push = np.column_stack([np.bincount(j, x, len(P)) - np.bincount(i, x, len(P)) for x in push.T])
-        moved, N[free], _ = samples.onto(P[free] + np.clip(push[free], -0.3 * apart, 0.3 * apart), N[free])
+        moved, N[free], _ = samples.onto(P[free] + np.clip(push[free], -FAR * apart, FAR * apart), N[free])
         P[free] = moved
     near = samples.onto(P[free], N[free])[2]
     P[free] = on_triangles(P[free], samples.surface.corners[samples.triangle[near]])
@@ -193,15 +195,15 @@ def _fresh(q: np.ndarray, n: np.ndarray, P: np.ndarray, N: np.ndarray, apart: fl
     return np.flatnonzero(taken)
 
 
-def _fixed(surface: ClosedSurface, spacing: float) -> np.ndarray:
+def _fixed(samples: Samples, spacing: float) -> np.ndarray:
     """Points that do not move (k, 3) [µm]: corners, and others `spacing` apart along sharp edges and between parts.
 
     The lowest vertex, where a cell touches the substrate first, is one, unless the bottom is flat.
     """
+    surface = samples.surface
     edges, edge = edges_of(surface.triangles)
     beside = (np.argsort(edge.ravel(), kind="stable") // 3).reshape(-1, 2)  # both triangles of each edge
-    one, other = beside.T
-    sharp = (dot(surface.normals[one], surface.normals[other]) < SHARP) | (surface.part[one] != surface.part[other])
+    sharp = _sharp(samples, edges, beside, spacing) | (surface.part[beside[:, 0]] != surface.part[beside[:, 1]])
     corners, lines = _lines(surface.vertices, edges[sharp])
     points = [surface.vertices[corners]]
     for line in lines:
@@ -216,6 +218,27 @@ def _fixed(surface: ClosedSurface, spacing: float) -> np.ndarray:
     points.append(surface.vertices[lowest if len(lowest) == 1 else lowest[:0]])
     found = np.concatenate(points)
     return found[thinned(found, CLOSE * spacing)]
+
+
+def _sharp(samples: Samples, edges: np.ndarray, beside: np.ndarray, spacing: float) -> np.ndarray:
+    """Which of the edges (k, 2), between the triangles `beside` (k, 2), are sharp (k,) bool, on the scale of `spacing`.
+
+    Half a spacing away on both sides, the mean normals differ as much: steps of a rough surface do not count.
+    """
+    surface = samples.surface
+    normals = surface.normals[beside]
+    sharp = dot(normals[:, 0], normals[:, 1]) < SHARP
+    edges, beside, normals = edges[sharp], beside[sharp], normals[sharp]
+    a, b = surface.vertices[edges].transpose(1, 0, 2)
+    means = []
+    for k in range(2):
+        away = cross(normals[:, k], unit(b - a))
+        away *= np.sign(dot(surface.corners[beside[:, k]].mean(axis=1) - a, away))[:, None]
+        near = samples.normals[samples.tree.query(0.5 * (a + b) + 0.5 * spacing * away, FACES)[1]]
+        this_side = dot(near, normals[:, k, None]) > OPPOSITE
+        means.append(unit((near * this_side[..., None]).sum(axis=1)))
+    sharp[sharp] = dot(*means) < SHARP
+    return sharp
 
 
 def _lines(vertices: np.ndarray, edges: np.ndarray) -> tuple[list[int], list[list[int]]]:

@@ -251,6 +251,28 @@ def test_turned_and_mirrored_surfaces_are_filled_alike(change: np.ndarray) -> No
     assert spread[0] == pytest.approx(spread[1], rel=0.05)  # measured 0.023
 
 
+def test_a_ring_keeps_its_hole() -> None:
+    m, n = 60, 24
+    along, around = np.meshgrid(2 * np.pi * np.arange(m) / m, 2 * np.pi * np.arange(n) / n, indexing="ij")
+    out = 5.0 + 2.0 * np.cos(around)
+    vertices = np.stack([out * np.cos(along), out * np.sin(along), 2.0 * np.sin(around)], axis=-1).reshape(-1, 3)
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(m), np.arange(n), indexing="ij"))
+    a, b, c, d = (((i + p) % m) * n + (j + q) % n for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    ring = surface(vertices, np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])]))
+    found = ring.particles(600)
+    number, edges = len(np.unique(found.triangles)), edges_of(found.triangles)[0]
+    assert number - len(edges) + len(found.triangles) == 0  # Euler: one handle
+    assert nodal(found).sum() == pytest.approx(ring.volume, rel=0.04)  # measured 0.031
+
+
+def test_noise_finer_than_the_spacing_makes_no_edges() -> None:
+    noise = np.random.default_rng(0).normal(size=len(SPHERE.vertices))
+    rough = surface(5.0 * SPHERE.vertices * (1.0 + 0.02 * noise)[:, None], SPHERE.triangles)
+    found, smooth = rough.particles(600), layout("ball")
+    assert len(np.unique(found.triangles)) == pytest.approx(len(np.unique(smooth.triangles)), rel=0.1)  # 282, 293
+    assert nodal(found).sum() == pytest.approx(rough.volume, rel=0.01)  # measured 0.0022
+
+
 def test_points_on_a_surface_are_even() -> None:
     samples = Samples(SPHERE, SAMPLES * 600)
     found, _ = surface_points(samples, 600)
@@ -331,6 +353,13 @@ TWO = (np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5.0]), np.concatenate([T
 def test_triangles_that_bound_no_volume_are_refused(vertices: np.ndarray, triangles: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=f"triangles: {message}"):
         surface(vertices, triangles)
+
+
+def test_a_surface_that_touches_itself_in_a_vertex_is_refused() -> None:
+    vertices = SPHERE.vertices.copy()
+    vertices[vertices[:, 2].argmax()] = (0.0, 0.0, -1.0)
+    with pytest.raises(ValueError, match=r"touches others in a vertex only, at \(0, 0, -1\) um"):
+        closed(vertices, SPHERE.triangles)
 
 
 @pytest.mark.parametrize(("make", "message"), [
