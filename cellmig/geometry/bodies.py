@@ -1,0 +1,320 @@
+"""Shapes of bodies in space, and the layout of their particles: ball, ellipsoid, cap, box, cylinder, any surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from . import base_surfaces
+from .closing import closed
+from .fill_body import fill
+from .surfaces import ClosedSurface
+from .triangles import lengths
+
+
+class Layout3(NamedTuple):
+    """Particles of one body, with the body's centre as origin, and the tetrahedra between them.
+
+    Attributes
+    ----------
+    X : (n, 3) -- reference positions [µm], those of surface particles first.
+    nucleus : (n,) bool -- whether a particle belongs to the nucleus.
+    triangles : (m, 3) int -- particles at the corners of the surface's triangles, counterclockwise from outside.
+    tetrahedra : (k, 4) int -- particles at the corners of the tetrahedra, which fill the surface; positively oriented.
+    parts : dict of (j,) int -- by name of a part of the surface, indices in `triangles`.
+    """
+
+    X: np.ndarray
+    nucleus: np.ndarray
+    triangles: np.ndarray
+    tetrahedra: np.ndarray
+    parts: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Body:
+    """Base class of bodies, with a nucleus that is a smaller copy of the surface.
+
+    Attributes
+    ----------
+    nucleus_ratio : float -- size of the nucleus over that of the body [-]; None if there is none.
+    nucleus_offset : (3,) -- vector from the body's centre of volume to that of the nucleus [µm]; None if they coincide.
+    _surface : ClosedSurface -- fine triangles of the surface.
+    _names : tuple of str -- names of the parts of the surface.
+    """
+
+    nucleus_ratio: float | None = None
+    nucleus_offset: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the nucleus.
+
+        Raises ValueError where it does not fit into the body; the message is for the user.
+        """
+        if self.nucleus_offset is not None and self.nucleus_ratio is None:
+            raise ValueError("nucleus_offset: needs nucleus_ratio, the size of the nucleus, which is missing")
+        surface, nucleus = self._surface, self._nucleus
+        if nucleus is not None and not surface.inside(nucleus.vertices).all():
+            key = "nucleus_ratio" if self.nucleus_offset is None else "nucleus_offset"
+            raise ValueError(f"{key}: the nucleus does not lie within the body")
+
+    @property
+    def _surface(self) -> ClosedSurface:
+        raise NotImplementedError
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the parts of the surface: all of it, and those that the shape has."""
+        return ("surface", *self._names)
+
+    @property
+    def volume(self) -> float:
+        """Volume [µm³]."""
+        return self._surface.volume
+
+    def lowest(self) -> float:
+        """Height of the lowest point above the centre [µm], usually negative."""
+        return float(self._surface.vertices[:, 2].min())
+
+    @property
+    def _nucleus(self) -> ClosedSurface | None:
+        if self.nucleus_ratio is None:
+            return None
+        surface, c = self._surface, self._surface.centroid
+        centre = c + np.array(self.nucleus_offset or (0.0, 0.0, 0.0))
+        return surface.moved(centre + self.nucleus_ratio * (surface.vertices - c))
+
+    def _exact(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the triangles, moved to the curved surface [µm]."""
+        return points
+
+    def particles(self, count: int, refinement: float = 1.0) -> Layout3:
+        """Exactly `count` particles, along the surface `refinement` times as dense [-] as inside.
+
+        Raises ValueError if they are too few for the surface; the message is for the user.
+        """
+        surface = self._surface
+        X, nucleus, tet, triangles, origin = fill(surface, count, refinement, self._nucleus, self._exact)
+        of = surface.part[origin]
+        parts = {"surface": np.arange(len(triangles))}
+        parts |= {name: np.flatnonzero(of == k) for k, name in enumerate(self._names)}
+        return Layout3(X, nucleus, triangles, tet, parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipsoid(_Body):
+    """Ellipsoid with semi-axes a, b, c [µm] along x, y, z; its nucleus has the same ratios of axes."""
+
+    a: float
+    b: float
+    c: float
+
+    @property
+    def _axes(self) -> np.ndarray:
+        return np.array([self.a, self.b, self.c])
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        unit = base_surfaces.ball()
+        return unit.moved(unit.vertices * self._axes)
+
+    @property
+    def volume(self) -> float:
+        """Volume 4/3 π a b c [µm³]; Source: Archimedes."""
+        return float(4.0 / 3.0 * np.pi * np.prod(self._axes))
+
+    def _exact(self, points: np.ndarray) -> np.ndarray:
+        return points / lengths(points / self._axes)[:, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball(_Body):
+    """Ball of radius R [µm] with a nucleus that is a ball."""
+
+    radius: float
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        unit = base_surfaces.ball()
+        return unit.moved(self.radius * unit.vertices)
+
+    @property
+    def volume(self) -> float:
+        """Volume 4/3 π R³ [µm³]; Source: Archimedes."""
+        return float(4.0 / 3.0 * np.pi * self.radius**3)
+
+    def _exact(self, points: np.ndarray) -> np.ndarray:
+        return self.radius * points / lengths(points)[:, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cap(_Body):
+    """Cap of a spheroid that rests with its flat base on a plane, as a spread cell does; the base has the origin.
+
+    Without a contact angle it is the cap of a sphere.  Parts of its surface: base, cap.
+
+    Attributes
+    ----------
+    contact_radius : float -- radius of the base [µm].
+    height : float -- of the top above the base [µm].
+    contact_angle : float -- between base and cap, measured inside [rad]; above atan(2 height/contact_radius).
+    """
+
+    contact_radius: float
+    height: float
+    contact_angle: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the contact angle.
+
+        Raises ValueError if no spheroid has it; the message is for the user.
+        """
+        if self.contact_angle is not None:
+            least = float(np.arctan(2.0 * self.height / self.contact_radius))
+            if not least < self.contact_angle < np.pi:
+                raise ValueError(f"contact_angle: a spheroid of this height has one between {least:.4g} rad, that of a "
+                                 f"paraboloid, and {np.pi:.4g} rad")
+        super().__post_init__()
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("base", "cap")
+
+    @property
+    def _centre(self) -> float:
+        """Height of the spheroid's centre over its vertical semi-axis [-]."""
+        if self.contact_angle is None:
+            return (self.height**2 - self.contact_radius**2) / (self.height**2 + self.contact_radius**2)
+        return float(1.0 / (1.0 - self.contact_radius / self.height * np.tan(self.contact_angle)))
+
+    @property
+    def _axes(self) -> np.ndarray:
+        across = self.contact_radius / np.sqrt(1.0 - self._centre**2)
+        return np.array([across, across, self.height / (1.0 + self._centre)])
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        return base_surfaces.cap(self.contact_radius, self.height, self._centre)
+
+    @property
+    def volume(self) -> float:
+        """Volume π A² B (2/3 + ζ - ζ³/3) [µm³], with semi-axes A, B and centre at the height ζ B.
+
+        Source: integral of the circles' areas over the height.
+        """
+        (a, _, b), z = self._axes, self._centre
+        return float(np.pi * a**2 * b * (2.0 / 3.0 + z - z**3 / 3.0))
+
+    def _exact(self, points: np.ndarray) -> np.ndarray:
+        centre = np.array([0.0, 0.0, self._centre * self._axes[2]])
+        above = points[:, 2] > 1e-9 * self.height
+        p = points[above] - centre
+        exact = points.copy()
+        exact[above] = centre + p / lengths(p / self._axes)[:, None]
+        return exact
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(_Body):
+    """Box of lengths a, b, c [µm] along x, y, z; parts of its surface: left, right, front, back, bottom, top."""
+
+    a: float
+    b: float
+    c: float
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("left", "right", "front", "back", "bottom", "top")
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        return base_surfaces.box(self.a, self.b, self.c)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(_Body):
+    """Cylinder of radius R and length L [µm] along z; parts of its surface: side, bottom, top."""
+
+    radius: float
+    length: float
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("side", "bottom", "top")
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        return base_surfaces.cylinder(self.radius, self.length)
+
+    @property
+    def volume(self) -> float:
+        """Volume π R² L [µm³]; Source: Archimedes."""
+        return float(np.pi * self.radius**2 * self.length)
+
+    def _exact(self, points: np.ndarray) -> np.ndarray:
+        away = lengths(points * [1.0, 1.0, 0.0])
+        side = away > base_surfaces.INSCRIBED * self.radius
+        exact = points.copy()
+        exact[side, :2] *= (self.radius / away[side])[:, None]
+        return exact
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface(_Body):
+    """Body inside a closed triangulated surface; its centre is the centre of volume.
+
+    The nucleus is inside another closed surface, or a smaller copy of the surface about its centre of volume.
+
+    Attributes
+    ----------
+    vertices : tuple of (3,) -- positions of the vertices [µm].
+    triangles : tuple of (3,) int -- vertices of each triangle, from 0, in any sense.
+    nucleus_vertices : tuple of (3,) -- those around the nucleus [µm]; None if it has no surface of its own.
+    nucleus_triangles : tuple of (3,) int -- their triangles.
+    """
+
+    vertices: tuple[tuple[float, ...], ...]
+    triangles: tuple[tuple[int, ...], ...]
+    nucleus_vertices: tuple[tuple[float, ...], ...] | None = None
+    nucleus_triangles: tuple[tuple[int, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check both surfaces.
+
+        Raises ValueError for triangles that bound no volume or a nucleus outside; the message is for the user.
+        """
+        if (self.nucleus_vertices is None) != (self.nucleus_triangles is None):
+            raise ValueError("nucleus_vertices, nucleus_triangles: one is given without the other")
+        if self.nucleus_vertices is not None and self.nucleus_ratio is not None:
+            raise ValueError("nucleus_ratio: the nucleus has a surface already")
+        super().__post_init__()
+
+    @cached_property
+    def _given(self) -> ClosedSurface:
+        return _closed("triangles", self.vertices, self.triangles)
+
+    @cached_property
+    def _surface(self) -> ClosedSurface:
+        return self._given.moved(self._given.vertices - self._given.centroid)
+
+    @property
+    def _nucleus(self) -> ClosedSurface | None:
+        if self.nucleus_vertices is None or self.nucleus_triangles is None:
+            return super()._nucleus
+        nucleus = _closed("nucleus_triangles", self.nucleus_vertices, self.nucleus_triangles)
+        return nucleus.moved(nucleus.vertices - self._given.centroid)
+
+
+def _closed(key: str, vertices: tuple, triangles: tuple) -> ClosedSurface:
+    """A closed surface; raises ValueError with the key in front of the message."""
+    try:
+        return closed(np.array(vertices, float), np.array(triangles, int))
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
