@@ -1,8 +1,9 @@
 /* The points of a triangle T in the cones over a vertex of another surface, and what bonds do there. */
 
 /* A vertex: place, spokes to its neighbours, mean normal, and the tangent of the angle from it within which its cones
- * lie: beyond, the spokes on the side of a point are one arc, as those of a level vertex. */
-typedef struct { int n; double at[3], spoke[MOST_SPOKES][3], normal[3], wide; } Vertex;
+ * lie: beyond, the spokes on the side of a point are one arc, as those of a level vertex.  `bent` is -1 where all edges
+ * are convex, 1 where all are reflex: then all spokes are on one side wherever the index is not zero. */
+typedef struct { int n, bent; double at[3], spoke[MOST_SPOKES][3], normal[3], wide; } Vertex;
 
 /* Of T, vectors from a vertex to the corners, their products with its spokes and with its mean normal. */
 typedef struct { int n; double away[3][3], value[MOST_SPOKES][3], outward[3]; } Cone;
@@ -11,6 +12,7 @@ typedef struct { int n; double away[3][3], value[MOST_SPOKES][3], outward[3]; } 
 static Vertex vertex_of(const double *x, const double *const ring[], int n)
 {
     Vertex v = {.n = n, .normal = {0}};
+    int convex = 0, reflex = 0;
     double square[MOST_SPOKES], flat[MOST_SPOKES][3], steepest = 0, least = 1, across[3];
     memcpy(v.at, x, sizeof v.at);
     for (int j = 0; j < n; j++) {
@@ -20,8 +22,12 @@ static Vertex vertex_of(const double *x, const double *const ring[], int n)
     for (int j = 0; j < n; j++) { /* weights of Max (1999) */
         const int next = j + 1 < n ? j + 1 : 0;
         cross3(v.spoke[j], v.spoke[next], across);
+        const double turn = dot3(across, v.spoke[next + 1 < n ? next + 1 : 0]);
+        convex += turn <= 0;
+        reflex += turn >= 0;
         for (int i = 0; i < 3; i++) v.normal[i] += across[i] / (square[j] * square[next]);
     }
+    v.bent = (reflex == n) - (convex == n);
     const double length = sqrt(dot3(v.normal, v.normal));
     for (int i = 0; i < 3; i++) v.normal[i] /= length;
     for (int j = 0; j < n; j++) {
@@ -123,7 +129,10 @@ static double in_part(const Triangle *T, const Cone *cone, const Polygon *p, int
             below |= value < 0;
         }
         if (above && below) {
-            Polygon one = *p, other = *p;
+            Polygon one, other;
+            one.n = other.n = p->n;
+            memcpy(one.at, p->at, sizeof p->at[0] * (size_t)p->n);
+            memcpy(other.at, p->at, sizeof p->at[0] * (size_t)p->n);
             clip(&one, cone->value[j], 1);
             clip(&other, cone->value[j], -1);
             return (one.n > 2 ? in_part(T, cone, &one, j + 1, towards | (uint32_t)1 << j, force) : 0)
@@ -151,6 +160,8 @@ static double beside_vertex3(const Triangle *T, const Vertex *v, double *const f
 {
     Cone cone;
     if (!find_cone(T, v, &cone)) return 0;
-    const Polygon p = whole();
-    return in_part(T, &cone, &p, 0, 0, force);
+    Polygon p = whole();
+    if (!v->bent) return in_part(T, &cone, &p, 0, 0, force);
+    for (int j = 0; j < v->n && p.n > 2; j++) clip(&p, cone.value[j], v->bent);
+    return p.n > 2 ? in_part(T, &cone, &p, v->n, v->bent > 0 ? ~(uint32_t)0 : 0, force) : 0;
 }

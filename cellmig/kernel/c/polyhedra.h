@@ -1,7 +1,8 @@
 /* Pieces of a triangle T of one surface beside faces and edges of another, and what bonds do there.  Points of T are
  * shares of its corners.  The same as geometry/polyhedra.py, where it is explained. */
 
-enum { MOST_CORNERS = 16, MOST_SPOKES = 32, MOST_WAITING = 64, HALVINGS = 10, POINTS_OF_LINE = 3, POINTS_OF_CONE = 7 };
+enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 4, MOST_WAITING = 64,
+      HALVINGS = 10, POINTS_OF_LINE = 3, POINTS_OF_CONE = 7 };
 static const double CHANGE = 0.4, COS_TURN = 0.921060994002885, SIZE = 0.8, LEVEL = 1e-9, THIN = 1e-12;
 static const double LINE_AT[POINTS_OF_LINE] = {0.11270166537925831, 0.5, 0.8872983346207417};
 static const double LINE_WEIGHT[POINTS_OF_LINE] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
