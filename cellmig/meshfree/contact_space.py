@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..geometry.polyhedra import Polyhedron
+from ..geometry.triangles import on_triangles
 from .body import Scene
 from .contact import Surfaces
 
@@ -133,6 +134,16 @@ class TriangleLists:
     vertex: np.ndarray
     first_ring: np.ndarray
     ring: np.ndarray
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """Distances (s, 3) [µm] of the triangles' corners from the faces near them, for nodes at x (n, 3) [µm]."""
+        first, out = self.first["face"], np.full((len(self.source), 3), np.inf)
+        source = np.repeat(np.arange(len(self.source)), np.diff(first))
+        faces = x[self.face[self.number["face"]]]
+        for k in range(3):
+            p = x[self.segment[source, k]]
+            np.minimum.at(out[:, k], source, np.linalg.norm(p - on_triangles(p, faces), axis=1))
+        return out
 
     @classmethod
     def of(cls, surfaces: Surfaces, features: Features, pairs: Pairs) -> TriangleLists:

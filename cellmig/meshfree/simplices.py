@@ -129,6 +129,22 @@ def volumes_below(x: np.ndarray) -> np.ndarray:
     return (x[:, 0] * np.cross(x[:, 1], x[:, 2])).sum(axis=1) / 6.0
 
 
+def share_below(gaps: np.ndarray, height: float) -> np.ndarray:
+    """Share of each facet below a `height` [µm], with gaps (f, d) [µm] of its corners between which it is flat [-]."""
+    below, above = np.maximum(height - gaps, 0.0), np.maximum(gaps - height, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if gaps.shape[1] == 2:
+            part = below.sum(axis=1) / (below.sum(axis=1) + above.sum(axis=1))
+        else:  # the corner alone on its side cuts off a similar triangle
+            under = (gaps < height).sum(axis=1)
+            lone = np.where(under == 1, gaps.min(axis=1), gaps.max(axis=1))
+            others = np.sort(gaps, axis=1)
+            others = np.where((under == 1)[:, None], others[:, 1:], others[:, :2])
+            corner = ((height - lone)[:, None] / (others - lone[:, None])).prod(axis=1)
+            part = np.choose(under, [np.zeros(len(gaps)), corner, 1.0 - corner, np.ones(len(gaps))])
+    return np.where(np.isfinite(gaps).all(axis=1), np.nan_to_num(part), 0.0)
+
+
 def surface_normals(X: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Integrals ∮ n N_J dA (n, D) [µm^(D-1)] of the outward normal times functions that are linear on each facet.
 

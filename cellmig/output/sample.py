@@ -11,7 +11,7 @@ from ..case.pointwise import pointwise
 from ..meshfree.body import Scene, Template
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
-from ..meshfree.simplices import facet_sizes, volumes_below
+from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
@@ -258,22 +258,6 @@ def _below_centre(scene: Scene, cell: int) -> np.ndarray:
     lower = np.append(np.zeros(t.X.shape[1] - 1), 0.75 * t.X[:, -1].min())
     away = np.linalg.norm(t.X - lower, axis=1)
     return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
-
-
-def share_below(gaps: np.ndarray, height: float) -> np.ndarray:
-    """Share of each facet below a `height` [µm], with gaps (f, d) [µm] of its corners between which it is flat [-]."""
-    below, above = np.maximum(height - gaps, 0.0), np.maximum(gaps - height, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        if gaps.shape[1] == 2:
-            part = below.sum(axis=1) / (below.sum(axis=1) + above.sum(axis=1))
-        else:  # the corner alone on its side cuts off a similar triangle
-            under = (gaps < height).sum(axis=1)
-            lone = np.where(under == 1, gaps.min(axis=1), gaps.max(axis=1))
-            others = np.sort(gaps, axis=1)
-            others = np.where((under == 1)[:, None], others[:, 1:], others[:, :2])
-            corner = ((height - lone)[:, None] / (others - lone[:, None])).prod(axis=1)
-            part = np.choose(under, [np.zeros(len(gaps)), corner, 1.0 - corner, np.ones(len(gaps))])
-    return np.where(np.isfinite(gaps).all(axis=1), np.nan_to_num(part), 0.0)
 
 
 def _places(t: Template) -> np.ndarray:

@@ -13,6 +13,7 @@ from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import ContactLists, acting, contact_pairs
 from ..meshfree.contact_space import Features, TriangleLists, acting_triangles, triangle_pairs
+from ..meshfree.simplices import facet_sizes, share_below
 from ..meshfree.terms import NO_CONTACTS
 from ..model.adhesion import Pieces
 from ..parallel.reduce import global_maximum
@@ -126,14 +127,21 @@ class Segments:
         return ends, self._state.x(ends)
 
     def touching(self, most: float) -> tuple[np.ndarray, np.ndarray]:
-        """Segments near other cells: local first ends (s,) int, and current lengths (s,) [µm] that touch those.
+        """Facets near other cells: local first corners (s,) int, and current sizes (s,) [µm, µm²] of what touches.
 
         A gap may be up to `most` [-] equilibrium distances of the bonds.  A length is counted as the energy is, edge by
-        edge and vertex by vertex (see `CellAdhesion`).
+        edge and vertex by vertex (see `CellAdhesion`); an area by the distances of its corners from the other surface,
+        between which it is taken to be linear.
         """
-        if self.lists is None or not len(self.lists.source):
+        lists, node = self.lists, self._kernel["contact_node"] if self.lists is not None else None
+        if lists is None or not len(lists.source):
             return np.zeros(0, np.int64), np.zeros(0)
-        lists, node = self.lists, self._kernel["contact_node"]
+        if isinstance(lists, TriangleLists):
+            x = self._state.x(node)
+            corners = x[lists.segment]
+            distance = np.array([law.equilibrium_distance for law in self._contacts.laws])[self._kernel["contact_law"]]
+            share = share_below(lists.distances(x) - (most * distance)[:, None], 0.0)
+            return node[lists.segment[:, 0]], share * facet_sizes(corners)
         distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
         x, height = self._state.x(node), most * distance[self._kernel["contact_law"]]
         ends = x[lists.segment]
