@@ -12,6 +12,7 @@ from .triangles import unit
 HALVINGS = 4  # of the edges of an icosahedron: 5,120 triangles, the volume of which is 0.3 % below that of the ball
 RINGS = 24  # of vertices of a disc; the outermost has 144
 INSCRIBED = np.cos(np.pi / (6 * RINGS)) - 1e-9  # less than the distance of its edges from the centre
+DIGITS = 40  # bits of the coordinates of a cap
 GOLDEN = 0.5 + np.sqrt(1.25)
 
 
@@ -63,13 +64,13 @@ def cap(contact_radius: float, height: float, centre: float) -> ClosedSurface:
     upright = height / (1.0 + centre)
     across = contact_radius / np.sqrt(1.0 - centre**2)
     ring = np.repeat(np.arange(RINGS + 1), np.maximum(6 * np.arange(RINGS + 1), 1))
-    angle = np.arccos(-centre) * ring / RINGS  # from the top
+    angle = np.arccos(np.longdouble(-centre)) * ring / RINGS  # from the top; as for `circle`, the last bits are rounded
     out = disc / np.maximum(ring / RINGS, 0.5 / RINGS)[:, None]
     dome = np.column_stack([across * np.sin(angle)[:, None] * out, upright * (centre + np.cos(angle))])
     flat = np.column_stack([contact_radius * disc, np.zeros(len(disc))])
     rim = ring == RINGS
     dome[rim] = flat[rim]
-    return closed(snapped(np.concatenate([flat, dome])), np.concatenate([tri, tri + len(disc)]),
+    return closed(snapped(np.concatenate([flat, dome]), DIGITS), np.concatenate([tri, tri + len(disc)]),
                   np.repeat([0, 1], len(tri)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -192,7 +193,7 @@ class Cap(_Body):
         """Height of the spheroid's centre over its vertical semi-axis [-]."""
         if self.contact_angle is None:
             return (self.height**2 - self.contact_radius**2) / (self.height**2 + self.contact_radius**2)
-        return float(1.0 / (1.0 - self.contact_radius / self.height * np.tan(self.contact_angle)))
+        return 1.0 / (1.0 - self.contact_radius / self.height * math.tan(self.contact_angle))
 
     @property
     def _axes(self) -> np.ndarray:

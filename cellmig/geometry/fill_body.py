@@ -77,10 +77,20 @@ def _spacing(surface: ClosedSurface, count: int, refinement: float) -> float:
     """Root h [µm] of V = h³ (N - N_s) + SURFACE_SHARE A h, with N_s = refinement² A/h² particles on the surface."""
     V, A = surface.volume, surface.area
     linear = (refinement**2 - SURFACE_SHARE) * A
-    h = np.cbrt(V / count) + np.sqrt(max(linear, 0.0) / count)  # above the root: Newton's steps go down to it
+    h = _root(V / count) + np.sqrt(max(linear, 0.0) / count)  # above the root: Newton's steps go down to it
     for _ in range(50):
         h -= (count * h**3 - linear * h - V) / (3.0 * count * h**2 - linear)
-    return float(h)
+    return _rounded(h)
+
+
+def _rounded(number: float) -> float:
+    """The number with twelve digits, so that no library's last bits matter."""
+    return float(f"{number:.12g}")
+
+
+def _root(number: float) -> float:
+    """Cube root of a number, rounded."""
+    return _rounded(float(number) ** (1.0 / 3.0))
 
 
 def _layers(nucleus: Samples, surface: Samples, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +115,7 @@ def _lattice(samples: Samples, h: float, count: int, layers: np.ndarray) -> np.n
     for _ in range(ROUNDS):
         if 0 <= len(points) - count <= EXCESS * count:
             break
-        s *= np.cbrt((len(points) + 0.1) / (count + 0.1))
+        s *= _root((len(points) + 0.1) / (count + 0.1))
         points = _points(samples, s, layers)
     while len(points) < count:
         s *= 1.0 - 0.3 * EXCESS
@@ -116,7 +126,7 @@ def _lattice(samples: Samples, h: float, count: int, layers: np.ndarray) -> np.n
 
 def _points(samples: Samples, s: float, layers: np.ndarray) -> np.ndarray:
     """Points (k, 3) of a body-centred lattice with one in the volume s³, inside and away from surface and layers."""
-    surface, side = samples.surface, np.cbrt(2.0) * s
+    surface, side = samples.surface, _root(2.0) * s
     low = surface.centroid + side * np.array([0.137, 0.241, 0.389])  # none of them in a plane of symmetry
     ranges = [np.arange(np.floor((a - c) / side), np.ceil((b - c) / side) + 1) for a, b, c in
               zip(surface.vertices.min(axis=0), surface.vertices.max(axis=0), low, strict=True)]
