@@ -38,7 +38,7 @@ class SurfaceTerm:
 
 
 def _of_substrate(t: Terms) -> Any:
-    law = t.substrate
+    law: Any = t.substrate
     return SubstrateAdhesion(bonds_of(law)) if t.dimension == 2 else TriangleAdhesion(TriangleBonds(law))
 
 
@@ -47,19 +47,13 @@ def _of_contacts(t: Terms, dimension: int, formula: Callable[[Any], Any]) -> Any
 
 
 def _of_cortex(t: Terms) -> Any:
-    return CortexForce(t.cortex) if t.dimension == 2 else CortexTension(t.cortex)
+    law: Any = t.cortex
+    return CortexForce(law) if t.dimension == 2 else CortexTension(law)
 
 
-def _of_protrusion(t: Terms) -> Any:
-    if t.dimension == 2:
-        return ProtrusionForce(t.protrusion, bonds_of(t.substrate))
-    return ProtrusionPush(t.protrusion, TriangleBonds(t.substrate))
-
-
-def _of_friction(t: Terms) -> Any:
-    if t.dimension == 2:
-        return FrictionForce(t.friction, bonds_of(t.substrate))
-    return SlidingFriction(t.friction, TriangleBonds(t.substrate))
+def _with_bonds(t: Terms, law: Any, in_plane: Callable[..., Any], in_space: Callable[..., Any]) -> Any:
+    bonds: Any = t.substrate
+    return in_plane(law, bonds_of(bonds)) if t.dimension == 2 else in_space(law, TriangleBonds(bonds))
 
 
 # In the order in which forces are added up.
@@ -74,8 +68,10 @@ SURFACE_TERMS = (
                     f"{name}_stiffness": () for name in ("face", "edge", "vertex")},
                 files=("polyhedra.h", "cones.h", "contact_space.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
-    SurfaceTerm("friction", lambda t: t.friction and t.substrate and _of_friction(t), {"force": ()}),
-    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _of_protrusion(t),
+    SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
+        t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),
+    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _with_bonds(
+        t, t.protrusion, ProtrusionForce, ProtrusionPush),
                 {"grip": (), "hold": (), "force": ()}),
     SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
 )

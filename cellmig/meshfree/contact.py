@@ -67,7 +67,7 @@ class Surfaces:
 
     @property
     def shares(self) -> np.ndarray:
-        """Size of the surface that belongs to each particle (m,) [µm or µm²], of each facet an equal part."""
+        """Lengths [µm] or areas [µm²] of the surface that belong to each particle (m,), of each facet an equal part."""
         total = np.zeros(len(self.ids))
         np.add.at(total, self.facets, self.size[:, None] / self.facets.shape[1])
         return total
@@ -89,26 +89,36 @@ class Surfaces:
 
 
 @dataclass(frozen=True)
-class ContactLists:
-    """Pairs of a segment and an edge of another outline, or of its own, that are near each other.
-
-    Pairs are sorted by the first ends of segment and edge, so that sums over them are the same on any number of ranks.
-    A node is a particle near one other cell, or near its own: ends of segments, of edges and of the next edges.
+class NodeLists:
+    """Facets near other cells, and nodes: a node is a particle near one other cell, or near its own.
 
     Attributes
     ----------
     node : (n,) int -- particles, as indices of `Surfaces`, sorted by cell, other cell, particle.
     other : (n,) int -- the cells that they are near.
-    segment : (s, 2) int -- nodes at both ends of the segments, once for each cell that they are near.
-    source : (s,) int -- these segments, by their first ends in `Surfaces`.
-    first : (s + 1,) int -- where the edges near each begin.
-    edge : (p, 3) int -- nodes at both ends of the edges, and at the end of the next ones.
+    segment : (s, d) int -- nodes at the corners of the facets, once for each cell that they are near.
+    source : (s,) int -- these facets, as in `Surfaces`.
     """
 
     node: np.ndarray
     other: np.ndarray
     segment: np.ndarray
     source: np.ndarray
+
+
+@dataclass(frozen=True)
+class ContactLists(NodeLists):
+    """Pairs of a segment and an edge of another outline, or of its own, that are near each other.
+
+    Pairs are sorted by the first ends of segment and edge, so that sums over them are the same on any number of ranks.
+    Nodes are ends of segments, of edges and of the next edges.
+
+    Attributes
+    ----------
+    first : (s + 1,) int -- where the edges near each segment begin.
+    edge : (p, 3) int -- nodes at both ends of the edges, and at the end of the next ones.
+    """
+
     first: np.ndarray
     edge: np.ndarray
 

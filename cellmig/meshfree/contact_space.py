@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from ..geometry.polyhedra import Polyhedron
 from ..geometry.triangles import on_triangles
 from .body import Scene
-from .contact import Surfaces
+from .contact import NodeLists, Surfaces
 
 
 @dataclass(frozen=True)
@@ -109,24 +109,17 @@ def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: 
 
 
 @dataclass(frozen=True)
-class TriangleLists:
-    """The lists of pairs that act on a rank; nodes are particles near one other cell, as of `ContactLists`.
+class TriangleLists(NodeLists):
+    """Pairs of a triangle and a feature of another surface that are near each other.
 
     Attributes
     ----------
-    node, other : (n,) int -- particles, as indices of `Surfaces`, and the cells that they are near.
-    segment : (s, 3) int -- nodes at the corners of the triangles, once for each cell that they are near.
-    source : (s,) int -- these triangles, as facets of `Surfaces`.
     first : dict of (s + 1,) int -- by kind of feature, where those near each triangle begin in `number`.
     number : dict of (p,) int -- by kind, features in the next three.
     face, edge : (…, 3), (…, 4) int -- nodes of the features.
     vertex, first_ring, ring : (v,), (v + 1,), (…,) int -- nodes of the vertices, and of their neighbours.
     """
 
-    node: np.ndarray
-    other: np.ndarray
-    segment: np.ndarray
-    source: np.ndarray
     first: dict[str, np.ndarray]
     number: dict[str, np.ndarray]
     face: np.ndarray

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
-from ..meshfree.contact import ContactLists
+from ..meshfree.contact import NodeLists
 from ..parallel.collect import gathered
 from ..parallel.reduce import exact_sum
 from .segments import Segments
@@ -116,7 +116,7 @@ class Impulses:
         """Begin again with impulses bond (n_facets, d, 2 d - 1), contact (slots, 2) [pN µs/µm], at x (n,) [µm]."""
         self.place[:], self.bond[:], self.contact[:] = x, bond, contact
 
-    def follow(self, lists: ContactLists) -> None:
+    def follow(self, lists: NodeLists) -> None:
         """Assign slots to the particles of new search lists and the cells that they touch; impulses stay."""
         self._kernel["contact_slot"] = self._slots(np.where(self._is_mine[lists.node],
                                                             lists.node * self.cells + lists.other, -1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mpi4py import MPI
 from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
-from ..meshfree.contact import ContactLists, acting, contact_pairs
+from ..meshfree.contact import ContactLists, NodeLists, acting, contact_pairs
 from ..meshfree.contact_space import Features, TriangleLists, acting_triangles, triangle_pairs
 from ..meshfree.simplices import facet_sizes, share_below
 from ..meshfree.terms import NO_CONTACTS
@@ -34,7 +35,7 @@ class Segments:
     number : (e,) int -- the segments, by their first ends in `Surfaces`.
     acts : (e,) bool -- whether one end is this rank's.
     low : (e,) bool -- whether the substrate may act on it.
-    lists : ContactLists -- segments near other cells; None without contact.
+    lists : ContactLists or TriangleLists -- facets near other cells; None without contact.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
     renewals : int -- number of renewals.
     turn : (m,) float -- turns of the outlines of this rank's cells at the surface particles, followed from the start
@@ -95,8 +96,8 @@ class Segments:
         self.number = np.flatnonzero(acts | (s.touching(pushed) & s.outer))
         self.acts = acts[self.number]
         self.low = np.zeros(len(self.number), bool)
-        self.lists: ContactLists | TriangleLists | None = None
-        self._features = Features.of(part.scene, s) if part.scene.dimension == 3 and part.terms.contacts else None
+        self.lists: NodeLists | None = None
+        self._features: Any = Features.of(part.scene, s) if part.scene.dimension == 3 and part.terms.contacts else None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
         self.renewed_at = np.zeros((len(part.own_surface), part.scene.dimension))
         self.turn = s.turn
@@ -133,15 +134,16 @@ class Segments:
         edge and vertex by vertex (see `CellAdhesion`); an area by the distances of its corners from the other surface,
         between which it is taken to be linear.
         """
-        lists, node = self.lists, self._kernel["contact_node"] if self.lists is not None else None
+        lists = self.lists
         if lists is None or not len(lists.source):
             return np.zeros(0, np.int64), np.zeros(0)
+        node = self._kernel["contact_node"]
         if isinstance(lists, TriangleLists):
             x = self._state.x(node)
-            corners = x[lists.segment]
             distance = np.array([law.equilibrium_distance for law in self._contacts.laws])[self._kernel["contact_law"]]
             share = share_below(lists.distances(x) - (most * distance)[:, None], 0.0)
-            return node[lists.segment[:, 0]], share * facet_sizes(corners)
+            return node[lists.segment[:, 0]], share * facet_sizes(x[lists.segment])
+        assert isinstance(lists, ContactLists)
         distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
         x, height = self._state.x(node), most * distance[self._kernel["contact_law"]]
         ends = x[lists.segment]
@@ -189,7 +191,7 @@ class Segments:
         within = self._contacts.reach[self._contacts.of_pair(a, b)] + self.skin
         return within if self._contacts.own else np.where(a == b, -1.0, within)
 
-    def _set_nodes(self, lists: ContactLists | TriangleLists) -> None:
+    def _set_nodes(self, lists: NodeLists) -> None:
         """Set the kernel's nodes and sources of contact, and the ghosts that they need; collective."""
         s, k, state = self._part.surfaces, self._kernel, self._state
         numbering = self._part.numbering.extended(s.ids[lists.node])

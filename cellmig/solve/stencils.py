@@ -12,6 +12,7 @@ import numpy as np
 
 from ..case.pointwise import between
 from ..kernel.terms import SURFACE_TERMS
+from ..meshfree.contact import ContactLists
 from ..model.director import Couple
 from .mechanics import Mechanics
 from .tangent import derivative, mixed
@@ -146,7 +147,7 @@ class Push:
 def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
     """Pieces of segments beside edges and vertices; their limits are constants, whose derivatives cancel."""
     k, lists = m.kernel, m.segments.lists
-    if lists is None or not len(lists.edge):
+    if not isinstance(lists, ContactLists) or not len(lists.edge):
         return
     source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))
     everything = k["contact_node"][np.column_stack([lists.segment[source], lists.edge])]
