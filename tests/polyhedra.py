@@ -105,12 +105,15 @@ def blocks(cells: list[tuple[int, int, int]], size: float = 1.0) -> tuple[np.nda
     return size * np.array(list(places), float), np.array(faces)
 
 
-def relief(height: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """A closed slab whose upper side has the heights (n, n) at a grid [µm]; vertices (2 n², 3) and faces."""
+def relief(height: np.ndarray, spacing: float, below: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """A closed slab: heights (n, n) of its upper side on a grid, -below of its lower side [µm].
+
+    Vertices (2 n², 3), those of the upper side first, and faces.
+    """
     n = len(height)
     i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
     xy = spacing * (np.column_stack([i.ravel(), j.ravel()]) - 0.5 * (n - 1))
-    x = np.concatenate([np.column_stack([xy, height.ravel()]), np.column_stack([xy, np.full(n * n, -2.0)])])
+    x = np.concatenate([np.column_stack([xy, height.ravel()]), np.column_stack([xy, np.full(n * n, -below)])])
     faces = []
     for a in range(n - 1):
         for b in range(n - 1):
