@@ -74,13 +74,16 @@ class Contact:
         return sum(self.energy.values())
 
 
-def hull(points: np.ndarray) -> np.ndarray:
-    """Faces (m, 3) of the hull of points (n, 3), turned outwards."""
-    faces = ConvexHull(points).simplices
-    a, b, c = points[faces].transpose(1, 0, 2)
-    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), (a + b + c) / 3.0 - points.mean(axis=0)) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return faces
+def sphere(n: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) on a sphere, evenly [µm], and triangles (m, 3) turned outwards."""
+    k = np.arange(n) + 0.5
+    z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
+    x = radius * np.column_stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
+    triangles = ConvexHull(x).simplices
+    a, b, c = x[triangles].transpose(1, 0, 2)
+    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), a + b + c) < 0.0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return x, triangles
 
 
 def blocks(cells: list[tuple[int, int, int]], size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -105,12 +108,15 @@ def blocks(cells: list[tuple[int, int, int]], size: float = 1.0) -> tuple[np.nda
     return size * np.array(list(places), float), np.array(faces)
 
 
-def relief(height: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """A closed slab whose upper side has the heights (n, n) at a grid [µm]; vertices (2 n², 3) and faces."""
+def relief(height: np.ndarray, spacing: float, below: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """A closed slab: heights (n, n) of its upper side on a grid, -below of its lower side [µm].
+
+    Vertices (2 n², 3), those of the upper side first, and faces.
+    """
     n = len(height)
     i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
     xy = spacing * (np.column_stack([i.ravel(), j.ravel()]) - 0.5 * (n - 1))
-    x = np.concatenate([np.column_stack([xy, height.ravel()]), np.column_stack([xy, np.full(n * n, -2.0)])])
+    x = np.concatenate([np.column_stack([xy, height.ravel()]), np.column_stack([xy, np.full(n * n, -below)])])
     faces = []
     for a in range(n - 1):
         for b in range(n - 1):

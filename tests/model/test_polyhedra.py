@@ -110,6 +110,17 @@ def test_parallel_plates_have_the_energy_of_their_gap() -> None:
         assert found.force_on_x.sum(axis=0) == pytest.approx([0.0, 0.0, pull], rel=1e-10, abs=1e-10 * abs(pull))
 
 
+def test_the_back_of_a_thin_body_does_not_count() -> None:
+    height = 0.02 * np.random.default_rng(6).standard_normal((4, 4))
+    corners, found = T + np.array([0.05, 0.1, height.max() + 0.05]), []
+    for below in (0.1, 2.0):
+        x, faces = relief(height, 0.5, below)
+        found.append(Contact(TERM, corners[None], x, Polyhedron.of(faces)))
+    thin, thick = found
+    assert np.array_equal(thin.force_on_x, thick.force_on_x) and not thin.force_on_x[16:].any()
+    assert thin.total == thick.total and thin.pieces["edge"]
+
+
 def test_the_lines_of_a_wedge_are_integrated_exactly() -> None:
     rng = np.random.default_rng(3)
     x = EPS * 10.0 ** rng.uniform(-0.3, 1.5, 300)

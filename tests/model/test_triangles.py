@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from polyhedra import sphere
 from samples import assert_close, distances, slope
 from scenes import example
-from scipy.spatial import ConvexHull
 
 from cellmig.case.registry import laws
 from cellmig.model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
@@ -131,18 +131,6 @@ def test_the_curvature_is_that_of_the_potential_where_it_is_positive() -> None:
     assert np.abs(found.curvature(r, r, r) - exact).max() < 0.02 * exact.max()  # measured 0.01
     steep = found.curvature(r, r + 0.3, r + 0.5)
     assert (steep >= 0.0).all() and steep.max() < 1e-2 * exact.max()
-
-
-def sphere(n: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) on a sphere, evenly [µm], and triangles (m, 3) turned outwards."""
-    k = np.arange(n) + 0.5
-    z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
-    x = radius * np.column_stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
-    triangles = ConvexHull(x).simplices
-    a, b, c = x[triangles].transpose(1, 0, 2)
-    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), a + b + c) < 0.0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return x, triangles
 
 
 def areas(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:

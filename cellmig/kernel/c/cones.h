@@ -160,7 +160,8 @@ static double beside_vertex3(const Triangle *T, const Vertex *v, double *const f
 {
     Cone cone;
     if (!find_cone(T, v, &cone)) return 0;
-    Polygon p = whole();
+    Polygon p;
+    whole(&p);
     if (!v->bent) return in_part(T, &cone, &p, 0, 0, force);
     for (int j = 0; j < v->n && p.n > 2; j++) clip(&p, cone.value[j], v->bent);
     return p.n > 2 ? in_part(T, &cone, &p, v->n, v->bent > 0 ? ~(uint32_t)0 : 0, force) : 0;

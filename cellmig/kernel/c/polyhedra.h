@@ -40,7 +40,13 @@ static inline void vector_at(const double corner[3][3], const double on[3], doub
     for (int i = 0; i < 3; i++) out[i] = on[0] * corner[0][i] + on[1] * corner[1][i] + on[2] * corner[2][i];
 }
 
-static inline Polygon whole(void) { return (Polygon){3, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}; }
+/* All of T. */
+static inline void whole(Polygon *p)
+{
+    static const double corners[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    p->n = 3;
+    memcpy(p->at, corners, sizeof corners);
+}
 
 /* Cuts a polygon to where `sign` times something linear is positive, with values at the corners of T. */
 static void clip(Polygon *p, const double value[3], double sign)
@@ -131,7 +137,8 @@ static double over_face(const Triangle *T, const Face *f, double *const force[3]
         for (int c = 0; c < 3; c++) before[c] += on[c][k] <= 0;
     }
     if (out == 3 || behind == 3 || before[0] == 3 || before[1] == 3 || before[2] == 3) return 0;
-    Polygon p = whole();
+    Polygon p;
+    whole(&p);
     for (int k = 0; k < 3 && p.n > 2; k++) clip(&p, on[k], 1);
     if (p.n < 3) return 0;
     for (int k = 0; behind && k < p.n; k++)
@@ -165,8 +172,8 @@ static inline void crossing(const Wedge *w, int side, double at, double on[3], d
     const int i = side ? side - 1 : w->p.n - 1;
     const double here = (1 - at) * w->last[i] - at * w->first[i], sum1 = w->first[i] + w->last[i];
     const double there = (1 - at) * w->last[side] - at * w->first[side], sum2 = w->first[side] + w->last[side];
-    const double rate = (there * sum1 - here * sum2) / ((here - there) * (here - there));
-    mixed3(w->p.at[i], w->p.at[side], here / (here - there), on);
+    const double inverse = 1 / (here - there), rate = (there * sum1 - here * sum2) * inverse * inverse;
+    mixed3(w->p.at[i], w->p.at[side], here * inverse, on);
     less3(w->p.at[side], w->p.at[i], moved);
     for (int k = 0; k < 3; k++) moved[k] *= rate;
     vector_at(w->away, on, away);
@@ -263,7 +270,7 @@ static int find_wedge(const Triangle *T, const Edge3 *e, Wedge *w)
     if (out[0] == 3 || out[1] == 3 || out[2] == 3 || out[3] == 3) return 0;
     const double *values[4] = {first, last, w->along, rest};
     w->sign = e->sign;
-    w->p = whole();
+    whole(&w->p);
     for (int k = 0; k < 4 && w->p.n > 2; k++) clip(&w->p, values[k], 1);
     for (int k = 0; k < w->p.n; k++) {
         w->first[k] = dot3(w->p.at[k], first);
