@@ -116,8 +116,11 @@ class TriangleLists(NodeLists):
     ----------
     first : dict of (s + 1,) int -- by kind of feature, where those near each triangle begin in `number`.
     number : dict of (p,) int -- by kind, features in the next three.
-    face, edge : (…, 3), (…, 4) int -- nodes of the features.
-    vertex, first_ring, ring : (v,), (v + 1,), (…,) int -- nodes of the vertices, and of their neighbours.
+    face : (k, 3) int -- nodes of the faces.
+    edge : (k, 4) int -- nodes of the edges.
+    vertex : (k,) int -- nodes of the vertices.
+    first_ring : (k + 1,) int -- where the neighbours of each begin in `ring`.
+    ring : (p,) int -- nodes of these.
     """
 
     first: dict[str, np.ndarray]

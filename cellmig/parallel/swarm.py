@@ -24,7 +24,7 @@ class Swarm:
         """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
         self.comm = comm
         self.dm = PETSc.DMSwarm().create(comm=comm)
-        self._width = {name: WIDTH.get(name, fields["X"].shape[1]) for name in ("id", "X", "u", "v", "theta", "loss")}
+        self._width = {name: WIDTH.get(name, fields["X"].shape[1]) for name in fields}
         self.dm.setDimension(self._width["X"])
         self.dm.setType(PETSc.DMSwarm.Type.BASIC)
         self.dm.initializeFieldRegister()

@@ -68,7 +68,7 @@ class InC:
         t = Translator(TERM, "double")
         parts = [t.function(name, f"contact_{name}", ("load", "stored")) for name in ("face", "edge", "vertex")]
         parts += [t.function(f"{name}_stiffness", f"contact_{name}_stiffness") for name in ("face", "edge", "vertex")]
-        source = "\n".join([text_of("simd.h"), *parts, text_of("polyhedra.h"), text_of("cones.h"), ALL_PAIRS])
+        source = "\n".join([text_of("simd.h"), *parts, text_of("polyhedra.h"), text_of("wedges.h"), text_of("cones.h"), ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
 
     def __call__(self, T: np.ndarray, x: np.ndarray, surface: Polyhedron) -> tuple[int, np.ndarray, ...]:

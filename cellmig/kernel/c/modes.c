@@ -1,7 +1,7 @@
 /* The operators of viscosity and of sound in the current configuration, whose fastest modes limit the step. */
 
-/* Accelerations (n_owned, 2 D) of D of the numbers of `mode` (n_local, 2 D), from `at` on, by isotropic stresses with moduli
- * against shear and dilation, by stencil. */
+/* Accelerations (n_owned, 2 D) of D of the numbers of `mode` (n_local, 2 D), from `at` on, by isotropic stresses with
+ * moduli against shear and dilation, by stencil. */
 void respond(const KernelData *s, const double *shear, const double *bulk, const double *mode, double *out, long at)
 {
     for (long b = 0; b < s->n_blocks; b++) {

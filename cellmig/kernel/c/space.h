@@ -48,8 +48,8 @@ INLINED void gather_both(const KernelData *s, const Block *block, const int n, c
         }
 }
 
-/* Rows of block b: of s->Q (V P_c0, V P_c1, V P_c2, what resists Laplacians of c), c after c; lanes that the block lacks
- * have no volume. */
+/* Rows of block b: of s->Q (V P_c0, V P_c1, V P_c2, what resists Laplacians of c), c after c; lanes that the block
+ * lacks have no volume. */
 static inline void store_stress(const KernelData *s, const Block *block, const v4 P[D][D], const v4 q[D])
 {
     double *Q = s->Q + 12L * block->row;
@@ -127,6 +127,7 @@ static inline double largest_eigenvalue(const double A[D][D])
     const double d = A[0][1], e = A[0][2], f = A[1][2];
     const double square = (a * a + b * b + c * c) / 6 + (d * d + e * e + f * f) / 3;
     if (!(square > 0)) return mean;
-    const double half = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / (square * sqrt(square));
+    const double det = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e);
+    const double half = 0.5 * det / (square * sqrt(square));
     return mean + 2 * sqrt(square) * cos(acos(fmax(-1, fmin(1, half))) / 3);
 }

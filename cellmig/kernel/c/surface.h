@@ -3,6 +3,7 @@
 /* A facet: its number, its corners, its length or area at rest, the gaps of its corners to the substrate. */
 typedef struct { long number, node[D]; double size, gap[D]; } Facet;
 
+/* Facet e of this rank. */
 static inline Facet facet_at(const KernelData *s, long e)
 {
     Facet facet = {.number = e, .size = s->facet_size[e]};
