@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from . import units
-from .gaps import OUTLINE, near, overlap
+from .gaps import OUTLINE, depth, near
 from .messages import show, suggest
 from .pairs import paired
 from .schema import Cell, Particles
@@ -36,6 +36,8 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _walls(source, found)
     _equilibria(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
+    if found["dimension"] == 3:
+        _in_space(source, found)
     if on_substrate:
         _above_substrate(source, cells)
     _overlaps(source, cells)
@@ -58,6 +60,23 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
         if isinstance(low, float) and isinstance(high, float) and low > high:
             low, high = (units.text(v, fields[k].metadata["unit"]) for k, v in ((small, low), (large, high)))
             source.reject((*path, small), f"{low} is above {large} = {high}: {why}")
+
+
+def _in_space(source: Source, found: dict[str, Any]) -> None:
+    """Note what is known in two dimensions only."""
+    why = "is not there in three dimensions yet"
+    for name in ("director", "supports", "loads", "plates", "probes"):
+        if found[name] not in (None, []):
+            source.reject((name,), why)
+    if "dilation" in (table := source.data.get("particles", {})) and isinstance(table, dict):
+        source.reject(("particles", "dilation"), "has no meaning in three dimensions, where gradients are averages of "
+                      "finite elements: leave it out")
+    if found["time"] is not None and found["time"].integrator != "leapfrog":
+        source.reject(("time", "integrator"), f"{why}: the only one is \"leapfrog\"")
+    for name, law in (found["materials"] or {}).items():
+        for key in ("eta", "zeta"):
+            if getattr(law, key, 0.0):
+                source.reject(("materials", name, key), f"{why}, as the director")
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
@@ -83,7 +102,8 @@ def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]
     """Note too few or too many particles."""
     total, key = 0.0, "per_cell" if particles.per_cell else "spacing"
     for cell, _ in cells if particles.per_cell or particles.spacing else ():
-        count = particles.per_cell or cell.shape.area / particles.spacing**2
+        count = particles.per_cell or (cell.shape.area / particles.spacing**2 if len(cell.centre) == 2 else
+                                      cell.shape.volume / particles.spacing**3)
         total += count
         if round(count) < 7:
             source.reject(("particles", key), f"leaves '{cell.name}' with {count:.0f} particles; at least 7 are needed")
@@ -192,14 +212,14 @@ def _acts(item: Any) -> bool:
 
 
 def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
-    """Note cells that reach below the plane y = 0; of the copies of a cell, the first one."""
+    """Note cells that reach below the substrate y = 0, in space z = 0; of the copies of a cell, the first one."""
     reported = set()
     for cell, path in cells:
-        bottom = cell.centre[1] + cell.shape.lowest()
+        bottom = cell.centre[-1] + cell.shape.lowest()
         if bottom < 0 and path not in reported:
             reported.add(path)
-            source.reject((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate y = 0; "
-                                            "rest = true puts it there")
+            source.reject((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate "
+                                            f"{'xyz'[len(cell.centre) - 1]} = 0; rest = true puts it there")
 
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
@@ -211,8 +231,9 @@ def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     for i, j in near(outlines, centres):
         (a, path_a), (b, path_b) = cells[i], cells[j]
         pair = path_a, path_b
-        if pair not in reported and (depth := overlap(outlines[i] + centres[i], outlines[j] + centres[j])) > 1e-9:
+        both = (a.shape, b.shape), (outlines[i], outlines[j])
+        if pair not in reported and (deep := depth(*both, centres[j] - centres[i])) > 1e-9:
             reported.add(pair)
-            source.reject((*path_b, "centre"), f"'{b.name}' overlaps '{a.name}' by {depth:.4g} um")
+            source.reject((*path_b, "centre"), f"'{b.name}' overlaps '{a.name}' by {deep:.4g} um")
             if len(reported) == MOST_OVERLAPS:
                 return

@@ -63,7 +63,7 @@ def expand(reject: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]]
         first = _set_down(reject, cell, path, floor)
         for k, name in enumerate(_numbered(cell.name, total)):
             centre, place = _centre(first, k), (*path, name)
-            rest = cell.rest and centre[1] == _centre(first, 0)[1]
+            rest = cell.rest and centre[-1] == _centre(first, 0)[-1]
             own, says = changed.get(place, (cell, {}))
             copy = dataclasses.replace(own, name=name, centre=own.centre if "centre" in says else centre, repeat=(1,),
                                        pitch=(), rest=own.rest if "rest" in says else rest)
@@ -79,7 +79,7 @@ def _set_down(reject: Callable[[tuple, str], None], cell: Cell, path: tuple, flo
     if floor is None:
         reject((*path, "rest"), "there is no substrate to rest on without [adhesion.substrate]")
         return cell
-    return dataclasses.replace(cell, centre=(cell.centre[0], float(f"{floor - cell.shape.lowest():.15g}")))
+    return dataclasses.replace(cell, centre=(*cell.centre[:-1], float(f"{floor - cell.shape.lowest():.15g}")))
 
 
 def _centre(cell: Cell, k: int) -> tuple[float, ...]:

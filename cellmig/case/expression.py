@@ -14,7 +14,7 @@ from . import units
 
 FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "hypot", "tanh")}
 FUNCTIONS |= {"abs": np.abs, "atan2": np.arctan2, "min": np.minimum, "max": np.maximum}
-NAMES = ("x", "y", "r", "pi")
+NAMES = ("x", "y", "z", "r", "pi")
 _OPERATORS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power}
 _PLACE = r"(?<![\w.])(?:" + "|".join([*NAMES, *FUNCTIONS]) + r")(?!\w)"
 _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
@@ -22,7 +22,9 @@ _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of x, y and the distance r [µm] from the centre of the cell, followed by the unit of its values.
+    """A formula of x, y, z and the distance r [µm] from the centre of the cell, followed by the unit of its values.
+
+    In two dimensions z is 0.
 
     Attributes
     ----------
@@ -41,9 +43,10 @@ class Expression:
         self(np.array([[0.3, 0.4]]))
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
-        """Values (n,) in the code's units at points X (n, 2) [µm] from the centre of the cell."""
+        """Values (n,) in the code's units at points X (n, d) [µm] from the centre of the cell."""
         formula, scale = self._split()
-        names = {"x": X[:, 0], "y": X[:, 1], "r": np.hypot(X[:, 0], X[:, 1]), "pi": math.pi}
+        names = {"x": X[:, 0], "y": X[:, 1], "z": X[:, 2] if X.shape[1] > 2 else np.zeros(len(X)),
+                 "r": np.hypot(X[:, 0], X[:, 1]) if X.shape[1] == 2 else np.linalg.norm(X, axis=1), "pi": math.pi}
         with np.errstate(all="ignore"):  # the caller checks that values are finite
             return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
 

@@ -1,4 +1,4 @@
-"""Gaps at the start: between cells, and to the substrate y = 0; cells that no bonds tie to the substrate."""
+"""Gaps at the start: between cells, and to the substrate; cells that no bonds tie to the substrate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Arrangement(NamedTuple):
 
     Attributes
     ----------
-    box : (2, 2) -- lower left and upper right corner of the bounding box [µm].
+    box : (2, d) -- lower left and upper right corner of the bounding box [µm].
     heights : (cells,) -- heights of the lowest points [µm].
     gap : float -- least gap between two cells [µm]; None if there is one cell.
     pair : tuple -- indices of these two cells.
@@ -54,7 +54,8 @@ def arrangement(case: Case) -> Arrangement:
     centres = np.array([c.centre for c in case.cells])
     low, high = _boxes(outlines, centres)
     pairing, laws = paired([c.name for c in case.cells], case.pairs)[0], [*(p.law for p in case.pairs), case.contact]
-    reach, measure = max((law.cutoff for law in laws if law), default=0.0), _Measure(outlines, centres)
+    reach = max((law.cutoff for law in laws if law), default=0.0)
+    measure = _Measure([c.shape for c in case.cells], outlines, centres)
     gaps = {pair: gap for pair in near(outlines, centres, reach) if (gap := measure(*pair, reach)) < reach}
     least = min(gaps.items(), key=lambda item: item[1], default=None) or _nearest(outlines, centres, measure)
     bonds = {pair: law for pair in gaps if (law := laws[pairing.of(*pair)])}
@@ -62,13 +63,14 @@ def arrangement(case: Case) -> Arrangement:
     pressed = [Pressed(gaps[pair], law) for pair, law in bonds.items() if gaps[pair] < law.cap]
     group, floating = _groups(ties, len(outlines)), np.zeros(0, int)
     if case.substrate is not None:
-        floating = np.flatnonzero(~np.isin(group, group[low[:, 1] < case.substrate.cutoff]))
-    return Arrangement(np.array([low.min(axis=0), high.max(axis=0)]), low[:, 1], least and least[1], least and least[0],
+        floating = np.flatnonzero(~np.isin(group, group[low[:, -1] < case.substrate.cutoff]))
+    box = np.array([low.min(axis=0), high.max(axis=0)])
+    return Arrangement(box, low[:, -1], least and least[1], least and least[0],
                        min(pressed, key=lambda one: one.gap / one.law.cap, default=None), group, floating)
 
 
 def outline(shape: Any, displacement: tuple) -> np.ndarray:
-    """Outline (n, 2) [µm] from the cell's centre, with the initial displacement."""
+    """Outline, in space points of the surface, (n, d) [µm] from the cell's centre, with the initial displacement."""
     points = shape.outline(OUTLINE)
     with np.errstate(all="ignore"):
         moved = points + np.column_stack([evaluate(value, points) for value in displacement])
@@ -94,16 +96,23 @@ def _nearest(outlines: list[np.ndarray], centres: np.ndarray, measure: _Measure)
 class _Measure:
     """Gaps between cells [µm]; pairs of equal relative position, as in a grid, are measured once."""
 
-    def __init__(self, outlines: list[np.ndarray], centres: np.ndarray):
-        self._outlines, self._centres, self._known = outlines, centres.tolist(), {}
+    def __init__(self, shapes: list, outlines: list[np.ndarray], centres: np.ndarray):
+        self._shapes, self._outlines, self._centres, self._known = shapes, outlines, centres, {}
 
     def __call__(self, i: int, j: int, most: float) -> float:
-        """Gap between two cells, exact up to `most`."""
-        a, b, (x, y), (x1, y1) = self._outlines[i], self._outlines[j], self._centres[i], self._centres[j]
-        key = id(a), id(b), round(x1 - x, 9), round(y1 - y, 9), most
+        """Gap between two cells, exact up to `most`; in space without initial displacements."""
+        a, b, apart = self._outlines[i], self._outlines[j], self._centres[j] - self._centres[i]
+        key = id(a), id(b), *np.round(apart, 9).tolist(), most
         if key not in self._known:
-            self._known[key] = _gap(a, b + np.array([x1 - x, y1 - y]), most)
+            self._known[key] = _gap(a, b + apart, most) if len(apart) == 2 else min(
+                _from(self._shapes[i], a, b + apart, most), _from(self._shapes[j], b, a - apart, most))
         return self._known[key]
+
+
+def _from(shape: Any, surface: np.ndarray, points: np.ndarray, most: float) -> float:
+    """Least distance [µm] of points from a body, of which `surface` has points; inf if it exceeds `most`."""
+    points = points[_between(points, points, surface.min(axis=0), surface.max(axis=0), most)]
+    return float(shape.distances(points).min()) if len(points) else math.inf
 
 
 def _gap(a: np.ndarray, b: np.ndarray, most: float) -> float:
@@ -127,7 +136,7 @@ def _between(low: np.ndarray, high: np.ndarray, bottom: np.ndarray, top: np.ndar
 
 
 def _boxes(outlines: list[np.ndarray], centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corners of the bounding boxes of cells, (n, 2) [µm] each."""
+    """Lower left and upper right corners of the bounding boxes of cells, (n, d) [µm] each."""
     boxes = {key: (o.min(axis=0), o.max(axis=0)) for key, o in {id(o): o for o in outlines}.items()}
     low, high = (np.array([boxes[id(o)][side] for o in outlines]) + centres for side in (0, 1))
     return low, high
@@ -136,7 +145,7 @@ def _boxes(outlines: list[np.ndarray], centres: np.ndarray) -> tuple[np.ndarray,
 def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -> Iterator[tuple[int, int]]:
     """Pairs i < j of cells whose bounding boxes overlap or are less than `within` [µm] apart.
 
-    `outlines` are (k, 2) [µm] each, from the cells' `centres` (n, 2) [µm].
+    `outlines` are (k, d) [µm] each, from the cells' `centres` (n, d) [µm].
     """
     if len(outlines) < 2:
         return
@@ -146,8 +155,19 @@ def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -
     ends = np.searchsorted(low[order, 0], high[order, 0])
     for n, i in enumerate(order):
         others = order[n + 1:ends[n]]
-        for j in others[(low[others, 1] < high[i, 1]) & (high[others, 1] > low[i, 1])]:
+        for j in others[(low[others, 1:] < high[i, 1:]).all(axis=1) & (high[others, 1:] > low[i, 1:]).all(axis=1)]:
             yield int(min(i, j)), int(max(i, j))
+
+
+def depth(shapes: tuple, outlines: tuple, apart: np.ndarray) -> float:
+    """Largest depth [µm] of a corner of one of two outlines, or of a point of one of two surfaces, in the other.
+
+    shapes, outlines : of both;  apart : (d,) -- from the centre of the first to that of the second [µm].
+    """
+    (one, other), (a, b) = shapes, outlines
+    if len(apart) == 2:
+        return overlap(a, b + apart)
+    return max(0.0, -float(one.distances(b + apart).min()), -float(other.distances(a - apart).min()))
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

@@ -98,7 +98,9 @@ def _value(f: Any) -> dict:
     if meta.get("scaled"):
         leaf = {"anyOf": [leaf, {"type": "number"}]}
     for n in reversed(meta.get("shape") or {"pair": (2,)}.get(meta.get("items"), (None,) if "items" in meta else ())):
-        leaf = {"type": "array", "items": leaf} | ({"minItems": meta.get("least", n), "maxItems": n} if n else {})
+        least, most = (2, 3) if n == "d" else (n, n)
+        sizes = {"minItems": meta.get("least", least), "maxItems": most} if n else {}
+        leaf = {"type": "array", "items": leaf} | sizes
     if "reader" in meta:
         leaf = {"type": "object"}
     if meta.get("or_file"):

@@ -78,6 +78,7 @@ class _Reader:
         materials = source.data.get("materials")
         self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that have changes, by path
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
+        self.dimension = 3 if source.data.get("dimension") == 3 else 2  # what else it may be is refused
         self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
         if isinstance(source.data.get("cells"), list):
             self.cells_of = named(source.data["cells"])
@@ -146,7 +147,7 @@ class _Reader:
         if value is None:
             if "unit" in meta and self.find(path[:-1]) == {}:
                 self.missing(path, f"{meta['doc']}, such as {path[-1]} = {values.example(f)}")
-            return f.default
+            return values.default_in(f, self.dimension)
         if "kind" in meta:
             return self.law(meta["kind"], value, path, meta["default_law"])
         return self.value(f, value, path)
@@ -213,7 +214,7 @@ class _Reader:
         if not isinstance(data, dict):
             return self.record(Cell, data, path)
         if data.get("rest") is True and isinstance(data.get("centre"), list) and len(data["centre"]) == 1:
-            data = {**data, "centre": [*data["centre"], "0 um"]}  # its height follows
+            data = {**data, "centre": [*data["centre"], *["0 um"] * (self.dimension - 1)]}  # its height follows
         shape = shape_class and self.record(shape_class, {k: v for k, v in data.items() if k in extra}, path, own)
         return self.record(Cell, data, path, extra, shape=shape)
 
@@ -225,6 +226,8 @@ class _Reader:
     def choose(self, kind: str, data: Any, path: tuple, key: str, default: str | None = None) -> type | None:
         """Registered class that a table names, None if it has a mistake."""
         known = registry.laws(kind)
+        if kind == "shape":
+            known = {name: cls for name, cls in known.items() if cls.dimension == self.dimension}
         if not isinstance(data, dict):
             if key == "law":
                 self.reject(path, f"expects a table, not {show(data)}")
@@ -261,6 +264,8 @@ class _Reader:
         for key, f in fields.items():
             if key not in found and "default_law" in f.metadata:
                 found[key] = self.law(f.metadata["kind"], {}, (*path, key), f.metadata["default_law"])
+            if key not in found and "d" in f.metadata.get("shape", ()) and not values.required(f):
+                found[key] = values.default_in(f, self.dimension)
             if key not in found and values.required(f):
                 self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")
                 found[key] = None
@@ -283,7 +288,7 @@ class _Reader:
                 folder = "" if place.startswith("--set ") else os.path.dirname(place)
                 scaled = (f.metadata["unit"] == "",) if f.metadata.get("scaled") else ()
                 value = f.metadata["or_file"](os.path.join(folder, value), *scaled)
-            found = values.read(f, value)
+            found = values.read(f, value, self.dimension)
             if isinstance(value, Corners):
                 found = Corners(found, value.path, value.lines)
         except ValueError as error:

@@ -56,7 +56,8 @@ def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: 
     doc : str -- meaning and symbol, in one line.
     default : str or float -- as in a case file ("10 nm"); None if the parameter may be absent.
     above, minimum, maximum : float -- bounds in `unit`: exclusive, inclusive, inclusive.
-    shape : tuple -- () for a number, (2,) for a vector, (None, 2) for any number of vectors, as nested tuples.
+    shape : tuple -- () for a number, (2,) for two, ("d",) for a vector, one for each dimension of the case, (None, "d")
+        for any number of vectors, as nested tuples.
     words : tuple of str -- words that are allowed in place of a number, such as ("auto",).
     formula : bool -- whether an `Expression` of x and y is allowed in place of a number.
     formerly : str -- former key, which a message replaces by the new one.

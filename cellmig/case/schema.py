@@ -38,7 +38,8 @@ class Particles:
     """Resolution: either the number of particles or their spacing."""
 
     per_cell: int | None = parameter("number of particles of each cell", None, minimum=7, maximum=100_000_000)
-    spacing: float | None = quantity("um", "mean distance of particles: square root of the area of one", None,
+    spacing: float | None = quantity("um", "mean distance of particles: square root of the area of one, in space cube "
+                                     "root of its volume", None,
                                      minimum=1e-6)
     dilation: float = quantity("", "support radius of the kernel over the spacing", 2.2, minimum=1.2, maximum=10)
     surface_refinement: float = quantity("", "density of particles along surfaces over that inside: contact lines "
@@ -64,19 +65,19 @@ class Cell:
     name: str = parameter("name; \"{}\" in it is replaced by the number of a repeated cell")
     shape: Any = parameter("law of kind shape", kind="shape", inline=True)
     centre: tuple = parameter("position of the centre; with `rest`, x is enough", unit="um",
-                              minimum=-1e6, maximum=1e6, shape=(2,), least=1)
+                              minimum=-1e6, maximum=1e6, shape=("d",), least=1)
     rest: bool = parameter("whether the cell rests on the substrate: y of `centre` is ignored, and its lowest point is "
                            "at the equilibrium distance of adhesion.substrate; of copies, the first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
     displacement: tuple = quantity("um", "initial displacement; may be formulas of x and y from the centre",
-                                   (0.0, 0.0), shape=(2,), formula=True)
+                                   (0.0, 0.0), shape=("d",), formula=True)
     velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x and y from the centre", (0.0, 0.0),
-                               shape=(2,), formula=True)
+                               shape=("d",), formula=True)
     velocity_gradient: tuple = quantity("1/us", "gradient A of an initial velocity A (X - centre), added to `velocity`",
-                                        ((0.0, 0.0), (0.0, 0.0)), shape=(2, 2))
+                                        ((0.0, 0.0), (0.0, 0.0)), shape=("d", "d"))
     repeat: tuple = parameter("number of copies in each direction", (1,), items="count")
-    pitch: tuple = quantity("um", "vector from copy to copy, one for each direction", (), shape=(None, 2))
+    pitch: tuple = quantity("um", "vector from copy to copy, one for each direction", (), shape=(None, "d"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,6 +198,8 @@ class Case:
     """A case in the code's units (µm, µs, Pa), checked, with all copies of repeated cells; absent terms are None."""
 
     title: str = parameter("title of the case, one line", "")
+    dimension: int = parameter("number of dimensions: 2, plane strain of cells seen from the side, or 3, where z "
+                               "points away from the substrate", 2, minimum=2, maximum=3)
     seed: int = parameter("seed of all random numbers", 0, minimum=0, maximum=2**63 - 1)
     time: Time = _section(Time, "duration, time step and times of output")
     particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
@@ -211,7 +214,7 @@ class Case:
                        default_law="line-tension")
     friction: Any = _law("friction", "drag on the substrate; by default none, as in the paper", default_law="bonds")
     director: Any = _law("director", "director field of the cytoplasm; by default uniform")
-    body_force: tuple | None = parameter("acceleration due to a body force", None, unit="m/s^2", shape=(2,),
+    body_force: tuple | None = parameter("acceleration due to a body force", None, unit="m/s^2", shape=("d",),
                                          at=("body_force", "acceleration"))
     supports: tuple = _list(Support, "prescribed displacements of parts of the cells' surfaces")
     loads: tuple = _list(Load, "tractions, pressures and body forces on the cells")
@@ -287,4 +290,6 @@ def _table(item: Any) -> dict:
 def particle_count(case: Case, shape: Any) -> int:
     """Number of particles of a cell of this shape."""
     p = case.particles
-    return p.per_cell if p.per_cell is not None else max(7, round(shape.area / p.spacing**2))
+    if p.per_cell is not None:
+        return p.per_cell
+    return max(7, round(shape.area / p.spacing**2 if case.dimension == 2 else shape.volume / p.spacing**3))

@@ -39,8 +39,23 @@ def in_table(field: dataclasses.Field, unit: Any) -> dataclasses.Field:
     return field
 
 
-def read(field: dataclasses.Field, value: Any) -> Any:
-    """Value of a declared field, in the code's units, from the `value` in a case.
+def shape_in(field: dataclasses.Field, dimension: int) -> tuple:
+    """Shape of the values of a field in a case of this `dimension`."""
+    return tuple(dimension if n == "d" else n for n in field.metadata.get("shape", ()))
+
+
+def default_in(field: dataclasses.Field, dimension: int) -> Any:
+    """Default of a field in a case of this `dimension`: vectors and matrices are zero."""
+    if "d" not in field.metadata.get("shape", ()) or not isinstance(field.default, tuple) or not field.default:
+        return field.default
+    zeros: Any = 0.0
+    for n in reversed(shape_in(field, dimension)):
+        zeros = (zeros,) * n
+    return zeros
+
+
+def read(field: dataclasses.Field, value: Any, dimension: int = 2) -> Any:
+    """Value of a declared field, in the code's units, from the `value` in a case of this `dimension`.
 
     Raises ValueError where it is not allowed; the message is for the user.
     """
@@ -50,7 +65,7 @@ def read(field: dataclasses.Field, value: Any) -> Any:
     if "reader" in meta:
         return meta["reader"](value)
     if "unit" in meta:
-        return _nested(meta, meta.get("shape", ()), value, _quantity)
+        return _nested(meta, shape_in(field, dimension), value, _quantity)
     if "items" in meta:
         return _nested(meta, (2 if meta["items"] == "pair" else None,), value, _item)
     return {"bool": _flag, "int": _count, "str": _word, "float": _quantity}[type_name(field)](meta, value)
@@ -72,7 +87,7 @@ def write(field: dataclasses.Field, value: Any) -> Any:
 def example(field: dataclasses.Field) -> str:
     """Example of a value of a field, in TOML."""
     plain = '"…"' if "reader" in field.metadata else {"str": '"…"', "bool": "true"}.get(type_name(field), "1")
-    return _example(field.metadata, field.metadata.get("shape", ()), plain)
+    return _example(field.metadata, shape_in(field, 2), plain)
 
 
 def _example(meta: Any, shape: tuple, plain: str = "1") -> str:

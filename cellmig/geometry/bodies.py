@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..case.registry import law, quantity
 from . import base_surfaces
 from .closing import closed
 from .fill_body import fill
@@ -41,14 +42,15 @@ class _Body:
 
     Attributes
     ----------
-    nucleus_ratio : float -- size of the nucleus over that of the body [-]; None if there is none.
-    nucleus_offset : (3,) -- vector from the body's centre of volume to that of the nucleus [µm]; None if they coincide.
     _surface : ClosedSurface -- fine triangles of the surface.
     _names : tuple of str -- names of the parts of the surface.
     """
 
-    nucleus_ratio: float | None = None
-    nucleus_offset: tuple[float, float, float] | None = None
+    nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
+    nucleus_offset: tuple | None = quantity("um", "vector from the cell's centre of volume to that of the nucleus",
+                                            None, shape=(3,))
+
+    dimension = 3
 
     def __post_init__(self) -> None:
         """Check the nucleus.
@@ -80,6 +82,20 @@ class _Body:
         """Volume [µm³]."""
         return self._surface.volume
 
+    @property
+    def has_nucleus(self) -> bool:
+        """Whether the cell has a nucleus."""
+        return self._nucleus is not None
+
+    def outline(self, n: int = 64) -> np.ndarray:
+        """At least n points (m, 3) [µm] of the surface, with the centre as origin."""
+        points, _ = self._surface.sampled(n) if n > len(self._surface.vertices) else (self._surface.vertices, None)
+        return points
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """Distances (n,) [µm] of points (n, 3) [µm] from the surface, negative inside."""
+        return np.where(self._surface.inside(points), -1.0, 1.0) * self._surface.distance(points)
+
     def lowest(self) -> float:
         """Height of the lowest point above the centre [µm], usually negative."""
         return float(self._surface.vertices[:, 2].min())
@@ -109,13 +125,13 @@ class _Body:
         return Layout3(X, nucleus, triangles, tet, parts)
 
 
-@dataclass(frozen=True, kw_only=True)
+@law("shape", "ellipsoid")
 class Ellipsoid(_Body):
-    """Ellipsoid with semi-axes a, b, c [µm] along x, y, z; its nucleus has the same ratios of axes."""
+    """Ellipsoid with semi-axes a, b, c along x, y, z; its nucleus has the same ratios of axes."""
 
-    a: float
-    b: float
-    c: float
+    a: float = quantity("um", "semi-axis a along x", above=0)
+    b: float = quantity("um", "semi-axis b along y", above=0)
+    c: float = quantity("um", "semi-axis c along z", above=0)
 
     @property
     def _axes(self) -> np.ndarray:
@@ -135,11 +151,11 @@ class Ellipsoid(_Body):
         return points / lengths(points / self._axes)[:, None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@law("shape", "ball")
 class Ball(_Body):
-    """Ball of radius R [µm] with a nucleus that is a ball."""
+    """Ball of radius R with a nucleus that is a ball."""
 
-    radius: float
+    radius: float = quantity("um", "radius R", above=0)
 
     @cached_property
     def _surface(self) -> ClosedSurface:
@@ -155,22 +171,17 @@ class Ball(_Body):
         return self.radius * points / lengths(points)[:, None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@law("shape", "cap")
 class Cap(_Body):
     """Cap of a spheroid that rests with its flat base on a plane, as a spread cell does; the base has the origin.
 
     Without a contact angle it is the cap of a sphere.  Parts of its surface: base, cap.
-
-    Attributes
-    ----------
-    contact_radius : float -- radius of the base [µm].
-    height : float -- of the top above the base [µm].
-    contact_angle : float -- between base and cap, measured inside [rad]; above atan(2 height/contact_radius).
     """
 
-    contact_radius: float
-    height: float
-    contact_angle: float | None = None
+    contact_radius: float = quantity("um", "radius of the base", above=0)
+    height: float = quantity("um", "height of the top above the base", above=0)
+    contact_angle: float | None = quantity("rad", "angle between base and cap, measured inside; above "
+                                           "atan(2 height/contact_radius)", None, above=0)
 
     def __post_init__(self) -> None:
         """Check the contact angle.
@@ -222,13 +233,13 @@ class Cap(_Body):
         return exact
 
 
-@dataclass(frozen=True, kw_only=True)
+@law("shape", "box")
 class Box(_Body):
-    """Box of lengths a, b, c [µm] along x, y, z; parts of its surface: left, right, front, back, bottom, top."""
+    """Box whose centre is the cell's; parts of its surface: left, right, front, back, bottom, top."""
 
-    a: float
-    b: float
-    c: float
+    a: float = quantity("um", "length along x", above=0)
+    b: float = quantity("um", "length along y", above=0)
+    c: float = quantity("um", "length along z", above=0)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -239,12 +250,12 @@ class Box(_Body):
         return base_surfaces.box(self.a, self.b, self.c)
 
 
-@dataclass(frozen=True, kw_only=True)
+@law("shape", "cylinder")
 class Cylinder(_Body):
-    """Cylinder of radius R and length L [µm] along z; parts of its surface: side, bottom, top."""
+    """Cylinder with its axis along z; parts of its surface: side, bottom, top."""
 
-    radius: float
-    length: float
+    radius: float = quantity("um", "radius R", above=0)
+    length: float = quantity("um", "length L along z", above=0)
 
     @property
     def _names(self) -> tuple[str, ...]:

@@ -46,6 +46,7 @@ class Disc:
     nucleus_ratio: float | None = quantity("", "radius of the nucleus over R", None, above=0, maximum=0.95)
 
     parts = ("surface",)
+    dimension = 2
 
     @property
     def area(self) -> float:

@@ -31,6 +31,8 @@ class Outlined:
     _fixed : list of (c,) int -- for each loop, the corners at which there has to be a particle; None if there are none.
     """
 
+    dimension = 2
+
     @property
     def hint(self) -> str:
         """End of a message about particles that do not suit the outline."""

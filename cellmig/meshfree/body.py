@@ -299,6 +299,13 @@ class Scene:
     materials: list
     material_of: list
 
+    @property
+    def mesh(self) -> dict[str, np.ndarray]:
+        """Triangles of the surfaces (m, 3) int and tetrahedra (k, 4) int in space, by global ids."""
+        used = [(start, self.templates[k]) for start, k in zip(self.offset, self.kind, strict=False)]
+        return {"triangles": np.concatenate([start + t.facets for start, t in used]),
+                "tetrahedra": np.concatenate([start + t.simplices for start, t in used])}
+
     @cached_property
     def offset(self) -> np.ndarray:
         """First global id of each cell, and at the end the number of all particles (cells + 1,) int."""

@@ -72,7 +72,7 @@ class Boundary:
                    held, value, number(case.supports)[support], support,
                    dead, force, number(case.loads)[dead_load],
                    pressed, pressure, number(case.loads)[pressed_load],
-                   np.array(plate).reshape(-1, 6), number(case.plates))
+                   np.array(plate).reshape(-1, 3 * scene.dimension), number(case.plates))
 
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """Numbers of the supports (k,) int that prescribe a `component` (k,) int of the particles `ids` (k,) int."""
@@ -152,7 +152,7 @@ def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
             forces.append(force[on])
             loads.append(np.full(len(on), number))
     if not ids:
-        return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
+        return np.zeros(0, np.int64), np.zeros((0, scene.dimension)), np.zeros(0, np.int64)
     return np.concatenate(ids), np.concatenate(forces), np.concatenate(loads)
 
 
@@ -183,7 +183,7 @@ def tractions(X: np.ndarray, ends: np.ndarray, traction: Callable[[np.ndarray], 
 
 def _pressed(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Segments (p, 2), pressures (p,) and numbers (p,) of pressure loads."""
-    ends, values, loads = [np.zeros((0, 2), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
+    ends, values, loads = [np.zeros((0, scene.dimension), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
     for number, load in enumerate(case.loads):
         for cell in _cells(load, who) if load.pressure is not None else ():
             found = segments_of(load, scene, cell)

@@ -30,11 +30,12 @@ def check(case: Case, scene: Scene) -> None:
         given = getattr(item, key)
         for value in given if isinstance(given, tuple) else (given,):
             if isinstance(value, Expression) and (place := _undefined(value, X)) is not None:
-                x, y, found = place
+                at, found = place
+                spot = ", ".join(f"{x:.4g}" for x in at)
                 where = case.formulas.get((kind, item.name, key), (case.path, None, f"{kind}.{item.name}.{key}"))
                 file, line, name = where
                 wrong.setdefault((where, value.text), Mistake(
-                    file, line, name, f"'{value.text}' has no value that can be computed with at ({x:.4g}, {y:.4g}) um "
+                    file, line, name, f"'{value.text}' has no value that can be computed with at ({spot}) um "
                                       f"from the centre of '{case.cells[cell].name}': it is {found:g} there"))
     for kind in ("supports", "loads", "plates"):
         for item in getattr(case, kind):
@@ -47,7 +48,7 @@ def check(case: Case, scene: Scene) -> None:
 
 
 def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:
-    """Kind, item, key, cell, and the points (n, 2) [µm] from its centre at which the key is evaluated."""
+    """Kind, item, key, cell, and the points (n, d) [µm] from its centre at which the key is evaluated."""
     seen = set()
     for number, cell in enumerate(case.cells):
         for key in ("displacement", "velocity"):
@@ -69,15 +70,14 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
                         [(1.0 - s) * ends[:, 0] + s * ends[:, 1] for s, _ in GAUSS])
 
 
-def _undefined(value: Expression, X: np.ndarray) -> tuple[float, float, float] | None:
-    """The first of the points X (n, 2) at which a formula has no finite value, and its value there."""
+def _undefined(value: Expression, X: np.ndarray) -> tuple[list[float], float] | None:
+    """The first of the points X (n, d) at which a formula has no finite value, and its value there."""
     size = np.ptp(X, axis=0).max() if len(X) else 0.0
     for points in (X, np.where(np.abs(X) < TINY * size, 0.0, X)):
         found = evaluate(value, points)
         bad = np.flatnonzero(~(np.abs(found) <= LARGEST))
         if len(bad):
-            x, y = points[bad[0]].tolist()
-            return x, y, float(found[bad[0]])
+            return points[bad[0]].tolist(), float(found[bad[0]])
     return None
 
 

@@ -122,7 +122,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                      "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
     # Lips on a substrate become so thin that their sides pass through each other, which walls outside make violent.
     lips = case.substrate is not None and case.substrate.work > 0.0
-    never = why((case.static, "not in a static case"), (not _meet_themselves(case), "solids of convex outline"),
+    never = why((case.static, "not in a static case"), (case.dimension > 2, "in two dimensions only"),
+                (case.dimension == 2 and not _meet_themselves(case), "solids of convex outline"),
                 (lips and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
     own = unless(never, "contact of a cell with itself", True, False)
     repels = [never is None and (not lips or pair.itself) for pair in case.pairs] + [never is None and not lips]
@@ -158,7 +159,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
                  friction=friction, director=director, director_law=law, active=active, stabilised=stabilised,
                  bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=single,
-                 skipped=skipped)
+                 dimension=case.dimension, skipped=skipped)
 
 
 def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:
@@ -202,4 +203,9 @@ def _thin(case: Case) -> float:
     """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
     if case.substrate:
         return case.substrate.equilibrium_distance
-    return 1e-3 * min(c.shape.area for c in case.cells) ** 0.5
+    return 1e-3 * min(_size(c.shape) for c in case.cells)
+
+
+def _size(shape: Any) -> float:
+    """Root of the area, or cube root of the volume, of a shape [µm]."""
+    return float(shape.area**0.5 if shape.dimension == 2 else shape.volume ** (1.0 / 3.0))

@@ -34,14 +34,15 @@ class Interval:
         """
         m, elapsed = self.mechanics, time - self.time
         for row, before in zip(rows, self.moved, strict=False):
-            vx, vy = (row["ux_um"] - before[0]) / elapsed, (row["uy_um"] - before[1]) / elapsed
-            row |= {"vx_um_per_us": vx, "vy_um_per_us": vy, "speed_um_per_us": float(np.hypot(vx, vy))}
+            v = [(row[f"u{axis}_um"] - place) / elapsed for axis, place in zip("xyz", before, strict=False)]
+            row |= {f"v{axis}_um_per_us": one for axis, one in zip("xyz", v, strict=False)}
+            row |= {"speed_um_per_us": float(np.linalg.norm(v)) if len(v) > 2 else float(np.hypot(*v))}
         # The first row has no means: its columns are nan in the table.
         self._kinds = ("", "_now") if self.moved else ("_now",)
-        self.time, self.moved = time, [(row["ux_um"], row["uy_um"]) for row in rows]
+        self.time, self.moved = time, [tuple(row[f"u{axis}_um"] for axis in "xyz"[: m.scene.dimension]) for row in rows]
         found: dict[str, Rows] = {}
-        if m.terms.substrate is None and m.terms.contact is None:
-            return found
+        if (m.terms.substrate is None and m.terms.contact is None) or m.scene.dimension > 2:
+            return found  # in space impulses are summed from the start
         counted = m.accounts.impulses
         bond, contact = (half * powers[name] for name in ("bond_impulse", "contact_impulse"))
         if m.terms.substrate is not None:

@@ -15,7 +15,7 @@ from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
-from .tables import MEASURES, further_columns
+from .tables import ENERGY, MEASURES, further_columns
 from .view import View
 
 STRAIN = 1e-8  # volumetric strain of all cells whose energy is the smallest scale of the energy error
@@ -144,7 +144,7 @@ class Sampler:
     @property
     def columns(self) -> tuple[str, ...]:
         """Further columns of history: of probes, then of supports and plates."""
-        return further_columns(self.probes.names, self.mechanics.loads.boundary.names)
+        return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension)
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""
@@ -227,7 +227,7 @@ class Sampler:
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         drift = self._sum(self.mass[:, None] * v)
         error = self._energy_error(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
-        unit = "pn" if m.scene.dimension == 2 else "pn_um"
+        unit = ENERGY[m.scene.dimension]
         return {**{f"{name}_{unit}": value for name, value in entries.items()}, "energy_error": error}
 
     def _energy_error(self, entries: dict[str, float], drift: float) -> float:

@@ -17,15 +17,16 @@ from .directory import OutputError, sync, together
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-HISTORY = ("time_us", "cell", "x_um", "y_um", "ux_um", "uy_um", "substrate_contact_um", "cell_contact_um", "area_um2",
-           "perimeter_um", "effective_stress_pa", "sigma11_lower_centre_pa")
 # Contacts with substrate and cells, content and surface of cells, by the number of dimensions.
 MEASURES = {2: ("substrate_contact_um", "cell_contact_um", "area_um2", "perimeter_um"),
             3: ("substrate_contact_um2", "cell_contact_um2", "volume_um3", "surface_um2")}
-MOTION = ("vx_um_per_us", "vy_um_per_us", "speed_um_per_us")  # mean since the last sample
+HISTORY = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xyz"[:d]), *(f"u{axis}_um" for axis in "xyz"[:d]),
+               *MEASURES[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
+MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") for d in (2, 3)}  # means
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "friction_loss", "artificial_dissipation")
-LEDGER = ("time_us", *(f"{name}_pn" for name in ENERGIES), "energy_error")
+ENERGY = {2: "pn", 3: "pn_um"}  # unit of energies: in two dimensions per µm of thickness
+LEDGER = {d: ("time_us", *(f"{name}_{unit}" for name in ENERGIES), "energy_error") for d, unit in ENERGY.items()}
 
 _BOTH = ("", "_now")  # mean since the last sample, and current value
 SUBSTRATE = ("time_us", "cell", "x_um",
@@ -40,9 +41,9 @@ _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "ex
              "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
 
 
-def further_columns(probes: Iterable[str], holders: Iterable[str]) -> tuple[str, ...]:
+def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2) -> tuple[str, ...]:
     """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell."""
-    return (*MOTION, *(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
+    return (*MOTION[dimension], *(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
             *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
 
 
@@ -63,13 +64,14 @@ class _Table:
     """Appends rows to a file on rank 0, those of a sample in one call, so that a killed run leaves whole lines."""
 
     name: str
+    kinds: Mapping[int, tuple[str, ...]]  # columns by the number of dimensions
     columns: tuple[str, ...]
     names: Sequence[str] = ()  # of the cells, by number; 0 is the aggregate
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, more: tuple[str, ...] = (),
-                 end: Mapping[str, Any] | None = None) -> None:
+                 end: Mapping[str, Any] | None = None, dimension: int = 2) -> None:
         """`more` : further columns;  `end` : end of a table to resume, as `end` returned it."""
-        self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.columns, *more)
+        self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.kinds[dimension], *more)
         self._digest = hashlib.sha256()
         together(comm, lambda: self._cut(end) if end else self._begin(), root_only=True)
 
@@ -128,7 +130,7 @@ def _text(value: float | str) -> str:
 class History(_Table):
     """Writer of `history.csv`; collective; ranks other than 0 may pass None."""
 
-    name, columns = "history.csv", HISTORY
+    name, kinds = "history.csv", HISTORY
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
         """Add a sample at `time` [us]: `rows[k]` has the columns of cell k without time and cell; 0 is the aggregate.
@@ -141,7 +143,7 @@ class History(_Table):
 class Ledger(_Table):
     """Writer of `ledger.csv`; collective; ranks other than 0 may pass None."""
 
-    name, columns = "ledger.csv", LEDGER
+    name, kinds = "ledger.csv", LEDGER
 
     def write(self, time: float, entries: Mapping[str, float]) -> None:
         """Add a sample at `time` [us]: energies per thickness [pN], and their error [-]; absent is nan."""
@@ -159,13 +161,13 @@ class Surroundings(_Table):
 class Substrate(Surroundings):
     """Writer of `substrate.csv`: traction of each cell by place [Pa]."""
 
-    name, columns = "substrate.csv", SUBSTRATE
+    name, kinds = "substrate.csv", {2: SUBSTRATE}
 
 
 class Neighbours(Surroundings):
     """Writer of `neighbours.csv`: forces between pairs of cells in contact [pN/um]."""
 
-    name, columns = "neighbours.csv", NEIGHBOURS
+    name, kinds = "neighbours.csv", {2: NEIGHBOURS}
 
 
 class Tables:
@@ -177,16 +179,17 @@ class Tables:
     comm : mpi4py communicator.
     names : list of str -- of the cells.
     more : list of str -- columns of history besides HISTORY.
+    dimension : int -- of the scene.
     present : dict -- whether the scene has "substrate" and "neighbours".
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, names: Sequence[str], more: tuple[str, ...],
-                 present: Mapping[str, bool], ends: Mapping[str, Any]) -> None:
+                 present: Mapping[str, bool], ends: Mapping[str, Any], dimension: int = 2) -> None:
         self._comm = comm
 
         def opened(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
-            table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")))
+            table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")), dimension)
             table.names = (ALL, *names)
             return table
 
@@ -218,8 +221,9 @@ class Tables:
 
 
 # Columns that all runs have, older ones included.
-_COLUMNS = {"history.csv": HISTORY, "ledger.csv": tuple(name for name in LEDGER if name != "friction_loss_pn"),
-            "substrate.csv": SUBSTRATE, "neighbours.csv": NEIGHBOURS}
+_COLUMNS = {"history.csv": HISTORY, "ledger.csv": {d: tuple(name for name in columns if "friction_loss" not in name)
+                                                   for d, columns in LEDGER.items()},
+            "substrate.csv": {2: SUBSTRATE}, "neighbours.csv": {2: NEIGHBOURS}}
 
 
 def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
@@ -246,8 +250,10 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         if Path(path).name == "ledger.csv":
             names = [_FORMERLY.get(name, name) for name in names]
         rows = list(csv.reader(lines[1:], strict=True))
-        if lacking := [name for name in _COLUMNS.get(Path(path).name, ()) if name not in names]:
-            raise ValueError(f"it has no column {', '.join(lacking)}")
+        lacking = [[name for name in columns if name not in names]
+                   for columns in _COLUMNS.get(Path(path).name, {2: ()}).values()]
+        if all(lacking):
+            raise ValueError(f"it has no column {', '.join(min(lacking, key=len))}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
         kinds: dict[str, Any] = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
         return Columns({name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))

@@ -11,10 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, existing_run
-from cellmig.output.tables import names_of, read_table
+from cellmig.output.mesh import NAME as MESH
+from cellmig.output.tables import MEASURES, names_of, read_table
 from cellmig.output.xdmf import Frame, frames
 
-from .snapshots import film, missing_times, nearest_frames, shapes
+from . import space
+from .snapshots import View, film, missing_times, nearest_frames, shapes
 from .style import COLOURS, STYLE, save
 from .traction import between, traction
 
@@ -49,19 +51,29 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
         samples = np.unique(history.get("time_us", []))
-        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(history),
+        figures = {"shapes": _shapes(directory, found, times, field), "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
                    "between": between(neighbours, samples)}
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
-        made = film(directory, out, field) if moving else None
+        made = film(directory, out, field) if moving and not (directory / MESH).exists() else None
     return [*paths, made] if made else paths
+
+
+def _shapes(directory: Path, found: Sequence[Frame], times: Sequence[float] | None, field: str) -> Figure | None:
+    """Snapshots, of runs in three dimensions their surfaces; None without frames."""
+    if not found or not (directory / MESH).exists():
+        return shapes(directory, times, field)
+    some = nearest_frames(list(found), times)
+    return space.shapes(directory, some, field, View.of(directory, some, field))
 
 
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
     """Remark about a run whose frames have forces but whose tables are missing, else empty."""
     tables = {"adhesion_force": "substrate.csv", "contact_force": "neighbours.csv"}
+    if (directory / MESH).exists():
+        return ""  # in space there are no tables of forces
     lacking = [name for field, name in tables.items() if field in found[0].units() and not (directory / name).exists()]
     return f"no pictures of forces: the run is of an older version, without {' and '.join(lacking)}" if lacking else ""
 
@@ -72,8 +84,9 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
         return None
     names = names_of(history)
     cells = [cell for cell in np.unique(history["cell"]) if cell]
-    contacts = [(name, text, style) for name, text, style in (("substrate_contact_um", "with the substrate", "-"),
-                                                              ("cell_contact_um", "with cells", ":"))
+    dimension = 3 if "z_um" in history else 2
+    contacts = [(name, text, style) for name, text, style in zip(MEASURES[dimension][:2], ("with the substrate",
+                                                                 "with cells"), "-:", strict=True)
                 if np.nan_to_num(history[name]).any()]
     stressed = np.nan_to_num(history["effective_stress_pa"]).any()
     panels = 1 + bool(contacts) + bool(stressed)
@@ -97,7 +110,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
     if contacts:
         for _, text, line in contacts:
             axes[1].plot([], [], color="0.4", ls=line, label=text)
-        axes[1].set_ylabel("contact length [µm]")
+        axes[1].set_ylabel("contact length [µm]" if dimension == 2 else "contact area [µm²]")
         axes[1].legend(loc="upper left")
     if stressed:
         axes[-1].set_ylabel("effective stress [Pa]")
@@ -115,9 +128,9 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
     for number, name in enumerate(entries):
         style = "-" if number < len(COLOURS) else "--"
         upper.plot(ledger["time_us"], ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
-                   label=name.removesuffix("_pn").replace("_", " "))
+                   label=name.removesuffix("_pn_um").removesuffix("_pn").replace("_", " "))
     lower.plot(ledger["time_us"], 100 * ledger["energy_error"], color="0.2")
-    upper.set_ylabel("energy per thickness [pN]")
+    upper.set_ylabel("energy per thickness [pN]" if "kinetic_pn" in ledger else "energy [pN µm]")
     lower.set(ylabel="energy\nerror [%]", xlabel="time [µs]")
     if entries:
         upper.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")

@@ -103,9 +103,17 @@ class View:
             ax.set_xlabel("x [µm]")
         for ax in axes[:, 0]:
             ax.set_ylabel("y [µm]")
-        figure.colorbar(ScalarMappable(self.norm, _MAP), ax=list(axes.flat), extend=self.extend, aspect=30, pad=0.02,
-                        label=self.label)
+        self.bar(figure, list(axes.flat))
         return figure, axes.ravel()
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """Colours (n, 4) of values (n,)."""
+        return ScalarMappable(self.norm, _MAP).to_rgba(values)
+
+    def bar(self, figure: Figure, axes: list[Axes]) -> None:
+        """Add the colour bar beside some axes."""
+        figure.colorbar(ScalarMappable(self.norm, _MAP), ax=axes, extend=self.extend, aspect=30, pad=0.02,
+                        label=self.label)
 
     def draw(self, ax: Axes, frame: Frame) -> None:
         """Draw all cells of a frame."""

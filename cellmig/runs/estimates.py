@@ -69,12 +69,13 @@ def _groups(found: Arrangement) -> list[np.ndarray]:
 
 def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float]:
     """Speed and distance at the end, and push per cell, of cells that move together."""
-    mass = sum(_law(case, c).density * c.shape.area for c in cells)
+    mass = sum(_law(case, c).density * _content(c) for c in cells)
     force = sum(_push(case, c) for c, touches in zip(cells, touching, strict=True) if touches)
     along = abs(case.body_force[0]) if case.body_force and case.substrate else math.hypot(*case.body_force or (0.0,))
     acceleration = force / mass + along
-    length = sum(2.0 * _radius(c) for c, touches in zip(cells, touching, strict=True) if touches)
-    rate = case.friction.coefficient * length / mass if case.friction is not None else 0.0
+    sizes = [_radius(c) for c, touches in zip(cells, touching, strict=True) if touches]
+    contact = sum(2.0 * r if case.dimension == 2 else math.pi * r**2 for r in sizes)
+    rate = case.friction.coefficient * contact / mass if case.friction is not None else 0.0
     if rate * end < 1e-6:
         return acceleration * end, 0.5 * acceleration * end**2, force / len(cells)
     gone = -math.expm1(-rate * end)
@@ -87,7 +88,8 @@ def _push(case: Case, cell: Cell) -> float:
     if law is None or cell.name not in law.cells:
         return 0.0
     slope = 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height))
-    return 0.5 * law.protrusion_ratio * case.substrate.work * max(1.0, slope)
+    wide = 1.0 if case.dimension == 2 else 2.0 * _radius(cell)  # of the front [µm]
+    return 0.5 * law.protrusion_ratio * case.substrate.work * max(1.0, slope) * wide
 
 
 def _spreading(case: Case, cell: Cell) -> float:
@@ -106,8 +108,15 @@ def _start(cell: Cell) -> float:
 
 
 def _radius(cell: Cell) -> float:
-    """Radius of the disc of the same area [µm]."""
+    """Radius of the disc of the same area, or the ball of the same volume [µm]."""
+    if cell.shape.dimension == 3:
+        return (0.75 * cell.shape.volume / math.pi) ** (1.0 / 3.0)
     return math.sqrt(cell.shape.area / math.pi)
+
+
+def _content(cell: Cell) -> float:
+    """Area [µm²] or volume [µm³] of a cell."""
+    return cell.shape.area if cell.shape.dimension == 2 else cell.shape.volume
 
 
 def _law(case: Case, cell: Cell) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from cellmig.output.directory import existing_run
 from cellmig.output.log import clock, duration, two_columns
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import names_of, read_table
+from cellmig.output.tables import MEASURES, names_of, read_table
 from cellmig.output.xdmf import frames
 
 from .summary import describe_dissipation, describe_skipped
@@ -86,8 +86,9 @@ def _history_rows(path: Path) -> Rows:
     yield "last sample", f"{table['time_us'][-1]:g} µs"
     for row in np.flatnonzero(last):
         cell = table["cell"][row]
-        numbers = [f"{text} {_number(table[name][row])} µm" for text, name in
-                   (("moved", "ux_um"), ("on the substrate", "substrate_contact_um"), ("on cells", "cell_contact_um"))
+        dimension = 3 if "z_um" in table else 2
+        numbers = [f"{text} {_number(table[name][row])} {'µm²' if name.endswith('um2') else 'µm'}" for text, name in
+                   zip(("moved", "on the substrate", "on cells"), ("ux_um", *MEASURES[dimension][:2]), strict=True)
                    if np.isfinite(table[name][row])]
         yield names[int(cell)] if cell else "aggregate", "  ".join(numbers)
 

@@ -84,7 +84,7 @@ def _part(case: Case, most: int) -> tuple[Case, float]:
     cells = case.cells[: max(1, most * len(case.cells) // _size(case))]
     largest = max(particle_count(case, shape) for shape in {c.shape for c in cells})
     count, p = min(most, KIND), case.particles
-    ratio = math.sqrt(min(1.0, count / largest))
+    ratio = min(1.0, count / largest) ** (1.0 / case.dimension)
     if ratio < 1.0:
         p = dataclasses.replace(p, per_cell=p.per_cell and count, spacing=p.spacing and p.spacing / ratio)
     return dataclasses.replace(case, cells=cells, particles=p), ratio
@@ -94,9 +94,10 @@ def _finer(t: Template, ratio: float) -> Template:
     """A template with its lengths times `ratio`."""
     viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
                   if m and (v := m.numerical_viscosity(t.spacing))) if t.bending_weight.any() else 1.0
-    return dataclasses.replace(t, X=ratio * t.X, V=ratio**2 * t.V, G=tuple(g / ratio for g in t.G), C=t.C / ratio**2,
-                               bending_weight=viscous * ratio**4 * t.bending_weight,
-                               bending_modulus=ratio**4 * t.bending_modulus,
+    d = t.X.shape[1]
+    return dataclasses.replace(t, X=ratio * t.X, V=ratio**d * t.V, G=tuple(g / ratio for g in t.G), C=t.C / ratio**2,
+                               bending_weight=viscous * ratio ** (d + 2) * t.bending_weight,
+                               bending_modulus=ratio ** (d + 2) * t.bending_modulus,
                                spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t
 
 
@@ -209,8 +210,8 @@ def _count(steps: int) -> str:
 
 def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:
     cells = len(case.cells)
-    return "particles", (f"{count} in {cells} cell{'s' * (cells > 1)}, spacing {spacing:.3g} µm, "
-                         f"support {case.particles.dilation:g} spacings")
+    support = f"support {case.particles.dilation:g} spacings" if case.dimension == 2 else "averages of finite elements"
+    return "particles", f"{count} in {cells} cell{'s' * (cells > 1)}, spacing {spacing:.3g} µm, {support}"
 
 
 def _disk(case: Case, count: int) -> tuple[str, str]:

@@ -93,11 +93,12 @@ class Record:
 
         Returns
         -------
-        dict -- "time" [µs], "x" : positions now (n, 2) [µm], and every field of the run: vectors (n, 2), tensors
+        dict -- "time" [µs], "x" : positions now (n, d) [µm], and every field of the run: vectors (n, d), tensors
             (n, 3, 3), e.g. X, u [µm], v [µm/µs], stress [Pa], cell (1, 2 …), material; `units` has their units.
         """
         frame = self._nearest(time)
-        fields = {name: _shaped(name, values) for name, values in frame.read().items()}
+        d = self.manifest.get("case", {}).get("dimension", 2)
+        fields = {name: _shaped(name, values, d) for name, values in frame.read().items()}
         return {"time": np.array(frame.time), "x": fields["X"] + fields["u"], **fields}
 
     def _nearest(self, time: float | None) -> Frame:
@@ -123,11 +124,11 @@ class Record:
         return info(self.directory)
 
 
-def _shaped(name: str, values: np.ndarray) -> np.ndarray:
+def _shaped(name: str, values: np.ndarray, dimension: int) -> np.ndarray:
     """A field in its own shape; files pad vectors and flatten tensors for ParaView."""
     if values.ndim == 2 and values.shape[1] == 9:
         return values.reshape(-1, 3, 3)
-    return values[:, :2] if name in FIELDS and FIELDS[name].shape == (2,) else values
+    return values[:, :dimension] if name in FIELDS and FIELDS[name].shape == (2,) else values
 
 
 def _pandas(name: str) -> Any:

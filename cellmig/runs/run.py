@@ -19,6 +19,7 @@ from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.case.times import output_times
 from cellmig.exits import DONE, FAILED, INPUT_OUTPUT, INVALID_INPUT, STOPPED
+from cellmig.meshfree import overlap_space
 from cellmig.meshfree.overlap import escaped, overlap
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
@@ -26,6 +27,7 @@ from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.fields import FIELDS
 from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
+from cellmig.output.mesh import write_mesh
 from cellmig.output.tables import Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
@@ -107,8 +109,13 @@ class Run:
     def _open(self, ends: dict[str, Any]) -> None:
         """Open tables and frames; those of a resumed run are cut to the lengths `ends`."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
-        present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
-        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends)
+        plane = self.case.dimension == 2  # in space there are no tables of tractions and pairs yet
+        if not plane:
+            write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
+        present = {"substrate": plane and terms.substrate is not None,
+                   "neighbours": plane and terms.contact is not None}
+        self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
+                             self.case.dimension)
         self.frames_before = ends["frames"]
         if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)
@@ -250,10 +257,14 @@ class Run:
         m, terms = s.mechanics, s.terms
         x, outside = m.segments.everywhere(), []
         if frame:  # it takes longer than a sample
-            own = m.scene.X[m.ids] + m.state.owned[:, :2]
-            outside = self.comm.allgather(escaped(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
-        found = overlap(m.surfaces, x, self.case.substrate is not None, terms.contact is not None,
-                        terms.contacts is not None and terms.contacts.own)
+            own = m.scene.X[m.ids] + m.state.u
+            left = escaped if self.case.dimension == 2 else overlap_space.escaped
+            outside = self.comm.allgather(left(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        between, of_itself = terms.contact is not None, terms.contacts is not None and terms.contacts.own
+        if self.case.dimension == 2:
+            found = overlap(m.surfaces, x, self.case.substrate is not None, between, of_itself)
+        else:
+            found = overlap_space.overlap(m.surfaces, x, self.case.substrate is not None, between)
         if found := found or min(filter(None, outside), default=None):
             self._integrator.fail(found.cause, found.particle, found.remedy)
         if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long

@@ -47,8 +47,8 @@ def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
 def describe_scene(case: Case, end: float) -> list[tuple[str, str]]:
     """Rows about initial positions and gaps, floating cells, and the motion to expect up to `end` [µs]."""
     found = arrangement(case)
-    (left, bottom), (right, top) = found.box
-    rows = [("scene", f"x from {left:.4g} to {right:.4g} µm, y from {bottom:.4g} to {top:.4g} µm")]
+    ranges = [f"{axis} from {low:.4g} to {high:.4g} µm" for axis, low, high in zip("xyz", *found.box, strict=False)]
+    rows = [("scene", ", ".join(ranges))]
     lowest, gaps = int(found.heights.argmin()), []
     if case.substrate is not None:
         gaps.append(f"{length(found.heights[lowest])} to the substrate ({case.cells[lowest].name})")
@@ -73,7 +73,7 @@ def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]
         (e.start, "at the start"), (e.spreading, "while cells spread"),
         (e.speed, f"at the end, {gone} from here")) if value]
     rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))
-    pushed = f"by a push of {e.push:.2g} pN/µm a cell; " if e.push else ""
+    pushed = f"by a push of {e.push:.2g} {'pN/µm' if case.dimension == 2 else 'pN'} a cell; " if e.push else ""
     rows.append(("", f"{pushed}{e.fastest / CRAWLING:.1g} times the 0.1 µm/s of a crawling cell"))
     if e.reynolds is not None:
         rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: "
@@ -177,11 +177,11 @@ def span(values: list) -> str:
 
 def describe_dissipation(entries: dict[str, float]) -> str:
     """Viscous, frictional and artificial dissipation, from a row of the ledger; empty without any."""
-    parts = [(name, entries.get(column, 0.0)) for name, column in (
-        ("viscous", "viscous_loss_pn"), ("frictional", "friction_loss_pn"),
-        ("artificial", "artificial_dissipation_pn"))]
+    unit, text = ("pn", "pN") if "viscous_loss_pn" in entries else ("pn_um", "pN µm")
+    parts = [(name, entries.get(f"{column}_{unit}", 0.0)) for name, column in (
+        ("viscous", "viscous_loss"), ("frictional", "friction_loss"), ("artificial", "artificial_dissipation"))]
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:
         return ""
-    text = ", ".join(f"{name} {value:.3g} pN" for name, value in parts if value)
-    return f"{text}: {100 * abs(parts[-1][1]) / total:.2g} % of it is artificial (docs/numerics.md)"
+    told = ", ".join(f"{name} {value:.3g} {text}" for name, value in parts if value)
+    return f"{told}: {100 * abs(parts[-1][1]) / total:.2g} % of it is artificial (docs/numerics.md)"

@@ -19,10 +19,10 @@ LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
     """Initial fields of all particles, by their names in the swarm.
 
-    These are X, u (size, 2) [µm], v (size, 2) [µm/µs], angles of the director (size,) [rad], accounts (size, 5), zero.
+    These are X, u (size, d) [µm], v (size, d) [µm/µs], angles of the director (size,) [rad], accounts (size, 5), zero.
     """
     n, X = scene.size, scene.X
-    u, v, theta = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
+    u, v, theta = np.zeros(X.shape), np.zeros(X.shape), np.zeros(n)
     for i, c in enumerate(case.cells):
         on, place = slice(*scene.offset[i : i + 2]), scene.templates[scene.kind[i]].X
         u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
@@ -48,7 +48,8 @@ def discretise(case: Case) -> Scene:
         try:
             count = particle_count(case, shape)
             solve = solve_positive if count > LARGE else factorised
-            templates.append(template(shape, count, case.particles.dilation, pair, case.numerics.bulk_viscosity,
+            dilation = case.particles.dilation if case.dimension == 2 else 0.0  # averages of finite elements in space
+            templates.append(template(shape, count, dilation, pair, case.numerics.bulk_viscosity,
                                       case.particles.surface_refinement, solve))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)

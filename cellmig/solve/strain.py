@@ -20,10 +20,13 @@ def _doublings(stretch: float) -> int:
 
 
 def stretch(F: np.ndarray) -> np.ndarray:
-    """Largest singular value of F (2, 2, ...) [-], the largest principal stretch.
+    """Largest singular value of F (d, d, ...) [-], the largest principal stretch.
 
-    Source: closed form for 2×2 matrices, derived here from the parts of F that commute and anticommute with rotations.
+    Source: for 2×2 a closed form, derived here from the parts of F that commute and anticommute with rotations.
     """
+    if len(F) == 3:
+        C = np.einsum("ki...,kj...->...ij", F, F)
+        return np.sqrt(np.linalg.eigvalsh(np.nan_to_num(C))[..., -1])
     (a, b), (c, d) = F
     return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
 

@@ -68,7 +68,8 @@ class InC:
         t = Translator(TERM, "double")
         parts = [t.function(name, f"contact_{name}", ("load", "stored")) for name in ("face", "edge", "vertex")]
         parts += [t.function(f"{name}_stiffness", f"contact_{name}_stiffness") for name in ("face", "edge", "vertex")]
-        source = "\n".join([text_of("simd.h"), *parts, text_of("polyhedra.h"), text_of("wedges.h"), text_of("cones.h"), ALL_PAIRS])
+        files = [text_of(name) for name in ("polyhedra.h", "wedges.h", "cones.h")]
+        source = "\n".join([text_of("simd.h"), *parts, *files, ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
 
     def __call__(self, T: np.ndarray, x: np.ndarray, surface: Polyhedron) -> tuple[int, np.ndarray, ...]:
