@@ -66,7 +66,7 @@ SURFACE_TERMS = (
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 {name: ("load", "stored") for name in ("face", "edge", "vertex")} | {
                     f"{name}_stiffness": () for name in ("face", "edge", "vertex")},
-                files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c")),
+                files=("polyhedra.h", "wedges.h", "cones.h", "near_triangles.h", "contact_space.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
         t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),

@@ -24,6 +24,7 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
+MARGIN_IN_SPACE = 0.03  # the same of triangles, whose bounds are wider [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
@@ -79,6 +80,15 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
+        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "those that may act soon in `listed_face`"),
+        Field("listed_face", "int32_t *", "(…,)", "", "these"),
+        Field("listed_side_from", "long *", "(n_contact_segments + 1,)", "", "the same of edges"),
+        Field("listed_side", "int32_t *", "(…,)", "", "these"),
+        Field("listed_vertex_from", "long *", "(n_contact_segments + 1,)", "", "the same of vertices"),
+        Field("listed_vertex", "int32_t *", "(…,)", "", "these"),
+        Field("face_used", "int32_t *", "(n_contact_faces,)", "", "whether any triangle has it in its list"),
+        Field("side_used", "int32_t *", "(n_contact_edges,)", "", "the same of edges"),
+        Field("vertex_used", "int32_t *", "(n_contact_vertices,)", "", "the same of vertices"),
         Field("face_frame", "double *", "(n_contact_faces, …)", "", "what a step needs of them"),
         Field("edge_frame", "double *", "(n_contact_edges, …)", "", "the same of edges"),
         Field("vertex_frame", "double *", "(n_contact_vertices, …)", "", "the same of vertices"),
@@ -218,10 +228,14 @@ class Segments:
         k["first_ring"], k["contact_ring"] = lists.first_ring, lists.ring
         for kind, name in (("face", "face"), ("edge", "side"), ("vertex", "vertex")):
             k[f"first_{name}"], k[f"near_{name}"] = lists.first[kind], lists.number[kind]
+            k[f"listed_{name}_from"] = np.zeros(len(lists.first[kind]))
+            k[f"listed_{name}"] = np.zeros(len(lists.number[kind]) + 1)
         k("contact_sizes", sizes)
         for (kind, features), size in zip((("face", lists.face), ("edge", lists.edge), ("vertex", lists.vertex)),
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
+            k[f"{'side' if kind == 'edge' else kind}_used"] = np.zeros(len(features) + 1)
+        k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 3), np.nan), MARGIN_IN_SPACE * self.skin
         k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
 
     def _set_contact(self, lists: ContactLists) -> None:

@@ -54,8 +54,9 @@ static double on_line(const Triangle *T, const Wedge *w, const int side[2], doub
     return stored[0];
 }
 
-/* An edge: its start, unit vector and length; its sign, 0 if it is level; gradients of the weights of its normals. */
-typedef struct { double start[3], along[3], length, sign, gradient[2][3]; } Edge3;
+/* An edge: its start, unit vector and length; the least of this and of the heights of its faces; its sign, 0 if it is
+ * level; gradients of the weights of its normals. */
+typedef struct { double start[3], along[3], length, size, sign, gradient[2][3]; } Edge3;
 
 /* The edge between two points, with the third corners of its faces on the left and on the right. */
 static Edge3 edge_of(const double *const x[4])
@@ -73,6 +74,7 @@ static Edge3 edge_of(const double *const x[4])
     cross3(e.along, one, n1);
     cross3(other, e.along, n2);
     const double length1 = sqrt(dot3(n1, n1)), length2 = sqrt(dot3(n2, n2));
+    e.size = fmin(e.length, fmin(length1, length2));
     cross3(n1, n2, turn);
     const double sine = dot3(turn, e.along) / (length1 * length2);
     e.sign = fabs(sine) < LEVEL ? 0 : sine > 0 ? 1 : -1;
