@@ -68,7 +68,8 @@ def _in_space(source: Source, found: dict[str, Any]) -> None:
     for name in ("director", "supports", "loads", "plates", "probes"):
         if found[name] not in (None, []):
             source.reject((name,), why)
-    if "dilation" in (table := source.data.get("particles", {})) and isinstance(table, dict):
+    default = declared(Particles)["dilation"].default
+    if found["particles"] is not None and found["particles"].dilation != default:
         source.reject(("particles", "dilation"), "has no meaning in three dimensions, where gradients are averages of "
                       "finite elements: leave it out")
     if found["time"] is not None and found["time"].integrator != "leapfrog":

@@ -189,7 +189,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
 def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
     """Coefficients in groups of a neighbour to each lane, those with Laplacians first."""
     D = len(parts) - 1
-    first, near, group, lane, owned, kind, at, column = stencils.entries(parts[-1])
+    first, near, group, lane, owned, kind, at, column = stencils.entries(parts[-1], adjoints[-1])
     pair = 4 * (lane // 2) + lane % 2
     gradient, adjoint = np.zeros((2, first[-1], 8))
     for k in range(D):
@@ -210,7 +210,7 @@ def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict
 
 def _space(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:
     """Coefficients in groups of a neighbour to each lane, its G and C together."""
-    first, _, group, lane, owned, kind, at, column = stencils.entries(parts[0])
+    first, _, group, lane, owned, kind, at, column = stencils.entries(parts[0], adjoints[0])
     gradient, adjoint = np.zeros((2, first[-1], 4, len(parts)))
     for k in range(len(parts) if bends else len(parts) - 1):
         gradient[group, lane, k] = _values(parts[k], kind, at)  # of ghosts only stresses count:
@@ -248,16 +248,17 @@ class Stencils:
         out[self._stencil, self._lane] = values[self._ids]
         return out
 
-    def entries(self, matrices: list) -> tuple[np.ndarray, ...]:
+    def entries(self, matrices: list, adjoints: list) -> tuple[np.ndarray, ...]:
         """Entries of CSR matrices, one for each template, in groups of a neighbour to each lane of a stencil.
 
-        Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero
-        (stencils,) int; group, lane, whether owned, template and place in its CSR of each entry, (k,) int; 2 d times
-        the neighbours (groups, 4) int.  Entries of a lane ascend by id, first those that are not zero.
+        Returns the first group of each stencil (stencils + 1,) int; the number of those with entries that are not zero,
+        there or in the `adjoints` of the same pattern, (stencils,) int; group, lane, whether owned, template and place
+        in its CSR of each entry, (k,) int; 2 d times the neighbours (groups, 4) int.  Entries of a lane ascend by id,
+        first those that are not zero.
         """
         lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
         kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
-        close = _values(matrices, kind, at) != 0.0
+        close = (_values(matrices, kind, at) != 0.0) | (_values(adjoints, kind, at) != 0.0)
         order = np.lexsort((~close, lanes))  # stable
         at, kind, close = at[order], kind[order], close[order]
         for k, m in enumerate(matrices):

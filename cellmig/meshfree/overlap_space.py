@@ -6,11 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ..geometry.triangles import cross, dot, lengths, on_triangles
+from ..geometry.surfaces import ClosedSurface
 from .contact import Surfaces
 from .overlap import SHARE, Overlap
-
-AT_A_TIME = 1 << 21  # pairs of a point and a triangle whose solid angles are computed at a time
 
 
 def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: bool) -> Overlap | None:
@@ -26,13 +24,12 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
     cells = np.unique(s.cell)
     box = {c: (x[s.cell == c].min(axis=0), x[s.cell == c].max(axis=0)) for c in cells.tolist()}
     for a, b in combinations(cells.tolist(), 2) if in_contact else ():
-        low_corner, high_corner = (choose(p, q) for choose, p, q in zip((np.maximum, np.minimum), box[a], box[b],
-                                                                        strict=True))
+        low_corner, high_corner = np.maximum(box[a][0], box[b][0]), np.minimum(box[a][1], box[b][1])
         if (low_corner >= high_corner).any():
             continue
         for one, other in ((a, b), (b, a)):
             on = np.flatnonzero((s.cell == one) & (x >= low_corner).all(axis=1) & (x <= high_corner).all(axis=1))
-            depth = _depth(s, x, other, x[on])
+            depth = _depth(_surface(s, x, other), x[on])
             if len(on) and depth.max() > deepest:
                 return Overlap(int(s.ids[on[np.argmax(depth)]]), f"cells {a + 1} and {b + 1} overlap by "
                                f"{depth.max():.3g} µm", "try a smaller load, or finer particles")
@@ -48,8 +45,9 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
     deepest = _tolerance(surfaces)
     for c in np.unique(cell):
         on = np.flatnonzero((cell == c) & ~np.isin(ids, surfaces.ids))
-        out = on[_winding(at[on], x[_facets(surfaces, c)]) < 0.5]
-        away = lengths(_nearest(at[out], x[_facets(surfaces, c)]) - at[out])
+        surface = _surface(surfaces, x, c)
+        out = on[~surface.inside(at[on])]
+        away = surface.distance(at[out]) if len(out) else np.zeros(0)
         if len(out) and away.max() > deepest:
             return Overlap(int(ids[out[np.argmax(away)]]), f"a particle is {away.max():.3g} µm outside of cell {c + 1}",
                            "try a smaller load, or finer particles")
@@ -61,36 +59,16 @@ def _tolerance(surfaces: Surfaces) -> float:
     return SHARE * float(np.sqrt(surfaces.size.mean()))
 
 
-def _facets(surfaces: Surfaces, cell: int) -> np.ndarray:
-    return surfaces.facets[surfaces.cell[surfaces.facets[:, 0]] == cell]
-
-
-def _depth(surfaces: Surfaces, x: np.ndarray, cell: int, points: np.ndarray) -> np.ndarray:
+def _depth(surface: ClosedSurface, points: np.ndarray) -> np.ndarray:
     """Depths (n,) [µm] of points (n, 3) [µm] in a cell, 0 outside."""
-    corners, out = x[_facets(surfaces, cell)], np.zeros(len(points))
-    inside = np.flatnonzero(_winding(points, corners) > 0.5)
-    out[inside] = lengths(_nearest(points[inside], corners) - points[inside])
+    out, inside = np.zeros(len(points)), np.flatnonzero(surface.inside(points))
+    if len(inside):
+        out[inside] = surface.distance(points[inside])
     return out
 
 
-def _nearest(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Closest points (n, 3) [µm] to points (n, 3) on triangles with these corners (m, 3, 3) [µm]."""
-    out = np.empty_like(points)
-    for k, p in enumerate(points):
-        found = on_triangles(np.broadcast_to(p, (len(corners), 3)), corners)
-        out[k] = found[np.argmin(lengths(found - p))]
-    return out
-
-
-def _winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Winding numbers (n,) [-] of closed triangles with these corners (m, 3, 3) [µm] about points (n, 3) [µm].
-
-    Source: the solid angle of a triangle, van Oosterom & Strackee (1983).
-    """
-    out, step = np.zeros(len(points)), max(1, AT_A_TIME // len(corners))
-    for k in range(0, len(points), step):
-        a, b, c = np.moveaxis(corners[None] - points[k : k + step, None, None], 2, 0)
-        la, lb, lc = lengths(a), lengths(b), lengths(c)
-        below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-        out[k : k + step] = np.arctan2(dot(a, cross(b, c)), below).sum(axis=1) / (2.0 * np.pi)
-    return out
+def _surface(surfaces: Surfaces, x: np.ndarray, cell: int) -> ClosedSurface:
+    """The surface of a cell, for surface particles at x (m, 3) [µm]."""
+    on = np.flatnonzero(surfaces.cell == cell)
+    facets = surfaces.facets[surfaces.cell[surfaces.facets[:, 0]] == cell] - on[0]
+    return ClosedSurface(x[on], facets, np.zeros(len(facets), int))

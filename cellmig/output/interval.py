@@ -24,7 +24,7 @@ class Interval:
     def __init__(self, mechanics: View):
         """Begin without a row."""
         self.mechanics = mechanics
-        self.time, self.moved = -np.inf, list[tuple[float, float]]()
+        self.time, self.moved = -np.inf, list[tuple[float, ...]]()
         self.width = max(t.spacing for t in mechanics.scene.templates)
 
     def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray]) -> dict[str, Rows]:
@@ -36,7 +36,7 @@ class Interval:
         for row, before in zip(rows, self.moved, strict=False):
             v = [(row[f"u{axis}_um"] - place) / elapsed for axis, place in zip("xyz", before, strict=False)]
             row |= {f"v{axis}_um_per_us": one for axis, one in zip("xyz", v, strict=False)}
-            row |= {"speed_um_per_us": float(np.linalg.norm(v)) if len(v) > 2 else float(np.hypot(*v))}
+            row |= {"speed_um_per_us": math.hypot(*v)}
         # The first row has no means: its columns are nan in the table.
         self._kinds = ("", "_now") if self.moved else ("_now",)
         self.time, self.moved = time, [tuple(row[f"u{axis}_um"] for axis in "xyz"[: m.scene.dimension]) for row in rows]

@@ -221,9 +221,9 @@ class Tables:
 
 
 # Columns that all runs have, older ones included.
-_COLUMNS = {"history.csv": HISTORY, "ledger.csv": {d: tuple(name for name in columns if "friction_loss" not in name)
-                                                   for d, columns in LEDGER.items()},
-            "substrate.csv": {2: SUBSTRATE}, "neighbours.csv": {2: NEIGHBOURS}}
+_COLUMNS: dict[str, dict[int, tuple[str, ...]]] = {
+    "history.csv": HISTORY, "substrate.csv": {2: SUBSTRATE}, "neighbours.csv": {2: NEIGHBOURS},
+    "ledger.csv": {d: tuple(name for name in columns if "friction_loss" not in name) for d, columns in LEDGER.items()}}
 
 
 def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
@@ -250,10 +250,10 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         if Path(path).name == "ledger.csv":
             names = [_FORMERLY.get(name, name) for name in names]
         rows = list(csv.reader(lines[1:], strict=True))
-        lacking = [[name for name in columns if name not in names]
-                   for columns in _COLUMNS.get(Path(path).name, {2: ()}).values()]
-        if all(lacking):
-            raise ValueError(f"it has no column {', '.join(min(lacking, key=len))}")
+        lacking = min(([name for name in columns if name not in names]
+                       for columns in _COLUMNS.get(Path(path).name, {2: ()}).values()), key=len)
+        if lacking:
+            raise ValueError(f"it has no column {', '.join(lacking)}")
         columns = zip(*rows, strict=True) if rows else [()] * len(names)
         kinds: dict[str, Any] = {**dict.fromkeys(_WHOLE, np.int64), **dict.fromkeys(_TEXT, str)}
         return Columns({name: np.array(column, dtype=str).astype(kinds.get(name, np.float64))

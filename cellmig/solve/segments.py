@@ -80,7 +80,7 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "those that may act soon in `listed_face`"),
+        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "those that may act, in `listed_face`"),
         Field("listed_face", "int32_t *", "(…,)", "", "these"),
         Field("listed_side_from", "long *", "(n_contact_segments + 1,)", "", "the same of edges"),
         Field("listed_side", "int32_t *", "(…,)", "", "these"),

@@ -4,6 +4,7 @@
 /* A ball around T. */
 typedef struct { double middle[3], radius; } Ball;
 
+/* The ball about the mean of the corners. */
 static Ball ball_around(const Triangle *T)
 {
     Ball ball = {.radius = 0};
@@ -23,6 +24,7 @@ static inline double change_of(double margin, double size, double distance)
     return margin * (1 + 4 * (distance + margin) / size);
 }
 
+/* Whether T may be over the face, on its outer side and within reach. */
 static int face_may_act(const Triangle *T, const Face *f, double margin)
 {
     int far = 1, behind = 1, before[3] = {1, 1, 1};
@@ -45,6 +47,7 @@ static int face_may_act(const Triangle *T, const Face *f, double margin)
     return !(far || behind || before[0] || before[1] || before[2]);
 }
 
+/* Whether T may be in the wedge over the edge and within reach. */
 static int edge_may_act(const Triangle *T, const Ball *ball, const Edge3 *e, double margin)
 {
     double from[3], beside = 0, first[2] = {INFINITY, -INFINITY}, last[2] = {INFINITY, -INFINITY};
@@ -64,6 +67,7 @@ static int edge_may_act(const Triangle *T, const Ball *ball, const Edge3 *e, dou
     return e->sign == 0 || !((first[1] < -change || last[1] < -change) && (first[0] > change || last[0] > change));
 }
 
+/* Whether T may be within reach of the vertex. */
 static int vertex_may_act(const Triangle *T, const Ball *ball, const Vertex *v, double margin)
 {
     double from[3];
