@@ -94,7 +94,7 @@ class _Body:
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Distances (n,) [µm] of points (n, 3) [µm] from the surface, negative inside."""
-        return np.where(self._surface.inside(points), -1.0, 1.0) * self._surface.distance(points)
+        return self._surface.distance(points)
 
     def lowest(self) -> float:
         """Height of the lowest point above the centre [µm], usually negative."""

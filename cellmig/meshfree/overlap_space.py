@@ -63,7 +63,7 @@ def _depth(surface: ClosedSurface, points: np.ndarray) -> np.ndarray:
     """Depths (n,) [µm] of points (n, 3) [µm] in a cell, 0 outside."""
     out, inside = np.zeros(len(points)), np.flatnonzero(surface.inside(points))
     if len(inside):
-        out[inside] = surface.distance(points[inside])
+        out[inside] = -surface.distance(points[inside])
     return out
 
 

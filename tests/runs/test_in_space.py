@@ -1,0 +1,97 @@
+"""Cases in three dimensions, as users run them: on ranks, resumed, drawn, and refused with reasons."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import CASES
+
+from cellmig.case.load import load
+from cellmig.case.messages import CaseError
+from cellmig.output.mesh import read_mesh
+from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
+from cellmig.output.xdmf import frames
+from cellmig.plot.plot import plot
+from cellmig.runs.preflight import report
+from cellmig.runs.record import Record
+
+pytestmark = pytest.mark.serial
+
+COARSE = ("--set", "particles.per_cell=200", "--set", "time.samples=4", "--set", "time.frames=2", "--quiet")
+
+
+@pytest.fixture(scope="module")
+def row(cellmig, tmp_path_factory) -> Path:
+    """A run of three balls on three ranks."""
+    run = tmp_path_factory.mktemp("space") / "run"
+    done = cellmig(3, CASES["three_balls"], *COARSE, "--until", "1 us", "--out", run)
+    assert done.returncode == 0, done
+    return run
+
+
+def state_hash(run: Path) -> str:
+    return json.loads((run / "manifest.json").read_text())["state_hash"]
+
+
+def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, tmp_path) -> None:
+    assert cellmig(1, CASES["three_balls"], *COARSE, "--until", "1 us", "--out", tmp_path / "one").returncode == 0
+    assert state_hash(tmp_path / "one") == state_hash(row)
+    short = ("--until", "1 us", "--wall-time", "1 s", "--out", tmp_path / "two")
+    first = cellmig(2, CASES["three_balls"], *COARSE, *short)
+    assert first.returncode == 75, first
+    assert cellmig(1, "resume", tmp_path / "two", "--quiet").returncode == 0
+    assert state_hash(tmp_path / "two") == state_hash(row)
+
+
+def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
+    history, ledger = (read_table(row / f"{name}.csv") for name in ("history", "ledger"))
+    assert tuple(history) == (*HISTORY[3], *MOTION[3], "name") and tuple(ledger) == LEDGER[3]
+    assert all(np.isfinite(history[name]).all() for name in HISTORY[3])
+    one = history["cell"] == 1
+    assert history["volume_um3"][one] == pytest.approx(4 / 3 * np.pi * 125.0, rel=0.06)  # measured 0.04: coarse
+    assert (history["substrate_contact_um2"][one] > 0.0).all() and (history["z_um"][one] > 4.5).all()
+    assert np.abs(ledger["energy_error"]).max() < 0.01  # measured 0.004
+    assert len(frames(row)) == 2  # at the start and at the end
+    mesh, now = read_mesh(row), Record(row).frame(1.0)
+    assert now["x"].shape == (600, 3) and now["adhesion_force"].shape == (600, 3)
+    sides = now["X"][mesh["tetrahedra"]]
+    volume = np.linalg.det(sides[:, 1:] - sides[:, :1]).sum() / 6.0
+    assert volume == pytest.approx(3.0 * history["volume_um3"][one][0], rel=1e-6)
+    assert mesh["triangles"].max() < 600
+
+
+def test_pictures_show_surfaces(row: Path, tmp_path: Path) -> None:
+    made = plot(row, out=tmp_path, formats=("png",))
+    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png"}
+    assert all(path.stat().st_size > 10_000 for path in made)
+
+
+def test_validate_tells_what_a_case_in_space_takes() -> None:
+    text = report(load(CASES["three_balls"], ["particles.per_cell=200"]))
+    for part in ("z from 0.01 to 10.01 µm", "averages of finite elements", "10 nm between cells", "pN a cell"):
+        assert part in text, text
+
+
+@pytest.mark.parametrize(("sets", "told"), [
+    (["cells.0.shape=disc"], "no shape 'disc'"),
+    (["dimension=4"], "dimension: must be >= 2 and <= 3"),
+    (["particles.dilation=2.0"], "dilation: has no meaning in three dimensions"),
+    (["time.integrator=bdf"], 'integrator: is not there in three dimensions yet: the only one is "leapfrog"'),
+    (['cells.0.centre=["0 um", "0 um"]'], "centre: expects a list such as"),
+    (["cells.0.rest=false", 'cells.0.centre=["0 um", "0 um", "4 um"]'], "reaches 1 um below the substrate z = 0"),
+    (['cells.0.pitch=[["8 um", "0 um", "0 um"]]'], "overlaps 'Cell-1' by 1.998 um"),
+    (["director.law=relaxing"], "director: is not there in three dimensions yet"),
+    (["materials.cytoplasm.zeta=5 Pa"], "zeta: is not there in three dimensions yet")])
+def test_what_is_not_there_is_refused(sets: list[str], told: str) -> None:
+    with pytest.raises(CaseError) as error:
+        load(CASES["three_balls"], ["particles.per_cell=200", *sets])
+    assert told in str(error.value), str(error.value)
+
+
+def test_a_formula_may_name_z() -> None:
+    case = load(CASES["ball"], ['cells.0.velocity=["0.1*z um/us", "0 um/us", "-0.1*x um/us"]'])
+    assert [float(v(np.array([[2.0, 0.0, 3.0]]))[0]) if callable(v) else v for v in case.cells[0].velocity] == [
+        pytest.approx(0.3), 0.0, pytest.approx(-0.2)]
