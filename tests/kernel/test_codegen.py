@@ -233,7 +233,7 @@ def formulas() -> Iterator[tuple[Any, str, str, tuple]]:
             contacts = Contacts((laws_of["contact"],), Pairing(*np.zeros((3, 1, 1), int)), False)
             formula = term.formula(Terms(**laws_of, contacts=contacts, load_curves=()))
             formula = formula[0] if isinstance(formula, tuple) else formula
-            for method, results in term.methods.items():
+            for method, results in term.methods.items() if formula is not None else ():  # of two dimensions
                 number = "v4" if method in term.in_fours else "double"
                 yield pytest.param(formula, number, method, results, id=f"{term.name}-{name}-{method}")
     for formula, number, method, name, results in FORMULAS:

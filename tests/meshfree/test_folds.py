@@ -36,7 +36,8 @@ def outline(corners: list, spacing: float) -> tuple[np.ndarray, Surfaces]:
     after, before = np.roll(at, -1), np.roll(at, 1)
     side = x[after] - x
     turn = polygons.turn(side[before], side)
-    return x, Surfaces(at, np.zeros(n, int), after, before, np.full(n, spacing), np.ones(n, bool), turn)
+    return x, Surfaces(at, np.zeros(n, int), np.column_stack([at, after]), np.full(n, spacing), np.ones(n, bool), after,
+                       before, turn)
 
 
 def test_both_sides_of_a_fold_are_pairs() -> None:

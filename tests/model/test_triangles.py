@@ -213,9 +213,9 @@ def test_the_push_is_the_mean_slope_of_the_ramp(name: str) -> None:
     expected = law.ramp_slope(gaps.T @ shares).mean(axis=1)
     assert_close(mean.average(*gaps), expected, 3e-4)  # measured 1.2e-4, of the points of the test
     term = ProtrusionPush(law, bonds())
-    force = np.array(term.force((1.0, 2.0, 3.0), 0.5, 0.6, (1e3, 1e3, -1e3), (0.2, 0.4, 0.7), (0.6, 0.8)))
+    force = np.array(term.force((1.0, 2.0, 3.0), 0.5, 0.6, (1e3, 1e3, -1e3), (0.2, 0.4, 0.7)))
     push = 0.3 * mean.average(0.2, 0.4, 0.7)
-    assert force == pytest.approx(push * np.array([[0.6, 0.8, 0.0], [1.2, 1.6, 0.0], [0.0, 0.0, 0.0]]), rel=1e-12)
+    assert force == pytest.approx(push * np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), rel=1e-12)
     assert term.hold(term.grip(0.6, 1e3, 0.01, 0.01, 0.01)) > 0.5 > term.hold(term.grip(0.6, -1e3, 0.01, 0.01, 0.01))
 
 

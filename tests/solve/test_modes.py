@@ -30,7 +30,7 @@ def fastest(sim: Simulation) -> tuple[float, float]:
         gx, gy = (sum(sparse.diags(inverse[:, j, i]) @ G[j] for j in range(2)) @ root for i in range(2))
 
         def largest(shear, bulk, gx=gx, gy=gy, volume=volume):
-            operator = _strain_operator(gx, gy, volume, shear, bulk)
+            operator = _strain_operator((gx, gy), volume, shear, bulk)
             return eigsh(operator, 1, tol=1e-5, return_eigenvectors=False)[0]
 
         found.append((largest(t.shear_modulus, t.dilation_modulus), largest(t.viscosity, t.damping)))
