@@ -98,7 +98,7 @@ def validate(options: argparse.Namespace) -> int:
 
 def sweep(options: argparse.Namespace) -> int:
     """Run a case with varied values."""
-    from .runs.sweep import SHOWN, Sweep, array_script, sweep, variation
+    from .runs.sweep import Sweep, array_script, sweep, variation
 
     try:
         varied = [variation(text) for text in options.vary]
@@ -112,7 +112,7 @@ def sweep(options: argparse.Namespace) -> int:
     if options.slurm:
         print(f"wrote {array_script(plan)}; it tells what to do with it")
         return DONE
-    return sweep(plan, options.jobs, options.show.split(",") if options.show else SHOWN)
+    return sweep(plan, options.jobs, options.show.split(",") if options.show else ())
 
 
 def paper(options: argparse.Namespace) -> int:

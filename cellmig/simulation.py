@@ -68,7 +68,10 @@ class Simulation:
 
     def _decide(self, scene: Scene | None) -> tuple:
         """Everything that depends on the last bits of libraries and processors, for rank 0; `scene` : if it exists."""
-        case = self.case
+        case, kind = self.case, requested_integrator(self.case.time.integrator)
+        if case.dimension > 2 and kind != "leapfrog":
+            raise CaseError([Mistake(case.path, None, "-ts_type", f"'{kind}' is not there in three dimensions yet: the "
+                                     "only one is leapfrog")])
         scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)

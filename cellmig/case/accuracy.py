@@ -53,6 +53,8 @@ def kind_of(data: dict[str, Any]) -> str | None:
         on_substrate, touching = "substrate" in adhesion, "cells" in adhesion and _several(cells)
     except (TypeError, KeyError, AttributeError):
         return None  # the reader reports what is wrong
+    if data.get("dimension", 2) != 2:
+        return None
     if on_substrate:
         several = "cells with a cortex on a substrate" if "cortex" in data else "cells on a substrate"
         return (several if touching else "cell on substrate") if True in fluid else None

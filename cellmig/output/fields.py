@@ -47,6 +47,13 @@ FIELDS = {
     "protrusion_force": Field("F_d", "pN/um", (2,), "push of the protrusion, at the instant", "protrusion"),
 }
 
+
+def field_unit(name: str, dimension: int) -> str:
+    """Unit of a field: forces are per µm of thickness in two dimensions."""
+    unit = FIELDS[name].unit
+    return unit.removesuffix("/um") if dimension > 2 and unit == "pN/um" else unit
+
+
 # Columns of substrate.csv and neighbours.csv besides time, names and instants.
 _TRACTION = (("`x_um`", "middle of a piece of the substrate; all are as wide as the largest spacing of particles"),
              ("`normal_pa`", "traction of the cell along y: > 0 where it pulls the substrate up, < 0 where it presses"),
@@ -61,8 +68,9 @@ _ABOUT_FIELDS = """
 ## Fields of a frame
 
 By particle, under these names in `rankNNNN/s*.h5`, where each has its unit as an attribute, in `cells.xdmf` (for
-ParaView) and in `rankNNNN.xdmf` (for meshio, too), where `Unit` tells it.  Vectors have a third component there, 0.
-Forces are per µm of thickness.  A field whose term the scene lacks is not there.
+ParaView) and in `rankNNNN.xdmf` (for meshio, too), where `Unit` tells it.  Vectors have a third component there, in two
+dimensions 0.  Forces are per µm of thickness, in three dimensions in pN.  A field whose term the scene lacks is not
+there.
 
 | field | symbol | unit | shape | term | meaning |
 |---|---|---|---|---|---|

@@ -26,6 +26,7 @@ MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") 
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "friction_loss", "artificial_dissipation")
 ENERGY = {2: "pn", 3: "pn_um"}  # unit of energies: in two dimensions per µm of thickness
+IMPULSE = {2: "pN_us_per_um", 3: "pN_us"}  # units of momentum, as in names of keys
 LEDGER = {d: ("time_us", *(f"{name}_{unit}" for name in ENERGIES), "energy_error") for d, unit in ENERGY.items()}
 
 _BOTH = ("", "_now")  # mean since the last sample, and current value

@@ -57,7 +57,10 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
-        made = film(directory, out, field) if moving and not (directory / MESH).exists() else None
+        solid = (directory / MESH).exists()
+        made = film(directory, out, field) if moving and not solid else None
+        if moving and solid:
+            print("cellmig: no film: there are none of runs in three dimensions yet", file=sys.stderr)
     return [*paths, made] if made else paths
 
 

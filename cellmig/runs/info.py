@@ -11,7 +11,7 @@ import numpy as np
 from cellmig.output.directory import existing_run
 from cellmig.output.log import clock, duration, two_columns
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import MEASURES, names_of, read_table
+from cellmig.output.tables import IMPULSE, MEASURES, names_of, read_table
 from cellmig.output.xdmf import frames
 
 from .summary import describe_dissipation, describe_skipped
@@ -21,7 +21,8 @@ _ENDED = {0: "done", 4: "the simulation failed", 5: "input or output failed", 75
 _LIBRARIES = ("numpy", "h5py", "mpi4py", "petsc4py", "python", "mpi")
 # Keys that other rows already show, or that are for programs.
 _NOT_LISTED = ("end_us", "steps_by_mechanism", "frames", "sections_seconds", "worst_energy_error", "hosts",
-               "list_renewals", "protrusion_impulse_pN_us_per_um", "version", "prune", "checkpoints")
+               "list_renewals", *(f"protrusion_impulse_{unit}" for unit in IMPULSE.values()), "version", "prune",
+               "checkpoints")
 _ROUNDING = 1e-9  # smaller lengths [µm] and momenta [pN µs/µm] count as zero
 
 
@@ -69,8 +70,9 @@ def _numbers(m: dict[str, Any]) -> Rows:
         yield "speed", f"{speed:.1f} ns per particle and step"
     if J := m.pop("J", None):
         yield "volume ratio J", " to ".join("unknown" if value is None else f"{value:.4f}" for value in J)
-    if momentum := m.pop("momentum_pN_us_per_um", None):
-        yield "momentum", ", ".join(map(_number, momentum)) + " pN µs/µm"
+    for dimension, unit in IMPULSE.items():
+        if momentum := m.pop(f"momentum_{unit}", None):
+            yield "momentum", ", ".join(map(_number, momentum)) + (" pN µs/µm" if dimension == 2 else " pN µs")
     strain = m.pop("strain", None) or {}
     if largest := strain.get("largest"):
         crossed = strain.get("crossed_at_us")

@@ -110,7 +110,7 @@ def report(case: Case) -> str:
         part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
-    if requested_integrator(case.time.integrator) in IMPLICIT:
+    if requested_integrator(case.time.integrator) in IMPLICIT and case.dimension == 2:
         return _implicit_report(case, chosen)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
@@ -176,7 +176,7 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about the time of implicit steps, where explicit ones take days."""
-    if c.seconds < LONG or case.plates:
+    if c.seconds < LONG or case.plates or case.dimension > 2:
         return []
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
     try:

@@ -24,11 +24,11 @@ from cellmig.meshfree.overlap import escaped, overlap
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
-from cellmig.output.fields import FIELDS
+from cellmig.output.fields import field_unit
 from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.mesh import write_mesh
-from cellmig.output.tables import Tables
+from cellmig.output.tables import IMPULSE, Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
 from cellmig.simulation import Simulation
@@ -274,7 +274,7 @@ class Run:
     def _write_frame(self) -> None:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
-            units = {name: FIELDS[name].unit for name in fields}
+            units = {name: field_unit(name, self.case.dimension) for name in fields}
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"])
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
@@ -327,14 +327,15 @@ class Run:
         s, run, wall = self.simulation, self._integrator, self._wall()
         per_step = 1e9 * self.step_seconds / max(1, run.steps) / s.scene.size
         mechanism = max(run.count, key=run.count.get) if run.count else ""
+        impulse = IMPULSE[self.case.dimension]
         self.manifest |= {
             "exit_status": status, "cause": cause, "time_us": s.time, "steps": run.steps,
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
             "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
             "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
             "strain": self.strain.record(), "worst_energy_error": self.worst_energy_error,
-            "momentum_pN_us_per_um": s.sampler.momentum(),
-            "protrusion_impulse_pN_us_per_um": s.mechanics.accounts.protrusion_impulse(),
+            f"momentum_{impulse}": s.sampler.momentum(),
+            f"protrusion_impulse_{impulse}": s.mechanics.accounts.protrusion_impulse(),
             **run.record(), **({"chosen": self.reason} if self.reason else {}),
             "list_renewals": s.mechanics.segments.renewals,
             "frames": self.frames.count if self.frames else self.frames_before,

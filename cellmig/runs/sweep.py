@@ -28,12 +28,12 @@ from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import HISTORY, further_columns, read_table
+from cellmig.output.tables import HISTORY, MEASURES, further_columns, read_table
 from cellmig.plot.style import COLOURS, STYLE, save
 
 from .batch import Job, JobResult, run_missing, unsound, write_rows
 
-SHOWN = ("ux_um", "substrate_contact_um", "cell_contact_um", "effective_stress_pa")
+SHOWN = {d: ("ux_um", *measures[:2], "effective_stress_pa") for d, measures in MEASURES.items()}  # by dimensions
 SMALL_ENERGY_ERROR = 0.005  # runs with less are counted apart [-]
 _LONGEST = 120  # largest number of letters in the name of a directory
 _SHORT = re.compile(r"([-+\d.eE]+) (/?)([^\W\d][\w^]*)")  # a quantity that may be part of a name
@@ -222,21 +222,23 @@ def _column(key: str, values: Sequence[Any]) -> tuple[str, dict[str, Any]]:
                  value if isinstance(value, str) else _toml(value) for value in values}
 
 
-def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = SHOWN) -> int:
+def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = ()) -> int:
     """Run what is missing, then write sweep.csv and draw sweep.png and sweep.pdf.
 
     Parameters
     ----------
     plan : Sweep.
     at_once : int -- runs at a time; by default one for each core.
-    shown : list of str -- columns of history.csv that are drawn.
+    shown : list of str -- columns of history.csv that are drawn; by default displacement, contacts and stress.
 
     Returns
     -------
     int -- exit code: 0, that of the first run that failed, or 75 after a signal to stop.
     """
     jobs = plan.jobs()
-    _check_columns(next(iter(jobs.values())).load(), shown)
+    case = next(iter(jobs.values())).load()
+    shown = shown or SHOWN[case.dimension]
+    _check_columns(case, shown)
     failed, stopped = run_missing(plan.out, jobs.values(), at_once)
     failed |= unsound(job for job in jobs.values() if job.is_done())
     if rows := list(plan.rows(jobs, failed)):
@@ -293,6 +295,8 @@ def _line(ax: Axes, values: Mapping[Any, Sequence[float]], number: int, label: s
 
 _AXES = {"ux_um": "displacement $u_x$ [µm]", "uy_um": "displacement $u_y$ [µm]", "area_um2": "area [µm²]",
          "substrate_contact_um": "contact with the substrate [µm]", "cell_contact_um": "contact with cells [µm]",
+         "substrate_contact_um2": "contact with the substrate [µm²]", "cell_contact_um2": "contact with cells [µm²]",
+         "volume_um3": "volume [µm³]", "surface_um2": "surface [µm²]",
          "perimeter_um": "perimeter [µm]", "effective_stress_pa": "effective stress [Pa]"}
 
 

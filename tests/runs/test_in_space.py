@@ -57,14 +57,16 @@ def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
     assert len(frames(row)) == 2  # at the start and at the end
     mesh, now = read_mesh(row), Record(row).frame(1.0)
     assert now["x"].shape == (600, 3) and now["adhesion_force"].shape == (600, 3)
+    assert frames(row)[0].units()["adhesion_force"] == "pN" and "momentum_pN_us" in Record(row).manifest
     sides = now["X"][mesh["tetrahedra"]]
     volume = np.linalg.det(sides[:, 1:] - sides[:, :1]).sum() / 6.0
     assert volume == pytest.approx(3.0 * history["volume_um3"][one][0], rel=1e-6)
     assert mesh["triangles"].max() < 600
 
 
-def test_pictures_show_surfaces(row: Path, tmp_path: Path) -> None:
-    made = plot(row, out=tmp_path, formats=("png",))
+def test_pictures_show_surfaces(row: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    made = plot(row, out=tmp_path, formats=("png",), moving=True)
+    assert "no film" in capsys.readouterr().err
     assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png"}
     assert all(path.stat().st_size > 10_000 for path in made)
 
@@ -73,6 +75,18 @@ def test_validate_tells_what_a_case_in_space_takes() -> None:
     text = report(load(CASES["three_balls"], ["particles.per_cell=200"]))
     for part in ("z from 0.01 to 10.01 µm", "averages of finite elements", "10 nm between cells", "pN a cell"):
         assert part in text, text
+
+
+def test_other_integrators_are_refused_on_the_command_line(cellmig, tmp_path: Path) -> None:
+    done = cellmig(1, CASES["ball"], *COARSE, "--until", "1 us", "--out", tmp_path / "run", "-ts_type", "bdf")
+    assert done.returncode == 2 and "-ts_type: 'bdf' is not there in three dimensions yet" in done.stderr, done
+
+
+def test_a_sweep_draws_what_cells_in_space_have(cellmig, tmp_path: Path) -> None:
+    done = cellmig(1, "sweep", CASES["ball"], "--vary", "seed=1,2", *COARSE[2:-1], "--set", "particles.per_cell=100",
+                   "--set", "time.end=1 us", "--out", tmp_path / "sweep")
+    assert done.returncode == 0 and (tmp_path / "sweep/sweep.png").exists(), done
+    assert "substrate_contact_um2" in (tmp_path / "sweep/sweep.csv").read_text().splitlines()[0]
 
 
 @pytest.mark.parametrize(("sets", "told"), [
