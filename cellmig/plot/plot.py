@@ -15,8 +15,7 @@ from cellmig.output.mesh import NAME as MESH
 from cellmig.output.tables import MEASURES, names_of, read_table
 from cellmig.output.xdmf import Frame, frames
 
-from . import space
-from .snapshots import View, film, missing_times, nearest_frames, shapes
+from .snapshots import film, missing_times, nearest_frames, shapes
 from .style import COLOURS, STYLE, save
 from .traction import between, traction
 
@@ -51,25 +50,14 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
         samples = np.unique(history.get("time_us", []))
-        figures = {"shapes": _shapes(directory, found, times, field), "displacement": _displacement(history),
+        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
                    "between": between(neighbours, samples)}
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
-        solid = (directory / MESH).exists()
-        made = film(directory, out, field) if moving and not solid else None
-        if moving and solid:
-            print("cellmig: no film: there are none of runs in three dimensions yet", file=sys.stderr)
+        made = film(directory, out, field) if moving else None
     return [*paths, made] if made else paths
-
-
-def _shapes(directory: Path, found: Sequence[Frame], times: Sequence[float] | None, field: str) -> Figure | None:
-    """Snapshots, of runs in three dimensions their surfaces; None without frames."""
-    if not found or not (directory / MESH).exists():
-        return shapes(directory, times, field)
-    some = nearest_frames(list(found), times)
-    return space.shapes(directory, some, field, View.of(directory, some, field))
 
 
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:

@@ -5,31 +5,22 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
-from matplotlib.tri import Triangulation
 
-from cellmig.case.messages import CaseError, Mistake, suggest
-from cellmig.geometry import polygons
 from cellmig.output.directory import OutputError
-from cellmig.output.manifest import read_manifest
+from cellmig.output.mesh import NAME as MESH
 from cellmig.output.xdmf import Frame, frames
 
-from .style import UNITS
+from .space import Solid
+from .view import DPI, View
 
 _SNAPSHOTS = (0.05, 0.5, 1.0)  # default times over the end
-_SECONDS, _MOST_PER_SECOND, _DPI = 10.0, 25.0, 140  # film: length [s], largest frame rate [1/s], resolution
-_MAP = "viridis"
+_SECONDS, _MOST_PER_SECOND = 10.0, 25.0  # film: length [s], largest frame rate [1/s]
 
 
 def nearest_frames(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
@@ -47,90 +38,9 @@ def missing_times(found: Sequence[Frame], times: Sequence[float] | None) -> str:
     return ""
 
 
-class Picture(Figure):
-    """A figure that notebooks show without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        memory = BytesIO()
-        self.savefig(memory, format="png", dpi=_DPI, bbox_inches="tight")
-        return memory.getvalue()
-
-
-@dataclass(frozen=True)
-class View:
-    """Settings that all pictures of a run share: field, colours, limits of the axes, presence of a substrate.
-
-    low, high : (2,) float -- limits [um];  extend : sides of the colour bar with values beyond its range.
-    """
-
-    field: str
-    label: str
-    norm: Normalize
-    extend: str
-    low: np.ndarray
-    high: np.ndarray
-    substrate: bool
-
-    @classmethod
-    def of(cls, directory: Path, found: Sequence[Frame], field: str) -> View:
-        """The view that contains frames of a run.  Raises CaseError for an unknown field."""
-        if field not in (units := found[0].units()):
-            raise CaseError([Mistake("--field", None, "", f"the run has no field '{field}'{suggest(field, units)}")])
-        values, corners = [], []
-        for frame in found:
-            fields = frame.read()
-            x = (fields["X"] + fields["u"])[:, :2]
-            values.append(scalar(fields[field], field))
-            corners += [x.min(axis=0), x.max(axis=0)]
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        margin = 0.04 * (high - low).max() + 1e-9  # a single particle needs a panel, too
-        unit = UNITS.get(units[field], units[field])
-        label = field.replace("_", " ") + (f" [{unit}]" if unit else "")
-        return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
-                   _on_substrate(directory))
-
-    def panels(self, n: int) -> tuple[Figure, np.ndarray]:
-        """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""
-        width, height = self.high - self.low
-        stacked = n == 1 or width > 1.3 * height
-        size = (6.0, 0.6 + n * (0.25 + 4.9 * height / width)) if stacked else (7.2, 0.9 + 6.2 / n * height / width)
-        figure = Picture(figsize=size, layout="constrained")
-        axes = figure.subplots(n if stacked else 1, 1 if stacked else n, sharex=True, sharey=True, squeeze=False)
-        for ax in axes.flat:
-            ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")
-            ax.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
-        for ax in axes[-1]:
-            ax.set_xlabel("x [µm]")
-        for ax in axes[:, 0]:
-            ax.set_ylabel("y [µm]")
-        self.bar(figure, list(axes.flat))
-        return figure, axes.ravel()
-
-    def colours(self, values: np.ndarray) -> np.ndarray:
-        """Colours (n, 4) of values (n,)."""
-        return ScalarMappable(self.norm, _MAP).to_rgba(values)
-
-    def bar(self, figure: Figure, axes: list[Axes]) -> None:
-        """Add the colour bar beside some axes."""
-        figure.colorbar(ScalarMappable(self.norm, _MAP), ax=axes, extend=self.extend, aspect=30, pad=0.02,
-                        label=self.label)
-
-    def draw(self, ax: Axes, frame: Frame) -> None:
-        """Draw all cells of a frame."""
-        fields = frame.read()
-        values = scalar(fields[self.field], self.field)
-        for cell in np.unique(fields["cell"]):
-            own = fields["cell"] == cell
-            triangles, outline = drawing({name: fields[name][own] for name in ("X", "u", "surface")})
-            ax.tripcolor(triangles, values[own], norm=self.norm, cmap=_MAP, shading="gouraud", rasterized=True)
-            for loop in outline:
-                ax.plot(triangles.x[loop], triangles.y[loop], color="0.1", linewidth=0.6)
-            material = fields["material"][own].astype(float)
-            if borders := list(np.unique(material)[:-1] + 0.5):
-                ax.tricontour(triangles, material, levels=borders, colors="white", linewidths=0.7)
-        if self.substrate:
-            ax.axhline(0.0, color="0.4", linewidth=1.0, zorder=0)
-        ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
+def view_of(directory: Path, found: Sequence[Frame], field: str) -> View:
+    """The view of frames of a run, from the side or in space.  Raises CaseError for an unknown field."""
+    return (Solid if (directory / MESH).exists() else View).of(directory, found, field)
 
 
 def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
@@ -139,7 +49,7 @@ def shapes(directory: Path, times: Sequence[float] | None, field: str = "effecti
     if not found:
         return None
     some = nearest_frames(found, times)
-    view = View.of(directory, some, field)
+    view = view_of(directory, some, field)
     figure, axes = view.panels(len(some))
     for ax, frame in zip(axes, some, strict=True):
         view.draw(ax, frame)
@@ -152,14 +62,14 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
     if not found:
         return None
     kind, writer = ("mp4", FFMpegWriter) if shutil.which("ffmpeg") else ("gif", PillowWriter)
-    path, view = out / f"film.{kind}", View.of(directory, found, field)
+    path, view = out / f"film.{kind}", view_of(directory, found, field)
     figure, (ax,) = view.panels(1)
     pen = writer(fps=min(_MOST_PER_SECOND, max(1.0, len(found) / _SECONDS)))
     try:
         with tempfile.TemporaryDirectory(dir=out) as scratch:
             part = Path(scratch) / path.name
             # All frames of a film need one size, so that margins are not cut.
-            with matplotlib.rc_context({"savefig.bbox": None}), pen.saving(figure, str(part), _DPI):
+            with matplotlib.rc_context({"savefig.bbox": None}), pen.saving(figure, str(part), DPI):
                 for frame in found:
                     view.draw(ax, frame)
                     pen.grab_frame()
@@ -169,41 +79,3 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
     except OSError as error:
         raise OutputError(f"cannot write '{path}' ({error.strerror or error})") from error
     return path
-
-
-def scalar(values: np.ndarray, field: str) -> np.ndarray:
-    """A scalar, or the magnitude of a vector (n,).  Raises CaseError for a tensor."""
-    if values.ndim == 2 and values.shape[1] == 9:
-        raise CaseError([Mistake("--field", None, "", f"'{field}' is a tensor: draw 'effective_stress' or another "
-                                                      "scalar")])
-    return np.linalg.norm(values, axis=1) if values.ndim == 2 else values.astype(float)
-
-
-def _colour_range(values: np.ndarray) -> tuple[Normalize, str]:
-    """Colour range from the 1st to the 99th percentile, and the sides with values beyond it."""
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return Normalize(0.0, 1.0), "neither"
-    low, high = np.percentile(values, [1.0, 99.0])
-    below, above = values.min() < low, values.max() > high
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get((below, above), "neither")
-    return Normalize(low, high if high > low else low + 1.0), extend
-
-
-def _on_substrate(directory: Path) -> bool:
-    """Whether the scene has a substrate; assumed while the manifest has no case yet."""
-    case = read_manifest(directory).get("case")
-    return case is None or "substrate" in case.get("adhesion", {})
-
-
-def drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, list[np.ndarray]]:
-    """Triangles of a cell at its current positions, made in the reference configuration; its closed outlines."""
-    reference, x = fields["X"][:, :2], (fields["X"] + fields["u"])[:, :2]
-    surface = np.flatnonzero(fields["surface"] >= 0)
-    outline = surface[np.argsort(fields["surface"][surface], kind="stable")]
-    loops = np.split(outline, np.flatnonzero(np.diff(fields["surface"][outline]) > 1) + 1)  # numbers of loops have gaps
-    triangles = Triangulation(*reference.T).triangles
-    if len(outline) > 2:
-        rings = polygons.joined([reference[loop] for loop in loops])
-        triangles = triangles[polygons.inside(reference[triangles].mean(axis=1), rings)]
-    return Triangulation(*x.T, triangles), [np.append(loop, loop[:1]) for loop in loops]

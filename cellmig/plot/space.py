@@ -1,47 +1,77 @@
-"""Shapes of a run in three dimensions: surfaces, coloured by a field, seen from the side and above."""
+"""How the cells of a frame are drawn in three dimensions: their surfaces, coloured by a field, in the light."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LightSource
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from cellmig.output.mesh import read_mesh
 from cellmig.output.xdmf import Frame
 
-from .snapshots import Picture, View, scalar
+from .view import Picture, View, scalar
 
 ELEVATION, AZIMUTH = 18.0, -65.0  # of the eye [degrees]
+_LIGHT = LightSource(azdeg=225.0, altdeg=50.0)
+_TICKS = 6  # along the longest axis
+_SHADOW = 0.45  # brightness of what turns away from the light
 
 
-def shapes(directory: Path, some: Sequence[Frame], field: str, view: View) -> Picture:
-    """Snapshots of frames beside each other; `view` has the range of colours."""
-    triangles = read_mesh(directory)["triangles"]
-    places = [(fields["X"] + fields["u"])[triangles] for fields in (frame.read() for frame in some)]
-    low, high = (choose([choose(p, axis=(0, 1)) for p in places], axis=0) for choose in (np.min, np.max))
-    low[2] = min(low[2], 0.0)
-    figure = Picture(figsize=(3.4 * len(some), 3.4), layout="constrained")
-    light = LightSource(azdeg=225.0, altdeg=50.0)
-    for number, (frame, corners) in enumerate(zip(some, places, strict=True), 1):
-        ax = figure.add_subplot(1, len(some), number, projection="3d")
-        values = scalar(frame.read()[field], field)[triangles].mean(axis=1)
+@dataclass(frozen=True)
+class Solid(View):
+    """Settings of pictures of a run in three dimensions; triangles (m, 3) int by particles."""
+
+    dimension: ClassVar[int] = 3
+    pad: ClassVar[float] = 0.16
+    triangles: np.ndarray
+
+    @classmethod
+    def of(cls, directory: Path, found: Sequence[Frame], field: str, **more: Any) -> Self:
+        """The view that contains frames of a run.  Raises CaseError for an unknown field."""
+        return super().of(directory, found, field, triangles=read_mesh(directory)["triangles"], **more)
+
+    def panels(self, n: int) -> tuple[Figure, np.ndarray]:
+        """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""
+        low, high = self.low.copy(), self.high
+        if self.substrate:
+            low[2] = 0.0
+        extent = high - low
+        stacked = n == 1 or extent[0] > 1.3 * extent[2]
+        tall = np.clip(0.2 + (extent[1] * np.sin(np.radians(ELEVATION)) + extent[2]) / max(extent[:2]), 0.4, 1.0)
+        size = (6.0, 0.4 + 4.2 * tall * n) if stacked else (1.8 + 3.4 * n, 3.4)
+        figure = Picture(figsize=size, layout="constrained")
+        axes = np.array([figure.add_subplot(n if stacked else 1, 1 if stacked else n, number, projection="3d",
+                                            computed_zorder=False) for number in range(1, n + 1)])
+        for ax in axes:
+            for name, first, last in zip("xyz", low, high, strict=True):
+                ax.set(**{f"{name}lim": (first, last), f"{name}label": f"{name} [µm]"})
+                ticks = MaxNLocator(max(1, round(_TICKS * (last - first) / max(extent))), steps=[1, 2, 5, 10])
+                ax.set(**{f"{name}ticks": [at for at in ticks.tick_values(first, last) if first <= at <= last]})
+            ax.set_box_aspect(tuple(extent), zoom=0.95)
+            ax.view_init(ELEVATION, AZIMUTH)
+        self.bar(figure, list(axes))
+        return figure, axes
+
+    def draw(self, ax: Axes, frame: Frame) -> None:
+        """Draw all cells of a frame."""
+        fields = frame.read()
+        corners = (fields["X"] + fields["u"])[self.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        shade = 0.45 + 0.55 * light.shade_normals(normals, fraction=1.0)
-        colours = view.colours(values)
+        colours = self.colours(scalar(fields[self.field], self.field)[self.triangles].mean(axis=1))
+        shade = _SHADOW + (1.0 - _SHADOW) * _LIGHT.shade_normals(normals, fraction=1.0)
         colours[:, :3] *= np.clip(shade, 0.0, 1.0)[:, None]
-        ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none"))
-        if view.substrate:
-            (x0, y0, _), (x1, y1, _) = low, high
+        if self.substrate:
+            (x0, y0, _), (x1, y1, _) = self.low, self.high
             ax.add_collection3d(Poly3DCollection([[(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)]],
-                                                 facecolors="0.85", zorder=-1))
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), xlabel="x [µm]", ylabel="y [µm]",
-               zlabel="z [µm]")
-        ax.set_box_aspect(high - low)
-        ax.view_init(ELEVATION, AZIMUTH)
+                                                 facecolors="0.85", zorder=1))  # the eye is above it
+        ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none", zorder=2))
         ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
-    view.bar(figure, figure.axes)
-    return figure

@@ -18,8 +18,9 @@ from cellmig.output.manifest import write_manifest
 from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.plot.plot import _displacement, plot
-from cellmig.plot.snapshots import drawing, nearest_frames
+from cellmig.plot.snapshots import nearest_frames
 from cellmig.plot.traction import by_place, limit_axis, pulls, usual_peak
+from cellmig.plot.view import drawing
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
 

@@ -64,11 +64,12 @@ def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
     assert mesh["triangles"].max() < 600
 
 
-def test_pictures_show_surfaces(row: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_pictures_and_films_show_surfaces(row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")  # no ffmpeg
     made = plot(row, out=tmp_path, formats=("png",), moving=True)
-    assert "no film" in capsys.readouterr().err
-    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png"}
+    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png", "film.gif"}
     assert all(path.stat().st_size > 10_000 for path in made)
+    assert len(Record(row).picture([0.0, 1.0]).axes) == 3  # two times and the colours
 
 
 def test_validate_tells_what_a_case_in_space_takes() -> None:

@@ -26,7 +26,7 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
 from cellmig.output.xdmf import frames
 from cellmig.parallel.launch import on_ranks
-from cellmig.plot.snapshots import _on_substrate
+from cellmig.plot.view import _on_substrate
 
 pytestmark = pytest.mark.serial
 
