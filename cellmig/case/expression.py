@@ -24,29 +24,31 @@ _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 class Expression:
     """A formula of x, y, z and the distance r [µm] from the centre of the cell, followed by the unit of its values.
 
-    In two dimensions z is 0.
+    In two dimensions there is no z.
 
     Attributes
     ----------
     text : str -- formula and unit, as in the case file.
-    unit : str -- any unit of the expected dimension.
+    unit : str -- any unit of the expected kind.
+    dimension : int -- of the points.
 
     Raises ValueError for a text that is no such formula; the message is for the user.
     """
 
     text: str
     unit: str
+    dimension: int = 2
 
     def __post_init__(self) -> None:
         """Check the formula by evaluating it."""
         self._split()
-        self(np.array([[0.3, 0.4]]))
+        self(np.array([[0.3, 0.4, 0.5]])[:, : self.dimension])
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
         """Values (n,) in the code's units at points X (n, d) [µm] from the centre of the cell."""
         formula, scale = self._split()
-        names = {"x": X[:, 0], "y": X[:, 1], "z": X[:, 2] if X.shape[1] > 2 else np.zeros(len(X)),
-                 "r": np.hypot(X[:, 0], X[:, 1]) if X.shape[1] == 2 else np.linalg.norm(X, axis=1), "pi": math.pi}
+        r = np.hypot(X[:, 0], X[:, 1]) if self.dimension == 2 else np.linalg.norm(X, axis=1)
+        names = {**dict(zip("xyz", X.T, strict=False)), "r": r, "pi": math.pi}
         with np.errstate(all="ignore"):  # the caller checks that values are finite
             return np.broadcast_to(scale * self._value(formula, names), len(X)).astype(float)
 
@@ -76,7 +78,7 @@ class Expression:
                     raise ValueError(f"'{self.text}': {name} takes {FUNCTIONS[name].nin}")
                 return FUNCTIONS[name](*[self._value(a, names) for a in arguments])
         raise ValueError(f"'{self.text}': '{ast.unparse(node)}' is not known; a formula has numbers, "
-                         f"{', '.join([*NAMES, *FUNCTIONS])} and + - * / **")
+                         f"{', '.join([*names, *FUNCTIONS])} and + - * / **")
 
 
 def is_formula(text: Any) -> bool:
@@ -85,5 +87,5 @@ def is_formula(text: Any) -> bool:
 
 
 def evaluate(value: float | Expression, X: np.ndarray) -> np.ndarray:
-    """Values (n,) of a number or a formula, in the code's units, at points X (n, 2) [µm] from the cell's centre."""
+    """Values (n,) of a number or a formula, in the code's units, at points X (n, d) [µm] from the cell's centre."""
     return value(X) if isinstance(value, Expression) else np.full(len(X), float(value))

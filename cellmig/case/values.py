@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from . import units
@@ -65,7 +66,7 @@ def read(field: dataclasses.Field, value: Any, dimension: int = 2) -> Any:
     if "reader" in meta:
         return meta["reader"](value)
     if "unit" in meta:
-        return _nested(meta, shape_in(field, dimension), value, _quantity)
+        return _nested(meta, shape_in(field, dimension), value, partial(_quantity, dimension=dimension))
     if "items" in meta:
         return _nested(meta, (2 if meta["items"] == "pair" else None,), value, _item)
     return {"bool": _flag, "int": _count, "str": _word, "float": _quantity}[type_name(field)](meta, value)
@@ -109,13 +110,13 @@ def _nested(meta: Any, shape: tuple, value: Any, leaf: Callable) -> Any:
     return tuple(_nested(meta, shape[1:], item, leaf) for item in value)
 
 
-def _quantity(meta: Any, value: Any) -> Any:
+def _quantity(meta: Any, value: Any, dimension: int = 2) -> Any:
     """A quantity or, without a unit, a pure number; a word or a formula where the field allows one."""
     unit = meta.get("unit", "")
     if isinstance(value, str) and value in meta.get("words", ()):
         return value
     if meta.get("formula") and is_formula(value):
-        return Expression(value, unit)
+        return Expression(value, unit, dimension)
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     or_word = "".join(f" or '{word}'" for word in meta.get("words", ()))
     if unit and isinstance(value, str):
