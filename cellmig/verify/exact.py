@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Legendre
 from scipy.optimize import brentq
-from scipy.special import iv, ivp, jv, jvp
+from scipy.special import iv, ivp, jv, jvp, spherical_in
 
 from cellmig.case.pointwise import pointwise
 
@@ -181,6 +181,49 @@ class Drop:
         U, W = np.einsum("k,ekn->en", self.amplitudes, self._radial(self.s, r)[:2])
         U, W = U * np.cos(self.n * at), W * np.sin(self.n * at)
         return np.column_stack([U * np.cos(at) - W * np.sin(at), U * np.sin(at) + W * np.cos(at)])
+
+
+class Globe(Drop):
+    """Linear mode exp(st) of a viscous, compressible ball with surface tension T, with a Legendre polynomial P_n.
+
+    As for `Drop`, with the potentials i_n(a r) and curl curl of r i_n(q r); σ_rr = -T (n - 1)(n + 2) u_r/R² at R.  For
+    large K and small μ, s² = -n(n - 1)(n + 2) T/ρR³ - 2(n - 1)(2n + 1) s ν/R².
+
+    Source: derived here; the limit is that of Lamb, Hydrodynamics (1932).
+    """
+
+    def _radial(self, s: complex, r: Any) -> np.ndarray:
+        """Factors of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r, of both potentials (4, 2, ...)."""
+        a, q, n = np.sqrt(self.rho * s * s / (self.K + 2.0 * self.mu * s)), np.sqrt(self.rho * s / self.mu), self.n
+        (f, fp, fpp), (g, gp, gpp) = (_globular(n, k, r) for k in (a, q))
+        m = n * (n + 1)
+        U, W = np.array([fp, m * g / r]), np.array([f / r, g / r + gp])
+        dU = np.array([fpp, m * (gp / r - g / r**2)])
+        return np.array([U, W, dU, np.array([fp / r - f / r**2, gp / r - g / r**2 + gpp])])
+
+    def _conditions(self, s: complex) -> np.ndarray:
+        """Residuals of the conditions on σ_rr and σ_rθ at the surface, of each potential (2, 2)."""
+        R, n = self.radius, self.n
+        U, W, dU, dW = self._radial(s, R)
+        tension = self.tension * (n - 1.0) * (n + 2.0) / R**2
+        normal = self.K * (dU + (2.0 * U - n * (n + 1) * W) / R) + 2.0 * self.mu * s * dU + tension * U
+        return np.array([normal, self.mu * s * (dW + (U - W) / R)])
+
+    def displacements(self, X: np.ndarray) -> np.ndarray:
+        """Complex amplitude of the displacement (n, 3) at X (n, 3) [µm], with radial amplitude 1 at the poles."""
+        r = np.maximum(np.linalg.norm(X, axis=1), 1e-6)
+        out, cos = X / r[:, None], X[:, 2] / r
+        U, W = np.einsum("k,ekn->en", self.amplitudes, self._radial(self.s, r)[:2])
+        P = Legendre.basis(self.n)
+        south = np.array([0.0, 0.0, 1.0]) - cos[:, None] * out  # the gradient of cos θ on the unit sphere
+        return (U * P(cos))[:, None] * out + (W * P.deriv()(cos))[:, None] * south
+
+
+def _globular(n: int, k: complex, r: Any) -> tuple[Any, Any, Any]:
+    """The function i_n(k r) and its first and second derivative with respect to r."""
+    z = k * np.asarray(r)
+    f, fp = spherical_in(n, z), spherical_in(n, z, derivative=True)
+    return f, k * fp, k * k * ((1.0 + n * (n + 1) / z**2) * f - 2.0 / z * fp)
 
 
 def _root(function: Callable[[complex], complex], guess: complex) -> complex:

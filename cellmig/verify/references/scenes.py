@@ -47,9 +47,9 @@ def built(case: Case) -> Simulation:
 
 
 def set_motion(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists; collective."""
-    m = sim.mechanics
-    for columns, values in ((slice(0, 2), u), (slice(2, 4), v)):
+    """Set displacements u and velocities v (size, d) [µm, µm/µs], ordered by id; renew search lists; collective."""
+    m, d = sim.mechanics, sim.case.dimension
+    for columns, values in ((slice(0, d), u), (slice(d, 2 * d), v)):
         if values is not None:
             m.state.owned[:, columns] = values[m.ids]
     m.state.exchange()
@@ -57,7 +57,7 @@ def set_motion(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | Non
 
 
 def set_state(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-    """Set displacements u and velocities v (size, 2) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
+    """Set displacements u and velocities v (size, d) [µm, µm/µs], ordered by id; renew search lists, ledger and F."""
     set_motion(sim, u, v)
     sim.sample()
 
@@ -70,13 +70,13 @@ def by_id(sim: Simulation, owned: np.ndarray) -> np.ndarray:
 
 
 def displacement(sim: Simulation) -> np.ndarray:
-    """Displacements of all particles (size, 2) [µm]."""
-    return by_id(sim, sim.mechanics.state.owned[:, :2])
+    """Displacements of all particles (size, d) [µm]."""
+    return by_id(sim, sim.mechanics.state.owned[:, : sim.case.dimension])
 
 
 def velocity(sim: Simulation) -> np.ndarray:
-    """Velocities of all particles (size, 2) [µm/µs]; those of leapfrog are of half a step before."""
-    return by_id(sim, sim.mechanics.state.owned[:, 2:])
+    """Velocities of all particles (size, d) [µm/µs]; those of leapfrog are of half a step before."""
+    return by_id(sim, sim.mechanics.state.owned[:, sim.case.dimension :])
 
 
 def l2_error(sim: Simulation, found: np.ndarray, right: np.ndarray) -> float:
