@@ -50,7 +50,7 @@ def ball_twisting(count: int) -> Measured:
 
 @reference("ball-turning", shows="rate at which a turning flow j1(k r) of a ball of fluid decays, j2(kR) = 0",
            source="ν k² = 1.33 /µs: shear diffuses (Lamb, Hydrodynamics, ch. XI)", at=(2000, 5000, 10000),
-           quick=(750, 2000), seconds=25.0, coarse={"rate": 0.0163, "rate, nothing restored": 0.151},
+           quick=(300, 750, 2000), seconds=25.0, coarse={"rate": 0.0163, "rate, nothing restored": 0.151},
            expected={"rate": converges(1.6, "0.064 h² of what is restored, less 0.042 h³ (h in µm) of the surface: "
                                        "1.6 from 5,000 to 10,000 particles"),
                      "rate, nothing restored": converges(2, "a Rayleigh quotient: the square of an error h in "
