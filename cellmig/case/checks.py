@@ -14,9 +14,11 @@ from .messages import show, suggest
 from .pairs import paired
 from .schema import Cell, Particles
 from .source import Source
-from .values import declared
+from .values import declared, default_in
 
 MOST_PARTICLES = 1e9
+FLAT = ("director", "supports", "loads", "plates", "probes")  # what is known in two dimensions only
+NOT_YET = "is not there in three dimensions yet"
 NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
@@ -64,20 +66,16 @@ def ordered(source: Source, cls: type, found: dict[str, Any], path: tuple) -> No
 
 def _in_space(source: Source, found: dict[str, Any]) -> None:
     """Note what is known in two dimensions only."""
-    why = "is not there in three dimensions yet"
-    for name in ("director", "supports", "loads", "plates", "probes"):
-        if found[name] not in (None, []):
-            source.reject((name,), why)
     default = declared(Particles)["dilation"].default
     if found["particles"] is not None and found["particles"].dilation != default:
         source.reject(("particles", "dilation"), "has no meaning in three dimensions, where gradients are averages of "
                       "finite elements: leave it out")
     if found["time"] is not None and found["time"].integrator != "leapfrog":
-        source.reject(("time", "integrator"), f"{why}: the only one is \"leapfrog\"")
+        source.reject(("time", "integrator"), f"{NOT_YET}: the only one is \"leapfrog\"")
     for name, law in (found["materials"] or {}).items():
         for key in ("eta", "zeta"):
             if getattr(law, key, 0.0):
-                source.reject(("materials", name, key), f"{why}, as the director")
+                source.reject(("materials", name, key), f"{NOT_YET}, as the director")
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
@@ -195,7 +193,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
             source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
         for key in ("displacement", "velocity", "velocity_gradient"):
-            if np.any(np.array(getattr(cell, key), object) != np.array(declared(Cell)[key].default, object)):
+            still = default_in(declared(Cell)[key], len(cell.centre))
+            if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):
                 source.reject((*path, key), f"{why}, from rest: nothing moves at the start")
     for kind in ("supports", "loads", "plates"):
         for item, path in found[kind]:

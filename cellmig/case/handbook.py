@@ -7,6 +7,8 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from . import registry, units
 from .schema import Cell, Pair, case_fields, case_path
 from .values import bounds, declared, required, type_name, write
@@ -82,7 +84,7 @@ def _row(name: str, f: Any) -> str:
     default = "*needed*" if required(f) else _value(f)
     words = [f'"{word}"' for word in meta.get("words", ())]
     allowed = [bounds(meta), *words, *(f'"{word}"' for word in meta.get("choices", ())),
-               "a formula of x and y" if meta.get("formula") else "", "a file" if meta.get("or_file") else ""]
+               "a formula" if meta.get("formula") else "", "a file" if meta.get("or_file") else ""]
     if "kind" in meta:
         allowed = [", ".join(registry.laws(meta["kind"]))]
     unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({_TYPES.get(type_name(f), 'table')})")
@@ -93,6 +95,8 @@ def _row(name: str, f: Any) -> str:
 def _value(f: Any) -> str:
     if f.default is None or f.default == ():
         return ""
+    if "d" in f.metadata.get("shape", ()) and not np.any(np.array(f.default)):
+        return "0"
     return f"`{json.dumps(write(f, f.default), ensure_ascii=False)}`"
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from . import accuracy, registry, values
-from .checks import check, ordered, resolution
+from .checks import FLAT, NOT_YET, check, ordered, resolution
 from .copies import copy_names, expand, named
 from .expression import Expression
 from .messages import CaseError, show, suggest
@@ -78,7 +78,8 @@ class _Reader:
         materials = source.data.get("materials")
         self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that have changes, by path
         self.names = {"material": list(materials) if isinstance(materials, dict) else []}
-        self.dimension = 3 if source.data.get("dimension") == 3 else 2  # what else it may be is refused
+        given = source.data.get("dimension")
+        self.dimension = 3 if isinstance(given, int | float) and given > 2 else 2  # what else it may be is refused
         self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
         if isinstance(source.data.get("cells"), list):
             self.cells_of = named(source.data["cells"])
@@ -132,6 +133,9 @@ class _Reader:
     def part(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one field of the case."""
         meta = f.metadata
+        if self.dimension == 3 and f.name in FLAT and value not in (None, []):
+            self.reject(path, NOT_YET)
+            value = None
         if "section" in meta:
             return self.record(meta["section"], {} if value is None else value, path)
         if meta.get("items_of") is Cell:
@@ -236,7 +240,9 @@ class _Reader:
         if name is None:
             self.missing((*path, key), f"one of {', '.join(map(repr, known))}")
         elif not isinstance(name, str) or name not in known:
-            self.reject((*path, key), f"no {kind}{' law' * (key == 'law')} {show(name)}{suggest(name, known)}")
+            what = f"{kind}{' law' * (key == 'law')} {show(name)}"
+            elsewhere = f" in {self.dimension} dimensions" * (isinstance(name, str) and name in registry.laws(kind))
+            self.reject((*path, key), f"no {what}{elsewhere}{suggest(name, known)}")
         else:
             return known[name]
         return None

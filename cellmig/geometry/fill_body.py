@@ -61,7 +61,8 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
         shape = Samples(nucleus, round(SAMPLES * nucleus.area / h**2))
         layers, sides = _layers(shape, samples, h)
     if len(outer) + len(layers) >= count:
-        raise ValueError(f"{count} particles are too few for such a surface")
+        raise ValueError(f"{count} particles are too few for such a surface: {len(outer)} would be on it"
+                         + f" and {len(layers)} around its nucleus" * bool(len(layers)))
     inner = _lattice(samples, h, count - len(outer) - len(layers), layers)
     X = _spread(np.concatenate([outer, layers, inner]), len(outer), samples, NEIGHBOUR * h, shape, sides)
     X = _without_slivers(X, len(outer), NEIGHBOUR * h)

@@ -13,10 +13,10 @@ from .protocols import Cortex
 
 @law("cortex", "line-tension")
 class LineTension:
-    """Constant tension T of the surface [pN/µm], as of a liquid: T is the energy per current length.
+    """Constant tension T of the surface [pN/µm], as of a liquid: T is the energy per current length, in space area.
 
-    A disc of radius R is under the pressure p = T/R.  Neutrophils have about 30 pN/µm (Hochmuth, 2000, J. Biomech.
-    33:15-22).  Source: the law of Young (1805) and Laplace, in the plane.
+    A disc of radius R is under the pressure p = T/R, a ball under 2 T/R.  Neutrophils have about 30 pN/µm (Hochmuth,
+    2000, J. Biomech. 33:15-22).  Source: the law of Young (1805) and Laplace.
     """
 
     line_tension: float = quantity("pN/um", "tension T of the surface", minimum=0)

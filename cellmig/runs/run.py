@@ -238,8 +238,10 @@ class Run:
     def _advance(self, stop: float) -> None:
         with self.timers("steps"):
             start = perf_counter()
-            self.simulation.go(stop)
-            self.step_seconds += perf_counter() - start
+            try:
+                self.simulation.go(stop)
+            finally:  # the report on a run that failed tells the time of its steps, too
+                self.step_seconds += perf_counter() - start
 
     def _write_outputs(self, sample: bool, frame: bool) -> None:
         s = self.simulation
@@ -349,8 +351,8 @@ class Run:
                  f"particle and step{why}")
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
-            self.log(f"volume ratio J from {run.extremes['J_min']:.4f} to {run.extremes['J_max']:.4f}{stretched}; "
-                     f"energy error at most {100 * self.worst_energy_error:.2g} %")
+            error = f"; energy error at most {100 * self.worst_energy_error:.2g} %" if self.output_time > 0.0 else ""
+            self.log("volume ratio J from {J_min:.4f} to {J_max:.4f}".format(**run.extremes) + stretched + error)
         if dissipation := summary.describe_dissipation(self.entries):
             self.log(f"dissipation: {dissipation}")
         if warning := self.strain.summary():

@@ -183,5 +183,6 @@ def describe_dissipation(entries: dict[str, float]) -> str:
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:
         return ""
+    share = 100.0 * abs(parts[-1][1]) / total
     told = ", ".join(f"{name} {value:.3g} {text}" for name, value in parts if value)
-    return f"{told}: {100 * abs(parts[-1][1]) / total:.2g} % of it is artificial (docs/numerics.md)"
+    return f"{told}: {share:.{0 if share > 10 else 1}f} % of it is artificial (docs/numerics.md)"

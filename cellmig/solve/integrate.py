@@ -389,7 +389,8 @@ class Leapfrog:
             allowed = max(1, n // 4) if late else allowed
         run.crossed = run.crossed + 1 if math.isinf(seen.contact) else 0
         if run.crossed > CROSSED:
-            run.fail("surfaces of cells cross and do not part", remedy="try a smaller load or finer particles")
+            run.fail("surfaces of cells cross and do not part",
+                     remedy="try a smaller load, a slower impact or finer particles")
         widen(run.extremes, "J", seen.J_min, seen.J_max)
         m.state.solution.stateIncrease()
         run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n

@@ -119,6 +119,17 @@ def test_contact_in_c_is_that_of_the_pieces(in_c: InC, surface: tuple, low: list
     assert_close(on_x, expected.force_on_x, 1e-10)  # measured 1e-13
 
 
+def test_triangles_on_a_border_of_two_features_are_counted_once(in_c: InC) -> None:
+    """Blocks face to face, of which all corners, edges and sides are level: their energy is that of any neighbour."""
+    (x, faces), gap = blocks([(0, j, k) for j in range(3) for k in range(3)], 0.5), 0.02
+    surface, energies = Polyhedron.of(faces), []
+    for shift in ([0.0, 0.0, 0.0], [0.0, 1e-8, 0.0], [0.0, -1e-8, 2e-8]):
+        other = x + np.array([0.5 + gap, 0.5, 0.0]) + shift
+        energies.append(in_c(other[faces], x, surface)[-1].sum())
+    assert energies[0] < -1.0  # pN µm; measured -84
+    assert energies[1:] == pytest.approx(2 * [energies[0]], rel=1e-6)  # measured 1e-8; 0.04 without SKEW
+
+
 def heights(x: np.ndarray, faces: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Height (n,) of a surface without overhangs above places (n, 2) [µm]."""
     a, b, c = x[faces].transpose(1, 0, 2)

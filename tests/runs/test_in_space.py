@@ -91,8 +91,9 @@ def test_a_sweep_draws_what_cells_in_space_have(cellmig, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("sets", "told"), [
-    (["cells.0.shape=disc"], "no shape 'disc'"),
-    (["dimension=4"], "dimension: must be >= 2 and <= 3"),
+    (["cells.0.shape=disc"], "no shape 'disc' in 3 dimensions; there is 'ball'"),
+    (["dimension=2"], "no shape 'ball' in 2 dimensions; there is 'disc'"),
+    (["plates.0.normal=[\"0 um\"]"], "plates: is not there in three dimensions yet"),
     (["particles.dilation=2.0"], "dilation: has no meaning in three dimensions"),
     (["time.integrator=bdf"], 'integrator: is not there in three dimensions yet: the only one is "leapfrog"'),
     (['cells.0.centre=["0 um", "0 um"]'], "centre: expects a list such as"),
@@ -104,6 +105,12 @@ def test_what_is_not_there_is_refused(sets: list[str], told: str) -> None:
     with pytest.raises(CaseError) as error:
         load(CASES["three_balls"], ["particles.per_cell=200", *sets])
     assert told in str(error.value), str(error.value)
+
+
+def test_a_wrong_dimension_is_the_only_mistake_told() -> None:
+    with pytest.raises(CaseError) as error:
+        load(CASES["ball"], ["dimension=4"])
+    assert str(error.value).endswith("dimension: must be >= 2 and <= 3, not 4"), str(error.value)
 
 
 def test_a_formula_may_name_z() -> None:

@@ -14,7 +14,7 @@ static Vertex vertex_of(const double *x, const double *const ring[], int n)
     Vertex v = {.n = n, .normal = {0}};
     int convex = 0, reflex = 0;
     double square[MOST_SPOKES], flat[MOST_SPOKES][3], steepest = 0, least = 1, across[3];
-    memcpy(v.at, x, sizeof v.at);
+    for (int i = 0; i < 3; i++) v.at[i] = x[i] + SKEW[i];
     for (int j = 0; j < n; j++) {
         less3(ring[j], x, v.spoke[j]);
         square[j] = dot3(v.spoke[j], v.spoke[j]);

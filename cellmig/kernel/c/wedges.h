@@ -68,7 +68,7 @@ static Edge3 edge_of(const double *const x[4])
     less3(x[2], x[0], one);
     less3(x[3], x[0], other);
     for (int i = 0; i < 3; i++) {
-        e.start[i] = x[0][i];
+        e.start[i] = x[0][i] + SKEW[i];
         e.along[i] /= e.length;
     }
     cross3(e.along, one, n1);
@@ -137,9 +137,10 @@ static double beside_edge3(const Triangle *T, const Edge3 *e, double *const forc
         int side[MOST_CORNERS], n = 0;
         for (int k = 0; k < w.p.n; k++) side[n] = k, n += (at[k ? k - 1 : w.p.n - 1] < middle) != (at[k] < middle);
         if (n != 2) continue;
+        const double least = ldexp(limit[m + 1] - limit[m], -HALVINGS);
         for (double start = limit[m], end; start < limit[m + 1]; start = end) {
             end = limit[m + 1];
-            for (int k = 0; k < HALVINGS && !is_short(&w, side, start, end, T->smooth); k++) end = 0.5 * (start + end);
+            while (end - start > least && !is_short(&w, side, start, end, T->smooth)) end = 0.5 * (start + end);
             const double range = end - start;
             for (int k = 0; k < POINTS_OF_LINE; k++)
                 energy += on_line(T, &w, side, start + LINE_AT[k] * range, LINE_WEIGHT[k] * range, force);
