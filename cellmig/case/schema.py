@@ -66,15 +66,15 @@ class Cell:
     shape: Any = parameter("law of kind shape", kind="shape", inline=True)
     centre: tuple = parameter("position of the centre; with `rest`, x is enough", unit="um",
                               minimum=-1e6, maximum=1e6, shape=("d",), least=1)
-    rest: bool = parameter("whether the cell rests on the substrate: the last coordinate of `centre` is ignored, and "
-                           "the lowest point is at the equilibrium distance of adhesion.substrate; of copies, the first "
-                           "one", False)
+    rest: bool = parameter("whether the cell rests on the substrate: the last coordinate of `centre` is ignored, "
+                           "and the lowest point is at the equilibrium distance of adhesion.substrate; of copies, the "
+                           "first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
-    displacement: tuple = quantity("um", "initial displacement; may be formulas of x, y and, in space, z from the centre",
+    displacement: tuple = quantity("um", "initial displacement; may be formulas of x, y (and z) from the centre",
                                    (0.0, 0.0), shape=("d",), formula=True)
-    velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x, y and, in space, z from the centre",
-                               (0.0, 0.0), shape=("d",), formula=True)
+    velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x, y (and z) from the centre", (0.0, 0.0),
+                               shape=("d",), formula=True)
     velocity_gradient: tuple = quantity("1/us", "gradient A of an initial velocity A (X - centre), added to `velocity`",
                                         ((0.0, 0.0), (0.0, 0.0)), shape=("d", "d"))
     repeat: tuple = parameter("number of copies in each direction", (1,), items="count")
@@ -206,7 +206,7 @@ class Case:
     particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
     materials: dict = field(metadata={"doc": "materials by name", "kind": "material", "many": True})
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
-    substrate: Any = _law("adhesion", "adhesion to the substrate y = 0, in space z = 0", "adhesion.substrate", "seifert")
+    substrate: Any = _law("adhesion", "adhesion to the substrate, y = 0 or z = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
     pairs: tuple = _list(Pair, "exceptions: cells whose adhesion to each other differs from adhesion.cells",
                          "adhesion.pairs")
