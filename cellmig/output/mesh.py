@@ -16,6 +16,38 @@ if TYPE_CHECKING:
 NAME = "mesh.h5"
 
 
+class Elements:
+    """The elements of a rank, those whose first corner it owns, and the particles of other ranks at their corners.
+
+    Attributes
+    ----------
+    local : dict -- by the names of the parts corners (m, 3) or (m, 4) int32, by places in what `complete` returns.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, parts: dict[str, np.ndarray], ids: np.ndarray) -> None:
+        """Choose from `parts`: by name corners (m, 3) or (m, 4) int of all elements, by ids of particles; collective.
+
+        ids : (n_owned,) int -- of the particles of this rank.
+        """
+        self._comm = comm
+        everyone = comm.allgather(ids)
+        size = max(int(corners.max(initial=-1)) for corners in parts.values()) + 1
+        owner, place = np.full(size, -1), np.full(size, -1)
+        for rank, some in enumerate(everyone):
+            owner[some], place[some] = rank, np.arange(len(some))
+        mine = {name: corners[owner[corners[:, 0]] == comm.rank] for name, corners in parts.items()}
+        used = np.unique(np.concatenate([corners.ravel() for corners in mine.values()]))
+        wanted = [used[owner[used] == rank] if rank != comm.rank else used[:0] for rank in range(comm.size)]
+        self._given = [place[some] for some in comm.alltoall(wanted)]
+        others = np.concatenate(wanted)
+        place[others] = len(ids) + np.arange(len(others))
+        self.local = {name: place[corners].astype(np.int32) for name, corners in mine.items()}
+
+    def complete(self, values: np.ndarray) -> np.ndarray:
+        """Values (n_owned, ...) of this rank's particles, and after them those of the others at its elements."""
+        return np.concatenate([values, *self._comm.alltoall([values[some] for some in self._given])])
+
+
 def write_mesh(directory: Path, comm: MPI.Intracomm, parts: dict[str, np.ndarray]) -> None:
     """Write `parts`: by name corners (m, 3) or (m, 4) int, by ids of particles; collective, rank 0 writes."""
     def write() -> None:

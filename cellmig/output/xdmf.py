@@ -1,7 +1,9 @@
 """Fields of particles as XDMF over HDF5: a file for each rank and frame, so that a killed run leaves whole frames.
 
 ``cells.xdmf`` (rank 0) lists the frames of all ranks, for ParaView; ``rankNNNN.xdmf`` those of one rank, also for
-meshio's ``TimeSeriesReader``.  The frames are in ``rankNNNN/sNNNNNNNN.h5``, by number.
+meshio's ``TimeSeriesReader``.  The frames are in ``rankNNNN/sNNNNNNNN.h5``, by number.  In two dimensions they are
+points; in three, tetrahedra, and ``surface.xdmf`` has the triangles of the surfaces with the same fields: a rank writes
+the elements whose first corner it owns, and copies of the particles of others that they need.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import h5py
 import numpy as np
 
 from .directory import INDEX, OutputError, replace, together
+from .mesh import Elements
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -26,7 +29,11 @@ _HEAD = ('<?xml version="1.0" ?>\n<Xdmf Version="3.0">\n<Domain>\n'
          '<Grid Name="{}" GridType="Collection" CollectionType="Temporal">\n')
 _TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
 _KIND = {1: "Scalar", 3: "Vector", 9: "Tensor"}
-_MESH = ("geometry", "topology")
+_TOPOLOGY = {"topology": 'TopologyType="Polyvertex" NodesPerElement="1"',
+             "tetrahedra": 'TopologyType="Tetrahedron"', "triangles": 'TopologyType="Triangle"'}
+_MESH = ("geometry", *_TOPOLOGY)
+SURFACE = "surface.xdmf"
+Table = tuple[str, int, tuple]  # kind and size of a number, shape of a row
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
@@ -46,29 +53,34 @@ def _name(rank: int) -> str:
     return f"rank{rank:04d}"
 
 
-def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
-    kind = "Int" if data.dtype.kind == "i" else "Float"
-    shape = " ".join(str(d) for d in (n, *data.shape[1:]))
-    return (f'<DataItem Dimensions="{shape}" DataType="{kind}" Precision="{data.itemsize}" Format="HDF">'
+def _item(file: str, name: str, data: Table, n: int) -> str:
+    kind, size, shape = data
+    dimensions = " ".join(str(d) for d in (n, *shape))
+    return (f'<DataItem Dimensions="{dimensions}" DataType="{kind}" Precision="{size}" Format="HDF">'
             f"{file}:/{name}</DataItem>")
 
 
-def _grid(rank: int, frame: int, time: float, n: int, data: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
-    """The particles of one rank in one frame; of `data` only types and shapes matter, which ranks have in common.
+def _grid(rank: int, frame: int, time: float, sizes: dict[str, int], elements: str, tables: dict[str, Table],
+          units: Mapping[str, str]) -> str:
+    """The `elements` of one rank in one frame; types and shapes of the `tables` are those that all ranks have.
 
     Units are XML attributes, which readers of XDMF ignore, and attributes in HDF5.
     """
-    file = _file(rank, frame)
+    file, n, m = _file(rank, frame), sizes["geometry"], sizes[elements]
     lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time}"/>',
-             f'<Topology TopologyType="Polyvertex" NumberOfElements="{n}" NodesPerElement="1">'
-             f'{_item(file, "topology", data["topology"], n)}</Topology>',
-             f'<Geometry GeometryType="XYZ">{_item(file, "geometry", data["geometry"], n)}</Geometry>']
-    for name, values in data.items():
+             f'<Topology {_TOPOLOGY[elements]} NumberOfElements="{m}">'
+             f'{_item(file, elements, tables[elements], m)}</Topology>',
+             f'<Geometry GeometryType="XYZ">{_item(file, "geometry", tables["geometry"], n)}</Geometry>']
+    for name, table in tables.items():
         if name not in _MESH:
-            kind = _KIND[values.shape[1] if values.ndim > 1 else 1]
+            kind = _KIND[table[2][0] if table[2] else 1]
             lines.append(f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node" Unit="{units[name]}">'
-                         f"{_item(file, name, values, n)}</Attribute>")
+                         f"{_item(file, name, table, n)}</Attribute>")
     return "\n".join([*lines, "</Grid>\n"])
+
+
+def _tables(data: Mapping[str, np.ndarray]) -> dict[str, Table]:
+    return {name: ("Int" if a.dtype.kind == "i" else "Float", a.itemsize, a.shape[1:]) for name, a in data.items()}
 
 
 class Frames:
@@ -81,16 +93,19 @@ class Frames:
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
     count : int -- existing frames, after `cut_frames`, of any number of ranks.
     run : str -- id of the run, in each file.
+    mesh : dict -- in three dimensions corners (m, 4) int of the "tetrahedra" and (m, 3) of the "triangles", by ids.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, fields: Mapping[str, str], count: int = 0,
-                 run: str = "") -> None:
+                 run: str = "", mesh: dict[str, np.ndarray] | None = None) -> None:
         self.directory, self.comm, self.fields, self.run = Path(directory), comm, dict(fields), run
-        self.count = count
-        self._mine, self._all = "", ""
+        self.count, self._mesh = count, mesh
+        self._elements: Elements | None = None  # known once the particles are
+        self._shown = {INDEX: "tetrahedra", SURFACE: "triangles"} if mesh else {INDEX: "topology"}
+        self._mine, self._all = "", dict.fromkeys(self._shown, "")
         together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
         if count:
-            self._all = "".join(_grids(self.directory / INDEX))
+            self._all = {index: "".join(_grids(self.directory / index)) for index in self._shown}
             self._mine = "".join(_grids(self.directory / f"{_name(comm.rank)}.xdmf"))
 
     def write(self, time: float, step: int, arrays: Mapping[str, np.ndarray]) -> None:
@@ -101,40 +116,48 @@ class Frames:
         time : float -- [us].
         step : int -- number of steps taken.
         arrays : dict -- fields of this rank's n >= 0 particles by name, int32, int64 or float64, (n,), (n, d) or
-            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].
+            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].  With a mesh, particles
+            stay with their ranks from frame to frame.
         """
         if arrays.keys() != self.fields.keys():
             raise ValueError(f"fields {sorted(arrays.keys() ^ self.fields.keys())} are declared or given, not both")
         n, time = len(arrays["X"]), float(time)
-        data = {"geometry": _padded(arrays["X"] + arrays["u"]), "topology": np.arange(n, dtype=np.int32).reshape(n, 1)}
+        data = {"geometry": _padded(arrays["X"] + arrays["u"])}
         data |= {name: _padded(np.asarray(arrays[name])) for name in self.fields}
-        counts = together(self.comm, lambda: self._write_mine(time, step, n, data))
-        together(self.comm, lambda: self._write_index(time, counts, data), root_only=True)
+        if self._mesh is None:
+            data["topology"] = np.arange(n, dtype=np.int32).reshape(n, 1)
+        else:
+            self._elements = self._elements or Elements(self.comm, self._mesh, arrays["id"])
+            data = {name: self._elements.complete(values) for name, values in data.items()} | self._elements.local
+        sizes = together(self.comm, lambda: self._write_mine(time, step, n, data))
+        together(self.comm, lambda: self._write_index(time, sizes, data), root_only=True)
         self.count += 1
 
-    def _write_mine(self, time: float, step: int, n: int, data: Mapping[str, np.ndarray]) -> int:
+    def _write_mine(self, time: float, step: int, n: int, data: Mapping[str, np.ndarray]) -> dict[str, int]:
+        sizes = {name: len(values) for name, values in data.items()}
         if n == 0:
-            return 0
-        units = {"geometry": "um", "topology": "", **self.fields}
+            return sizes
         # The file is made in memory, as HDF5 would crash where the disk is full.
         with h5py.File(f"frame{self.count}", "w", driver="core", backing_store=False) as file:
-            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count, run=self.run)
+            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count, run=self.run, owned=n)
             for name, values in data.items():
-                file.create_dataset(name, data=values).attrs["unit"] = units[name]
+                unit = "um" if name == "geometry" else self.fields.get(name, "")
+                file.create_dataset(name, data=values).attrs["unit"] = unit
             file.flush()
             image = file.id.get_file_image()
-        rank = self.comm.rank
+        rank, name = self.comm.rank, _name(self.comm.rank)
         replace(self.directory / _file(rank, self.count), image)
-        self._mine += _grid(rank, self.count, time, n, data, self.fields)
-        name = _name(rank)
+        self._mine += _grid(rank, self.count, time, sizes, self._shown[INDEX], _tables(data), self.fields)
         replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
-        return n
+        return sizes
 
-    def _write_index(self, time: float, counts: list[int], data: Mapping[str, np.ndarray]) -> None:
-        grids = (_grid(rank, self.count, time, n, data, self.fields) for rank, n in enumerate(counts) if n)
-        self._all += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
-                      f'<Time Value="{time}"/>\n{"".join(grids)}</Grid>\n')
-        replace(self.directory / INDEX, _HEAD.format("cells") + self._all + _TAIL)
+    def _write_index(self, time: float, sizes: list[dict[str, int]], data: Mapping[str, np.ndarray]) -> None:
+        for index, elements in self._shown.items():
+            grids = (_grid(rank, self.count, time, of_rank, elements, _tables(data), self.fields)
+                     for rank, of_rank in enumerate(sizes) if of_rank["geometry"])
+            self._all[index] += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
+                                 f'<Time Value="{time}"/>\n{"".join(grids)}</Grid>\n')
+            replace(self.directory / index, _HEAD.format(Path(index).stem) + self._all[index] + _TAIL)
 
 
 def check_frames(directory: Path, count: int, run: str) -> None:
@@ -157,12 +180,13 @@ def cut_frames(directory: Path, comm: MPI.Intracomm, count: int) -> None:
     directory = Path(directory)
 
     def act() -> None:
-        index = directory / INDEX
-        kept = _grids(index)[:count]
-        if len(kept) < count:
-            raise OutputError(f"'{index}' has {len(kept)} frames where a checkpoint has {count}: it cannot go on there")
-        if index.exists():
-            replace(index, _HEAD.format("cells") + "".join(kept) + _TAIL)
+        for index in (directory / INDEX, directory / SURFACE):
+            kept = _grids(index)[:count]
+            if len(kept) < count and (index.exists() or index.name == INDEX):
+                raise OutputError(f"'{index}' has {len(kept)} frames where a checkpoint has {count}: it cannot go on "
+                                  "there")
+            if index.exists():
+                replace(index, _HEAD.format(index.stem) + "".join(kept) + _TAIL)
         for path in directory.glob("rank*.xdmf"):
             kept = [grid for grid in _grids(path) if _count(grid) < count]
             replace(path, _HEAD.format(path.stem) + "".join(kept) + _TAIL)
@@ -208,7 +232,8 @@ class Frame:
         pieces = []
         for path in self.files:
             with _opened(path) as file:
-                pieces.append({name: data[()] for name, data in file.items() if name not in _MESH})
+                n = file.attrs.get("owned")  # after them there are copies of other ranks' particles
+                pieces.append({name: data[:n] for name, data in file.items() if name not in _MESH})
         fields = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
         order = np.argsort(fields["id"], kind="stable")
         return {name: values[order] for name, values in fields.items()}

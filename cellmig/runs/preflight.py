@@ -268,7 +268,8 @@ def _frame_bytes(case: Case) -> int:
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
              "friction": case.friction is not None and case.substrate is not None,
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
-    return 28 + sum(field.stored for field in FIELDS.values() if present[field.term])
+    elements = 0 if case.dimension == 2 else 90  # four to six tetrahedra, one triangle
+    return 28 + elements + sum(field.stored for field in FIELDS.values() if present[field.term])
 
 
 def bytes_text(n: float) -> str:

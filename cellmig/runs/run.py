@@ -277,7 +277,8 @@ class Run:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
             units = {name: field_unit(name, self.case.dimension) for name in fields}
-            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"])
+            mesh = self.simulation.scene.mesh if self.case.dimension == 3 else None
+            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"], mesh)
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
+import h5py
+import meshio
 import numpy as np
 import pytest
 from scenes import CASES
@@ -44,6 +47,9 @@ def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, t
     assert first.returncode == 75, first
     assert cellmig(1, "resume", tmp_path / "two", "--quiet").returncode == 0
     assert state_hash(tmp_path / "two") == state_hash(row)
+    for index in ("cells", "surface"):  # frames of two ranks, and after the stop of one
+        steps = ElementTree.parse(tmp_path / f"two/{index}.xdmf").getroot().findall("./Domain/Grid/Grid")
+        assert [len(step.findall("Grid")) for step in steps] == [2, 1], index
 
 
 def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
@@ -111,6 +117,38 @@ def test_a_wrong_dimension_is_the_only_mistake_told() -> None:
     with pytest.raises(CaseError) as error:
         load(CASES["ball"], ["dimension=4"])
     assert str(error.value).endswith("dimension: must be >= 2 and <= 3, not 4"), str(error.value)
+
+
+def test_the_ranks_have_all_elements_once_and_their_corners(cellmig, tmp_path: Path) -> None:
+    """A ball on two ranks, which both need particles of the other."""
+    run, V, area, ids = tmp_path / "run", [], [], []
+    assert cellmig(2, CASES["ball"], *COARSE, "--until", "0.1 us", "--out", run).returncode == 0
+    for file in frames(run)[0].files:
+        with h5py.File(file, "r") as opened:
+            x, tet, triangles, owned = (opened["geometry"][()], opened["tetrahedra"][()], opened["triangles"][()],
+                                        opened.attrs["owned"])
+            ids.append(opened["id"][:owned])
+            V.append(np.linalg.det(x[tet[:, 1:]] - x[tet[:, :1]]).sum() / 6.0)
+            a, b, c = x[triangles].transpose(1, 0, 2)
+            area.append(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+            assert len(x) > owned and max(tet.max(), triangles.max()) < len(x)
+    first = {name: column[1] for name, column in read_table(run / "history.csv").items()}
+    assert len(ids) == 2 and sorted(np.concatenate(ids)) == list(range(200))
+    assert sum(V) == pytest.approx(first["volume_um3"], rel=1e-9)
+    assert sum(area) == pytest.approx(first["surface_um2"], rel=1e-9)
+
+
+def test_paraview_finds_tetrahedra_and_the_surface(row: Path) -> None:
+    for index, kind in (("cells", "Tetrahedron"), ("surface", "Triangle")):
+        steps = ElementTree.parse(row / f"{index}.xdmf").getroot().findall("./Domain/Grid/Grid")
+        assert len(steps) == 2
+        topologies = [grid.find("Topology") for step in steps for grid in step.findall("Grid")]
+        assert len(topologies) == 6 and {t.get("TopologyType") for t in topologies} == {kind}
+        many = sum(int(t.get("NumberOfElements")) for t in topologies[:3])
+        assert many == len(read_mesh(row)["tetrahedra" if index == "cells" else "triangles"])
+    with meshio.xdmf.TimeSeriesReader(row / "rank0001.xdmf") as reader:
+        points, cells = reader.read_points_cells()
+        assert cells[0].type == "tetra" and cells[0].data.max() < len(points)
 
 
 def test_a_formula_may_name_z() -> None:
