@@ -17,7 +17,7 @@ from .source import Source
 from .values import declared, default_in
 
 MOST_PARTICLES = 1e9
-FLAT = ("director", "supports", "loads", "plates", "probes")  # what is known in two dimensions only
+FLAT = ("director",)  # what is known in two dimensions only
 NOT_YET = "is not there in three dimensions yet"
 NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported

@@ -270,7 +270,7 @@ class _Reader:
         for key, f in fields.items():
             if key not in found and "default_law" in f.metadata:
                 found[key] = self.law(f.metadata["kind"], {}, (*path, key), f.metadata["default_law"])
-            if key not in found and "d" in f.metadata.get("shape", ()) and not values.required(f):
+            if key not in found and "d" in f.metadata.get("shape", ()) and f.default and not values.required(f):
                 found[key] = values.default_in(f, self.dimension)
             if key not in found and values.required(f):
                 self.missing((*path, key), f"{f.metadata['doc']}, such as {key} = {values.example(f)}")

@@ -105,7 +105,7 @@ class OnPart:
     parts: tuple = parameter("named parts of the surface of the cells' shape, such as \"left\"; by default the whole "
                              "surface", (), items="part")
     box: tuple = quantity("um", "two opposite corners, from the cell's centre, of a box that contains the part", (),
-                          shape=(None, 2))
+                          shape=(None, "d"))
 
     def __post_init__(self) -> None:
         """Check the box.
@@ -120,8 +120,8 @@ class OnPart:
 class Support(OnPart):
     """A part of the surface with a prescribed displacement, which its particles have exactly."""
 
-    displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x and y "
-                                   "from the centre", (0.0, 0.0), shape=(2,), words=("free",), formula=True)
+    displacement: tuple = quantity("um", "displacement, or \"free\" in a direction; may be formulas of x, y "
+                                   "(and z) from the centre", (0.0, 0.0), shape=("d",), words=("free",), formula=True)
     load_curve: Any = parameter("factor of the displacement in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
@@ -130,12 +130,13 @@ class Support(OnPart):
 class Load(OnPart):
     """A traction of constant direction, a pressure that follows the surface, or a body force."""
 
-    traction: tuple | None = quantity("Pa", "force per reference area of the surface; may be formulas of x and y from "
-                                      "the centre", None, shape=(2,), formula=True)
-    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards; may be a formula of x "
-                                      "and y, in the reference configuration, from the centre", None, formula=True)
-    body: tuple | None = quantity("Pa/um", "force per reference volume; may be formulas of x and y from the centre",
-                                  None, shape=(2,), formula=True)
+    traction: tuple | None = quantity("Pa", "force per reference area of the surface; may be formulas of x, y (and z) "
+                                      "from the centre", None, shape=("d",), formula=True)
+    pressure: float | None = quantity("Pa", "pressure on the deformed surface, positive inwards; may be a formula of "
+                                      "x, y (and z), in the reference configuration, from the centre", None,
+                                      formula=True)
+    body: tuple | None = quantity("Pa/um", "force per reference volume; may be formulas of x, y (and z) from the "
+                                  "centre", None, shape=("d",), formula=True)
     load_curve: Any = parameter("factor of the load in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
@@ -153,12 +154,12 @@ class Load(OnPart):
 
 @dataclass(frozen=True, kw_only=True)
 class Plate:
-    """A rigid frictionless half-plane that no particle can enter."""
+    """A rigid frictionless half-plane, in space a half-space, that no particle can enter."""
 
     name: str = parameter("unique name, with which columns of history.csv begin")
-    point: tuple = quantity("um", "a point of the face", shape=(2,))
-    normal: tuple = quantity("", "outward normal of the face, of any length", shape=(2,))
-    displacement: tuple = quantity("um", "displacement of the plate", (0.0, 0.0), shape=(2,))
+    point: tuple = quantity("um", "a point of the face", shape=("d",))
+    normal: tuple = quantity("", "outward normal of the face, of any length", shape=("d",))
+    displacement: tuple = quantity("um", "displacement of the plate", (0.0, 0.0), shape=("d",))
     load_curve: Any = parameter("factor of the displacement in time", None, kind="load_curve", default_law="constant",
                                 formerly="history")
 
@@ -176,7 +177,7 @@ class Probe(OnPart):
     """Position and displacement of a point, or their means over a part of the surface, recorded in history.csv."""
 
     point: tuple | None = quantity("um", "point in the reference configuration, from the cell's centre", None,
-                                   shape=(2,))
+                                   shape=("d",))
 
 
 def _section(cls: type, doc: str) -> Any:

@@ -15,7 +15,7 @@ from ..model.director import Couple
 from ..model.friction import FrictionForce
 from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from ..model.polyhedra import PolyhedronAdhesion
-from ..model.pressure import Pressure
+from ..model.pressure import Pressure, TrianglePressure
 from ..model.protrusion import ProtrusionForce
 from ..model.triangles import TriangleBonds
 
@@ -73,7 +73,8 @@ SURFACE_TERMS = (
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _with_bonds(
         t, t.protrusion, ProtrusionForce, ProtrusionPush),
                 {"grip": (), "hold": (), "force": ()}),
-    SurfaceTerm("loads", lambda t: Pressure() if t.load_curves is not None else None, {"force": ()}),
+    SurfaceTerm("loads", lambda t: None if t.load_curves is None else Pressure() if t.dimension == 2 else
+                TrianglePressure(), {"force": ()}),
 )
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),

@@ -11,12 +11,16 @@ import numpy as np
 
 from ..case.expression import evaluate
 from ..case.schema import Case, OnPart
+from ..model.adhesion import GAUSS
 from ..model.protocols import LoadCurve
+from ..model.triangles import RADON
 from . import rkpm
 from .body import Scene
+from .simplices import facet_sizes
 
-# Abscissas and weights of the Gauss rule of three points on [0, 1].
-GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 8 / 18), (0.5 + np.sqrt(0.15), 5 / 18))
+Points = list[tuple[tuple[float, ...], float]]  # shares of the corners of a facet and weights [-]
+# Shares of both ends and weights of the Gauss rule of three points of a segment.
+SEGMENT: Points = [((1.0 - at, at), weight) for at, weight in GAUSS]
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,13 @@ class Boundary:
     held : (k, 2) int -- prescribed degrees of freedom: particle and component.
     held_value : (k,) -- their displacements [µm].
     held_curve, held_support : (k,) int -- numbers of their load curves and supports.
-    dead : (d,) int -- particles under dead loads: tractions and body forces, which keep their direction.
-    dead_force : (d, 2) -- forces on these [pN/µm].
-    dead_curve : (d,) int -- numbers of their load curves.
-    pressed : (p, 2) int -- ends of the segments under pressure.
+    dead : (n,) int -- particles under dead loads: tractions and body forces, which keep their direction.
+    dead_force : (n, d) -- forces on these [pN/µm]; in space [pN].
+    dead_curve : (n,) int -- numbers of their load curves.
+    pressed : (p, d) int -- corners of the segments or triangles under pressure.
     pressure : (p,) -- pressures on these [Pa].
     pressed_curve : (p,) int -- numbers of their load curves.
-    plate : (n, 6) -- unit normal [-], point [µm] and displacement [µm] of each plate.
+    plate : (n, 3 d) -- unit normal [-], point [µm] and displacement [µm] of each plate.
     plate_curve : (n,) int -- numbers of their load curves.
     """
 
@@ -67,7 +71,7 @@ class Boundary:
         held, value, support = _held(case, scene, who)
         dead, force, dead_load = _dead(case, scene, who)
         pressed, pressure, pressed_load = _pressed(case, scene, who)
-        plate = [[*(np.array(p.normal) / np.hypot(*p.normal)), *p.point, *p.displacement] for p in case.plates]
+        plate = [[*(np.array(p.normal) / np.linalg.norm(p.normal)), *p.point, *p.displacement] for p in case.plates]
         return cls(load_curves, tuple(s.name for s in (*case.supports, *case.plates)),
                    held, value, number(case.supports)[support], support,
                    dead, force, number(case.loads)[dead_load],
@@ -76,7 +80,8 @@ class Boundary:
 
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """Numbers of the supports (k,) int that prescribe a `component` (k,) int of the particles `ids` (k,) int."""
-        return self.held_support[np.searchsorted(2 * self.held[:, 0] + self.held[:, 1], 2 * ids + component)]
+        d = self.dead_force.shape[1]
+        return self.held_support[np.searchsorted(d * self.held[:, 0] + self.held[:, 1], d * ids + component)]
 
 
 def load_curves_of(case: Case) -> tuple[LoadCurve, ...]:
@@ -89,14 +94,14 @@ def _named(case: Case) -> dict[str, int]:
 
 
 def _where(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
-    """Segments (e, 2) of the surface of a cell on the parts of an item, by numbers of particles in the cell."""
+    """Facets (e, d) of the surface of a cell on the parts of an item, by numbers of particles in the cell."""
     t = scene.templates[scene.kind[cell]]
     chosen = np.unique(np.concatenate([t.parts[p] for p in item.parts or ("surface",)]))
     return t.facets[chosen]
 
 
 def _in_box(item: OnPart, X: np.ndarray) -> np.ndarray:
-    """Whether points X (..., 2) [µm] from the cell's centre are in the box of an item (...) bool."""
+    """Whether points X (..., d) [µm] from the cell's centre are in the box of an item (...) bool."""
     if not item.box:
         return np.ones(X.shape[:-1], bool)
     box = np.sort(np.array(item.box), axis=0)
@@ -114,10 +119,10 @@ def particles_of(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
     return on[_in_box(item, scene.templates[scene.kind[cell]].X[on])]
 
 
-def segments_of(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
-    """Segments of a cell's surface on the parts and in the box of an item (e, 2) int, by particles of the cell."""
-    ends = _where(item, scene, cell)
-    return ends[_in_box(item, scene.templates[scene.kind[cell]].X[ends]).all(axis=1)]
+def facets_of(item: OnPart, scene: Scene, cell: int) -> np.ndarray:
+    """Facets of a cell's surface on the parts and in the box of an item (e, d) int, by particles of the cell."""
+    facets = _where(item, scene, cell)
+    return facets[_in_box(item, scene.templates[scene.kind[cell]].X[facets]).all(axis=1)]
 
 
 def _held(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -138,7 +143,7 @@ def _held(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
 
 
 def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Particles (d,), forces (d, 2) and numbers (d,) of dead loads: integrals of tractions, or body forces times V."""
+    """Particles (n,), forces (n, d) and numbers (n,) of dead loads: integrals of tractions, or body forces times V."""
     ids, forces, loads = [], [], []
     for number, load in enumerate(case.loads):
         for cell in _cells(load, who) if load.pressure is None else ():
@@ -146,8 +151,8 @@ def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
             if load.body is not None:
                 on, force = np.arange(len(t.X)), t.V[:, None] * _vectors(load.body, t.X)
             else:
-                ends = segments_of(load, scene, cell)
-                on, force = np.unique(ends), tractions(t.X, ends, partial(_vectors, load.traction))
+                facets = facets_of(load, scene, cell)
+                on, force = np.unique(facets), tractions(t.X, facets, partial(_vectors, load.traction))
             ids.append(scene.offset[cell] + on)
             forces.append(force[on])
             loads.append(np.full(len(on), number))
@@ -157,40 +162,46 @@ def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
 
 
 def _vectors(components: tuple, X: np.ndarray) -> np.ndarray:
-    """Values (n, 2) of two numbers or formulas at points X (n, 2)."""
+    """Values (n, d) of numbers or formulas at points X (n, d)."""
     return np.column_stack([evaluate(c, X) for c in components])
 
 
-def tractions(X: np.ndarray, ends: np.ndarray, traction: Callable[[np.ndarray], Any]) -> np.ndarray:
-    """Forces on particles (n, 2) [pN/µm] of a traction along segments of the surface.
+def points_on(facets: np.ndarray) -> Points:
+    """Points of a quadrature on facets (e, d, d) [µm], segments or triangles."""
+    return SEGMENT if facets.shape[1] == 2 else [(tuple(shares), weight) for *shares, weight in RADON]
+
+
+def tractions(X: np.ndarray, facets: np.ndarray, traction: Callable[[np.ndarray], Any]) -> np.ndarray:
+    """Forces on particles (n, d) [pN/µm, in space pN] of a traction on facets of the surface.
 
     Parameters
     ----------
-    X : (n, 2) -- positions [µm].
-    ends : (e, 2) int -- ends of the segments.
-    traction : function -- of points (e, 2) [µm], gives tractions (e, 2) [Pa].
+    X : (n, d) -- positions [µm].
+    facets : (e, d) int -- ends of segments, corners of triangles.
+    traction : function -- of points (e, d) [µm], gives tractions (e, d) [Pa].
 
-    Source: ∫ N t ds by a Gauss rule of three points, with shape functions N that are linear along a segment.
+    Source: ∫ N t dA by Gauss points, three of a segment and seven of a triangle (Radon 1948), with shape functions N
+    that are linear on a facet.
     """
-    force, along = np.zeros_like(X), X[ends[:, 1]] - X[ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)[:, None]
-    for s, weight in GAUSS:
-        t = weight * length * traction(X[ends[:, 0]] + s * along)
-        np.add.at(force, ends[:, 0], (1.0 - s) * t)
-        np.add.at(force, ends[:, 1], s * t)
+    force, corners = np.zeros_like(X), X[facets]
+    size = facet_sizes(corners)[:, None]
+    for shares, weight in points_on(corners):
+        t = weight * size * traction(np.einsum("i,eid->ed", shares, corners))
+        for at, share in zip(facets.T, shares, strict=True):
+            np.add.at(force, at, share * t)
     return force
 
 
 def _pressed(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments (p, 2), pressures (p,) and numbers (p,) of pressure loads."""
-    ends, values, loads = [np.zeros((0, scene.dimension), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
+    """Facets (p, d), pressures (p,) and numbers (p,) of pressure loads."""
+    facets, values, loads = [np.zeros((0, scene.dimension), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
     for number, load in enumerate(case.loads):
         for cell in _cells(load, who) if load.pressure is not None else ():
-            found = segments_of(load, scene, cell)
-            ends.append(scene.offset[cell] + found)
+            found = facets_of(load, scene, cell)
+            facets.append(scene.offset[cell] + found)
             values.append(evaluate(load.pressure, scene.templates[scene.kind[cell]].X[found].mean(axis=1)))
             loads.append(np.full(len(found), number))
-    return np.concatenate(ends), np.concatenate(values), np.concatenate(loads)
+    return np.concatenate(facets), np.concatenate(values), np.concatenate(loads)
 
 
 # ------------------------------------------------------------------------------------------------------------ probes
@@ -216,7 +227,7 @@ class Probes:
 
     @classmethod
     def of(cls, case: Case, scene: Scene) -> Probes:
-        """Probes of a case: a point is interpolated between particles, a part has the mean along its length."""
+        """Probes of a case: a point is interpolated between particles, a part has the mean along its length or area."""
         who, parts = _named(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
         cells = np.array([_cells(p, who)[0] for p in case.probes], np.int64)
         for number, (item, cell) in enumerate(zip(case.probes, cells, strict=True)):
@@ -224,7 +235,7 @@ class Probes:
             if item.point is not None:
                 on, weight = rkpm.interpolation(X, np.array(item.point))
             else:
-                force = tractions(X, segments_of(item, scene, cell), lambda x: np.ones_like(x))[:, 0]
+                force = tractions(X, facets_of(item, scene, cell), lambda x: np.ones_like(x))[:, 0]
                 on = np.flatnonzero(force)
                 weight = force[on] / force.sum()
             parts.append((np.full(len(on), number), scene.offset[cell] + on, weight))

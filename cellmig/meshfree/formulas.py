@@ -13,7 +13,7 @@ from ..case.schema import Case
 from ..case.values import LARGEST
 from ..model.protocols import LoadCurve
 from .body import Scene
-from .boundary import GAUSS, particles_of, segments_of
+from .boundary import facets_of, particles_of, points_on
 
 TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding
 TIMES = 1001  # number of times, from the start to the end, at which a load curve is checked
@@ -64,10 +64,10 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
                 elif item.body is not None:
                     yield kind, item, "body", number, X
                 else:
-                    ends = X[segments_of(item, scene, number)]
-                    yield kind, item, "pressure", number, ends.mean(axis=1)
+                    corners = X[facets_of(item, scene, number)]
+                    yield kind, item, "pressure", number, corners.mean(axis=1)
                     yield kind, item, "traction", number, np.concatenate(
-                        [(1.0 - s) * ends[:, 0] + s * ends[:, 1] for s, _ in GAUSS])
+                        [np.einsum("i,eid->ed", shares, corners) for shares, _ in points_on(corners)])
 
 
 def _undefined(value: Expression, X: np.ndarray) -> tuple[list[float], float] | None:

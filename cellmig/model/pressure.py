@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..case.pointwise import Vector
+from ..case.pointwise import Vector, Vector3
+from .tensors import cross
 
 
 class Pressure:
@@ -13,3 +14,14 @@ class Pressure:
         half, (dx, dy) = 0.5 * pressure, edge
         force = -half * dy, half * dx
         return force, force
+
+
+class TrianglePressure:
+    """Pressure on a triangle, of which `edge1` and `edge2` go from its first corner to the others [µm], in positive
+    order as seen from outside.
+    """
+
+    def force(self, pressure, edge1: Vector3, edge2: Vector3):
+        """Forces on three corners [pN], a third on each; pressure in Pa."""
+        force = tuple(-(pressure / 6.0) * n for n in cross(edge1, edge2))
+        return force, force, force

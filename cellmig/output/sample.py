@@ -15,7 +15,7 @@ from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum
 from .fields import FIELDS
-from .tables import ENERGY, MEASURES, further_columns
+from .tables import ENERGY, HELD, MEASURES, PROBED, further_columns
 from .view import View
 
 STRAIN = 1e-8  # volumetric strain of all cells whose energy is the smallest scale of the energy error
@@ -158,21 +158,21 @@ class Sampler:
         means = exact_sum(m.comm, p.weight[mine, None] * moved, p.probe[mine], len(p.names))
         for name, cell, mean in zip(p.names, p.cell, means.tolist(), strict=True):
             for row in (rows[0], rows[1 + cell]):
-                row |= dict(zip((f"{name}_{what}_um" for what in ("x", "y", "ux", "uy")), mean, strict=True))
+                row |= dict(zip((f"{name}_{what}_um" for what in PROBED[m.scene.dimension]), mean, strict=True))
 
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
         """Add forces of supports and plates on each cell and on the aggregate; collective."""
         names = self.mechanics.loads.boundary.names
         for name, by_cell in zip(names, list(self.reactions()) if names else [], strict=True):
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
-                row |= {f"{name}_force_{c}_pn_per_um": float(f) for c, f in zip("xy", force, strict=True)}
+                row |= {f"{name}_force_{c}": float(f) for c, f in zip(HELD[len(force)], force, strict=True)}
 
     def reactions(self) -> np.ndarray:
-        """Forces of supports and plates on the cells (names, cells, 2) [pN/µm]; collective."""
+        """Forces of supports and plates on the cells (names, cells, d) [pN/µm, in space pN]; collective."""
         force, particle, number = self.mechanics.loads.reactions()
         names, cells = len(self.mechanics.loads.boundary.names), self.n_cells
         sums = exact_sum(self.mechanics.comm, force, cells * number + self.cell[particle], names * cells)
-        return sums.reshape(names, cells, 2)
+        return sums.reshape(names, cells, -1)
 
     def _surfaces(self) -> np.ndarray:
         """Contributions (n_owned, 4) of surface particles to the MEASURES, in their order and units."""

@@ -35,6 +35,8 @@ SUBSTRATE = ("time_us", "cell", "x_um",
 NEIGHBOURS = ("time_us", "cell", "neighbour",
               *(f"{what}{kind}_pn_per_um" for kind in _BOTH for what in ("force_x", "force_y", "pull")), "name",
               "neighbour_name")
+PROBED = {2: ("x", "y", "ux", "uy"), 3: ("x", "y", "z", "ux", "uy", "uz")}
+HELD = {2: ("x_pn_per_um", "y_pn_per_um"), 3: ("x_pn", "y_pn", "z_pn")}  # forces of supports and plates
 ALL = "all"  # name of the aggregate of all cells
 _WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
 # Columns that had another name in older runs.
@@ -44,8 +46,8 @@ _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "ex
 
 def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2) -> tuple[str, ...]:
     """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell."""
-    return (*MOTION[dimension], *(f"{name}_{what}_um" for name in probes for what in ("x", "y", "ux", "uy")),
-            *(f"{name}_force_{c}_pn_per_um" for name in holders for c in "xy"), "name")
+    return (*MOTION[dimension], *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
+            *(f"{name}_force_{c}" for name in holders for c in HELD[dimension]), "name")
 
 
 def digest_up_to(path: Path, end: Mapping[str, Any]) -> Any:

@@ -55,7 +55,7 @@ class Solid(View):
                 ax.set(**{f"{name}lim": (first, last), f"{name}label": f"{name} [µm]"})
                 ticks = MaxNLocator(max(1, round(_TICKS * (last - first) / max(extent))), steps=[1, 2, 5, 10])
                 ax.set(**{f"{name}ticks": [at for at in ticks.tick_values(first, last) if first <= at <= last]})
-            ax.set_box_aspect(tuple(extent), zoom=0.95)
+            ax.set_box_aspect(tuple(extent), zoom=0.95 if stacked else 0.85)
             ax.view_init(ELEVATION, AZIMUTH)
         self.bar(figure, list(axes))
         return figure, axes

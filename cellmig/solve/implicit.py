@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..meshfree.boundary import GAUSS
+from ..model.adhesion import GAUSS
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, global_maximum
 from .equations import Equations

@@ -33,22 +33,22 @@ class Loads:
         Field("reaction", "double *", "(n_held,)", "pN/µm", "of the supports"),
         Field("n_loaded", "long", doc="particles with loads"),
         Field("loaded", "int32_t *", "(n_loaded,)", "", "these"),
-        Field("load", "double *", "(n_local, 2)", "pN/µm", "loads now"),
-        Field("load_before", "double *", "(n_local, 2)", "pN/µm", "loads at the last kick"),
+        Field("load", "double *", "(n_local, d)", "pN/µm", "loads now"),
+        Field("load_before", "double *", "(n_local, d)", "pN/µm", "loads at the last kick"),
         Field("n_dead", "long", doc="particles with loads that keep their direction"),
         Field("dead", "int32_t *", "(n_dead,)", "", "these"),
-        Field("dead_force", "double *", "(n_dead, 2)", "pN/µm", "loads at the factor 1"),
+        Field("dead_force", "double *", "(n_dead, d)", "pN/µm", "loads at the factor 1"),
         Field("dead_curve", "int32_t *", "(n_dead,)", "", "load curves"),
-        Field("n_pressed", "long", doc="segments under pressure"),
-        Field("pressed", "int32_t *", "(n_pressed, 2)", "", "their ends"),
+        Field("n_pressed", "long", doc="facets under pressure"),
+        Field("pressed", "int32_t *", "(n_pressed, d)", "", "their corners"),
         Field("pressure", "double *", "(n_pressed,)", "Pa", "at the factor 1"),
         Field("pressed_curve", "int32_t *", "(n_pressed,)", "", "load curves"),
         Field("n_plates", "long", doc="plates"),
-        Field("plate", "double *", "(n_plates, 6)", "-, µm, µm", "normal, point, displacement"),
+        Field("plate", "double *", "(n_plates, 3 d)", "-, µm, µm", "normal, point, displacement"),
         Field("plate_curve", "int32_t *", "(n_plates,)", "", "load curves"),
         Field("n_platable", "long", doc="owned surface particles, if there are plates"),
         Field("platable", "int32_t *", "(n_platable,)", "", "these"),
-        Field("plate_before", "double *", "(n_platable, 2)", "µm", "their u before a step"),
+        Field("plate_before", "double *", "(n_platable, d)", "µm", "their u before a step"),
         Field("plate_force", "double *", "(n_platable, n_plates)", "pN/µm", "along the normals"),
     )
 
@@ -70,7 +70,7 @@ class Loads:
         at = self._part.owned_numbers(b.held[:, 0])
         on = np.flatnonzero(at >= 0)
         self.held = at[on], b.held[on, 1]
-        k["n_held"], k["held"] = len(on), 4 * at[on] + b.held[on, 1]
+        k["n_held"], k["held"] = len(on), 2 * self._part.scene.dimension * at[on] + b.held[on, 1]
         k["held_value"], k["held_curve"] = b.held_value[on], b.held_curve[on]
         k["held_before"], k["reaction"] = np.zeros((len(on), 2)), np.zeros(len(on))
         self.reaction = k["reaction"]
@@ -81,20 +81,20 @@ class Loads:
         on = np.flatnonzero(at >= 0)
         k["n_dead"], k["dead"] = len(on), at[on]
         k["dead_force"], k["dead_curve"] = b.dead_force[on], b.dead_curve[on]
-        ends = part.numbering.local(b.pressed.ravel()).reshape(-1, 2)
-        near = np.flatnonzero(((ends >= 0) & (ends < part.n_owned)).any(axis=1))
-        k["n_pressed"], k["pressed"] = len(near), ends[near]
+        corners = part.numbering.local(b.pressed.ravel()).reshape(b.pressed.shape)
+        near = np.flatnonzero(((corners >= 0) & (corners < part.n_owned)).any(axis=1))
+        k["n_pressed"], k["pressed"] = len(near), corners[near]
         k["pressure"], k["pressed_curve"] = b.pressure[near], b.pressed_curve[near]
-        self.loaded = np.unique(np.concatenate([at[on], ends[near].ravel()]))
+        self.loaded = np.unique(np.concatenate([at[on], corners[near].ravel()]))
         k["n_loaded"], k["loaded"] = len(self.loaded), self.loaded
-        k["load"], k["load_before"] = np.zeros((part.capacity, 2)), np.zeros((part.capacity, 2))
+        k["load"], k["load_before"] = (np.zeros((part.capacity, part.scene.dimension)) for _ in range(2))
 
     def _set_plates(self) -> None:
         k, b = self._kernel, self.boundary
         self.platable = self._part.at_surface if len(b.plate) else np.zeros(0, np.int64)
         k["n_platable"], k["platable"] = len(self.platable), self.platable
         k["n_plates"], k["plate"], k["plate_curve"] = len(b.plate), b.plate, b.plate_curve
-        k["plate_before"] = np.zeros((len(self.platable), 2))
+        k["plate_before"] = np.zeros((len(self.platable), self._part.scene.dimension))
         k["plate_force"] = np.zeros((len(self.platable), len(b.plate)))
         self.plate_force = k["plate_force"]
 
@@ -118,14 +118,14 @@ class Loads:
         return self._kernel["held_value"] * self.factors(self._kernel["held_curve"]) if self.there else self.reaction
 
     def pressures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Segments under pressure: ends (s, 2) int, local numbers; pressures (s,) [Pa] at the time of the clock."""
+        """Facets under pressure: corners (s, d) int, local numbers; pressures (s,) [Pa] at the time of the clock."""
         if not self.there:
-            return np.zeros((0, 2), np.int64), np.zeros(0)
+            return np.zeros((0, self._part.scene.dimension), np.int64), np.zeros(0)
         k = self._kernel
         return k["pressed"], k["pressure"] * self.factors(k["pressed_curve"])
 
     def add_to(self, force: np.ndarray) -> np.ndarray:
-        """`force` (n_owned, 2) [pN/µm] with those of loads and supports added; they are current after `rate`."""
+        """`force` (n_owned, d) [pN/µm] with those of loads and supports added, which are current after `rate`."""
         if self.there:
             loaded = self.loaded[self.loaded < len(force)]
             force[loaded] += self._kernel["load"][loaded]
@@ -133,12 +133,12 @@ class Loads:
         return force
 
     def reactions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces (k, 2) [pN/µm] of supports and plates, owned particles (k,) int, and numbers (k,) of their names."""
+        """Forces (k, d) [pN/µm] of supports and plates, owned particles (k,) int, and numbers (k,) of their names."""
         b, (particle, component) = self.boundary, self.held
-        force = [np.zeros((len(particle), 2))]
+        force = [np.zeros((len(particle), self._part.scene.dimension))]
         force[0][np.arange(len(particle)), component] = self.reaction
         of = [b.support_of(self._part.ids[particle], component)]
-        for p, normal in enumerate(b.plate[:, :2]):
+        for p, normal in enumerate(b.plate[:, : self._part.scene.dimension]):
             force.append(self.plate_force[:, p, None] * normal)
             of.append(np.full(len(self.platable), len(b.names) - len(b.plate) + p))
         particles = [particle, *[self.platable] * len(b.plate)]
@@ -146,5 +146,5 @@ class Loads:
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: clock (3,) [µs], loads (capacity, 2) [pN/µm] of the last kick."""
+        """Arrays that steps change: clock (3,) [µs], loads (capacity, d) of the last kick."""
         return {name: self._kernel[name] for name in ("clock", "load_before")} if self.there else {}

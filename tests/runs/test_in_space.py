@@ -99,7 +99,7 @@ def test_a_sweep_draws_what_cells_in_space_have(cellmig, tmp_path: Path) -> None
 @pytest.mark.parametrize(("sets", "told"), [
     (["cells.0.shape=disc"], "no shape 'disc' in 3 dimensions; there is 'ball'"),
     (["dimension=2"], "no shape 'ball' in 2 dimensions; there is 'disc'"),
-    (["plates.0.normal=[\"0 um\"]"], "plates: is not there in three dimensions yet"),
+    (['probes=[{name="p", point=["0 um", "0 um"]}]'], 'point: expects a list such as ["1 um", "1 um", "1 um"]'),
     (["particles.dilation=2.0"], "dilation: has no meaning in three dimensions"),
     (["time.integrator=bdf"], 'integrator: is not there in three dimensions yet: the only one is "leapfrog"'),
     (['cells.0.centre=["0 um", "0 um"]'], "centre: expects a list such as"),

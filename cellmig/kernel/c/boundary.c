@@ -27,7 +27,9 @@ static void stop_at_plate(const KernelData *s, long k, long p, double kick, doub
         z[D + c] -= gap / dt * n[c];
         mean += 0.5 * n[c] * (s->plate_before[D * k + c] + z[D + c]);
     }
-    const double impulse = -gap / (dt * s->inverse_mass[i]), speed = (n[0] * d[0] + n[1] * d[1]) * (now - then) / dt;
+    const double impulse = -gap / (dt * s->inverse_mass[i]);
+    double speed = 0;
+    for (int c = 0; c < D; c++) speed += n[c] * d[c] * (now - then) / dt;
     s->plate_force[k * s->n_plates + p] = impulse / kick;
     s->external_work[i] += impulse * speed;
     s->artificial_dissipation[i] += impulse * (speed - mean);

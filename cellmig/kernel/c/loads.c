@@ -11,10 +11,11 @@ void add_loads(const KernelData *s, double *force, double *energy, double accoun
         for (int c = 0; c < D; c++) load[D * s->dead[k] + c] += factor * s->dead_force[D * k + c];
     }
     for (long k = 0; k < s->n_pressed; k++) {
-        const long node[2] = {s->pressed[2 * k], s->pressed[2 * k + 1]};
-        double edge[D], f[D][D];
-        edge_between(s, node[0], node[1], edge);
-        loads_force(0, s->pressure[k] * load_curve_value(s, s->pressed_curve[k], s->clock[0]), edge, f);
+        long node[D];
+        double edge[D - 1][D], f[D][D];
+        for (int i = 0; i < D; i++) node[i] = s->pressed[D * k + i];
+        for (int i = 1; i < D; i++) edge_between(s, node[0], node[i], edge[i - 1]);
+        loads_force(0, s->pressure[k] * load_curve_value(s, s->pressed_curve[k], s->clock[0]), EDGES(edge), f);
         add_to_corners(load, node, f);
     }
     for (long k = 0; k < s->n_loaded; k++) {
