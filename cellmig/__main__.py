@@ -146,6 +146,8 @@ def verify(options: argparse.Namespace) -> int:
     """Compare with references, run random scenes, or measure sensitivity to numerical choices."""
     if options.sets and not options.stress:
         raise UsageError("--set is for --stress")
+    if options.dimension == 3 and not options.stress:
+        raise UsageError("--dimension is for --stress")
     if not (options.stress or options.sensitivity):
         return _references(options)
     if options.only:
@@ -162,7 +164,7 @@ def verify(options: argparse.Namespace) -> int:
     from .verify.random_scenes import stress
 
     return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs,
-                  options.sets)
+                  options.sets, options.dimension)
 
 
 def _references(options: argparse.Namespace) -> int:

@@ -170,6 +170,7 @@ def _others(commands: Any) -> None:
     what.add_argument("--sensitivity", action="store_true", help="dependence of the main scene on spacing, time step "
                       "and other numerical choices")
     verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
+    verify.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="of the random scenes (default: 2)")
     verify.add_argument("--quick", action="store_true", help="coarse references or sensitivity: takes minutes")
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "

@@ -10,16 +10,19 @@ import numpy as np
 
 from cellmig.case.registry import laws
 
+from .random_bodies import cells_in_space
+
 Tables = dict[str, Any]
 
 
-def scene(seed: int, number: int) -> Tables:
+def scene(seed: int, number: int, dimension: int = 2) -> Tables:
     """Tables of scene `number` of the set of a seed; they do not depend on the other scenes."""
     rng = np.random.default_rng([seed, number])
-    cells = _cells(rng)
+    cells = _cells(rng) if dimension == 2 else cells_in_space(rng)
     names = [cell["name"] for cell in cells]
     tables = {"title": f"scene {number} of the stress set {seed}", "seed": int(rng.integers(1 << 31)),
-              "time": _time(rng), "particles": _particles(rng, cells), "materials": _materials(rng), "cells": cells}
+              "time": _time(rng), "particles": _particles(rng, cells, dimension), "materials": _materials(rng),
+              "cells": cells}
     if rng.random() < 0.85:
         tables["adhesion"] = {"substrate": _bonds(rng)}
         if rng.random() < 0.7:
@@ -32,16 +35,28 @@ def scene(seed: int, number: int) -> Tables:
         if pairs := _pairs(np.random.default_rng([seed, number, 2]), names):
             tables["adhesion"]["pairs"] = pairs
     _add(rng, tables)
-    return tables
+    return tables if dimension == 2 else _in_space(tables)
 
 
-def launch(seed: int, number: int) -> tuple[int, tuple[str, ...]]:
+def _in_space(tables: Tables) -> Tables:
+    """The tables without what is known in two dimensions only, with three components of a body force."""
+    found = {"title": tables["title"], "dimension": 3, **tables}
+    found.pop("director", None)
+    found["materials"]["cytoplasm"] = {key: value for key, value in found["materials"]["cytoplasm"].items()
+                                       if key not in ("eta", "zeta")}
+    found["time"].pop("integrator", None)
+    if "body_force" in found:
+        found["body_force"]["acceleration"].append("0 m/s^2")
+    return found
+
+
+def launch(seed: int, number: int, dimension: int = 2) -> tuple[int, tuple[str, ...]]:
     """Number of ranks and PETSc options of scene `number` of the set of a seed."""
     rng = np.random.default_rng([seed, number, 1])
     ranks = int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))
     given = rng.choice(["", "-ts_type rk -ts_rk_type 4", "-ts_type rk -ts_rk_type 5dp -ts_adapt_type basic",
                         "-ts_type ssp -ts_ssp_type rk104", "-ts_type alpha2"], p=[0.92, 0.02, 0.02, 0.02, 0.02])
-    return ranks, tuple(given.split())
+    return ranks, tuple(given.split()) if dimension == 2 else ()
 
 
 def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
@@ -81,7 +96,9 @@ def _time(rng: np.random.Generator) -> Tables:
             "step": _text(_decades(rng, -0.5, 2.5), "ns") if fixed else "auto"}
 
 
-def _particles(rng: np.random.Generator, cells: list[Tables]) -> Tables:
+def _particles(rng: np.random.Generator, cells: list[Tables], dimension: int) -> Tables:
+    if dimension == 3:
+        return {"per_cell": int(rng.integers(60, 301))}
     found: Tables = {"dilation": float(rng.uniform(1.6, 3.0))}
     if rng.random() < 0.3:  # one spacing for all cells: small ones are coarse
         size = float(np.sqrt(np.mean([_shape(cell).area for cell in cells]) / rng.uniform(60, 300)))

@@ -23,13 +23,14 @@ from cellmig.meshfree.overlap import overlap
 from cellmig.runs.batch import Job, JobResult, run_all
 from cellmig.runs.run import Run
 from cellmig.verify import random_scenes as stress
+from cellmig.verify.random_bodies import SHAPES
 from cellmig.verify.random_cases import launch, scene, toml
 
 pytestmark = pytest.mark.serial
 
 JOB = Job("scene", Path("case.toml"), (), Path("run"))
 FINE = {"energy_error": 0.01, "J_min": 0.97, "J_max": 1.02, "area": 0.002, "softness": 0.1, "steps": 100,
-        "seconds": 1.0}
+        "seconds": 1.0, "depth": 0.0, "dimension": 2}
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 CLEAN = ("the simulation failed at 0.05 µs: the energy error is 100 %, more than 5 %; particle 43 of cell 1 has "
          "J = 1; the step of 112 ns is 86 times the stable one, which contact sets: take time.step = \"auto\"")
@@ -72,6 +73,30 @@ def test_scenes_are_cases_or_refused_with_a_message(tmp_path: Path) -> None:
     assert shapes == {"disc", "ellipse", "polygon"} and len(cells) > 6 and 0 < refused < 20
 
 
+def test_scenes_in_space_have_all_shapes_and_what_is_known_there(tmp_path: Path) -> None:
+    shapes, refused = set(), 0
+    for number in range(60):
+        (tmp_path / "case.toml").write_text(toml(scene(0, number, 3)), encoding="utf-8")
+        try:
+            drawn = load(tmp_path / "case.toml")
+        except CaseError as error:
+            refused += 1
+            assert "not there in three dimensions" not in str(error)
+            continue
+        assert drawn.dimension == 3 and not launch(0, number, 3)[1]
+        shapes |= {c.shape.law for c in drawn.cells}
+    assert shapes == set(SHAPES) and 0 < refused < 30
+
+
+def test_a_scene_in_space_is_run_and_measured(tmp_path: Path) -> None:
+    job = stress.prepare(tmp_path, 0, 17, (), 3)
+    ended, = run_all([job], 1, limit=100.0)
+    numbers, outlines = stress.measure(ended)
+    assert stress.judge(ended, numbers, outlines).ended == "stable"
+    assert numbers["depth"] == 0.0 and 0.0 < abs(numbers["area"]) < 0.01  # measured 1e-4
+    assert stress.judge(ended, numbers | {"depth": 0.1}, outlines).ended == "bad"
+
+
 def test_toml_holds_what_it_was_made_from(tmp_path: Path) -> None:
     for tables in (scene(0, 1), next(t for t in map(partial(scene, 0), range(99)) if "pairs" in t.get("adhesion", {}))):
         assert tomllib.loads(toml(tables)) == tables
@@ -111,6 +136,7 @@ def test_how_soft_a_case_is_follows_from_its_loads(sets: tuple, load: float) -> 
     ({"energy_error": 0.06}, [], "energy error"), ({"energy_error": np.nan}, [], "not finite"),
     ({"J_min": -0.1}, [], "J from"),
     ({"J_min": 0.7}, [], "J from"), ({"J_max": 1.3}, [], "J from"), ({"area": 0.05}, [], "area"),
+    ({"depth": 0.03}, [], "a cell is 0.03 of its size within another"), ({"area": 0.09, "dimension": 3}, [], "volume"),
     ({}, [SQUARE[[0, 2, 1, 3]]], "cell 1 crosses itself"),
     ({}, [SQUARE, SQUARE + np.array([3.0, 0.5])], "cell 1 is 0.5 um within cell 2"),
 ])

@@ -1,0 +1,52 @@
+"""Random cells in space for the scenes of `verify --stress`: bodies of every shape, in rows, layers and colonies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellmig.case.registry import laws
+
+Tables = dict[str, Any]
+SHAPES = ("ball", "ellipsoid", "cap", "box", "cylinder")
+
+
+def cells_in_space(rng: np.random.Generator) -> list[Tables]:
+    """1 to 6 cells with gaps from 0 to 1 µm; in a tenth of the scenes they overlap.
+
+    Rows of three follow each other along y or lie on top of each other; in a third of the scenes cells move at first.
+    """
+    count, size = int(rng.integers(1, 7)), 10.0 ** rng.uniform(np.log10(2), np.log10(12))
+    gap = float(rng.choice([0.01, rng.uniform(0, 1), -rng.uniform(0, 0.02)], p=[0.4, 0.5, 0.1]))
+    height = float(rng.choice([0.01, rng.uniform(0, 2), 0.0], p=[0.5, 0.4, 0.1]))
+    along, alike, moving = int(rng.integers(1, 3)), rng.random() < 0.5, rng.random() < 0.33
+    kinds = [_body(rng, size)] * count if alike else [_body(rng, size * rng.uniform(0.6, 1.4)) for _ in range(count)]
+    cells, start, end = [], np.array([0.0, 0.0, height]), np.array([0.0, 0.0, height])
+    for n, kind in enumerate(kinds):
+        if n and n % 3 == 0:
+            start[0], start[along] = 0.0, end[along] + gap
+        points = _shape(kind).outline(720)
+        low, high = points.min(axis=0), points.max(axis=0)
+        nucleus = {"nucleus": "nucleus"} if "nucleus_ratio" in kind else {}
+        push = {"velocity": [f"{v:.6g} um/us" for v in rng.uniform(-0.2, 0.2, 3)]} if moving else {}
+        cells.append({"name": f"Cell-{n + 1}", **kind, **nucleus, "material": "cytoplasm", **push,
+                      "centre": [f"{x:.6g} um" for x in start - low]})
+        end = np.maximum(end, start + high - low)
+        start[0] += high[0] - low[0] + gap
+    return cells
+
+
+def _body(rng: np.random.Generator, size: float) -> Tables:
+    """A body of a size [µm], with a nucleus in half of them."""
+    name = str(rng.choice(SHAPES))
+    keys = {"ball": ("radius",), "ellipsoid": ("a", "b", "c"), "cap": ("contact_radius", "height"),
+            "box": ("a", "b", "c"), "cylinder": ("radius", "length")}[name]
+    core = {"nucleus_ratio": float(rng.uniform(0.2, 0.6))} if rng.random() < 0.5 else {}
+    return {"shape": name, **{key: f"{size * rng.uniform(0.5, 1.5):.6g} um" for key in keys}, **core}
+
+
+def _shape(kind: Tables) -> Any:
+    """The shape of a cell's table, without its nucleus."""
+    lengths = {key: float(text.split()[0]) for key, text in kind.items() if key not in ("shape", "nucleus_ratio")}
+    return laws("shape")[kind["shape"]](**lengths)
