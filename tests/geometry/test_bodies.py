@@ -374,6 +374,15 @@ def test_shapes_that_cannot_be_are_refused(make, message: str) -> None:
         make()
 
 
+@pytest.mark.parametrize("count", [120, 200, 380, 520, 540, 560])
+def test_a_cube_is_filled_though_points_at_its_corners_are_in_one_plane(count: int) -> None:
+    """Counts for which the first density along the surface leaves no tetrahedra that fill it."""
+    layout = Box(a=4.0, b=4.0, c=4.0).particles(count)
+    assert len(layout.X) == count
+    assert volumes(layout.X, layout.tetrahedra).sum() == pytest.approx(64.0, rel=1e-12)
+    assert volumes(layout.X, layout.tetrahedra).min() > 0.0
+
+
 def test_a_cap_without_contact_angle_is_that_of_a_sphere() -> None:
     cap = Cap(contact_radius=4.0, height=2.0)
     radius = (4.0**2 + 2.0**2) / (2 * 2.0)
