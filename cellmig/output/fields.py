@@ -81,6 +81,8 @@ _ABOUT_TABLES = """
 Units are in the names of the columns; `name` is the cell's, `all` that of the aggregate.
 
 - `history.csv`: `vx_um_per_us`, `vy_um_per_us`, `speed_um_per_us`: mean since the last sample, displacement over time.
+- `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the
+  largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,
   activity and body forces, `friction_loss` what drag on the substrate took.
 - `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that

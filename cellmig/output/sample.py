@@ -13,7 +13,7 @@ from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
-from ..parallel.reduce import exact_sum
+from ..parallel.reduce import exact_sum, global_maximum
 from .fields import FIELDS
 from .tables import ENERGY, HELD, MEASURES, PROBED, further_columns
 from .view import View
@@ -131,11 +131,16 @@ class Sampler:
                    for c, axis in enumerate("xyz"[:d])}
         names = MEASURES[d]
         columns |= dict(zip(names, totals.T, strict=True))
+        if d == 3:
+            columns |= {"height_um": self._heights(X + u),
+                        "sphericity": np.cbrt(np.pi * (6.0 * totals[:, 2]) ** 2) / totals[:, 3]}
         columns |= {"effective_stress_pa": sums[:, 2 * d] / self.cell_volume, "sigma11_lower_centre_pa": sums[:, -1]}
         rows = [{name: float(c[i]) for name, c in columns.items()} for i in range(self.n_cells)]
         whole = {name: float(np.average(c, weights=self.cell_mass)) for name, c in columns.items()}
         for name, share in zip(names, (1.0, 0.5, 1.0, 1.0), strict=True):  # each interface has two sides
             whole[name] = share * float(columns[name].sum())
+        if d == 3:
+            whole["height_um"] = float(columns["height_um"].max())
         rows = [whole, *rows]
         self._add_probes(rows)
         self._add_reactions(rows)
@@ -173,6 +178,12 @@ class Sampler:
         names, cells = len(self.mechanics.loads.boundary.names), self.n_cells
         sums = exact_sum(self.mechanics.comm, force, cells * number + self.cell[particle], names * cells)
         return sums.reshape(names, cells, -1)
+
+    def _heights(self, x: np.ndarray) -> np.ndarray:
+        """Heights (cells,) [µm] of the tops of the cells, from positions x (n_owned, 3) [µm]; collective."""
+        highest = np.full(self.n_cells, -np.inf)
+        np.maximum.at(highest, self.cell, x[:, 2])
+        return global_maximum(self.mechanics.comm, highest)
 
     def _surfaces(self) -> np.ndarray:
         """Contributions (n_owned, 4) of surface particles to the MEASURES, in their order and units."""

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 # Contacts with substrate and cells, content and surface of cells, by the number of dimensions.
 MEASURES = {2: ("substrate_contact_um", "cell_contact_um", "area_um2", "perimeter_um"),
             3: ("substrate_contact_um2", "cell_contact_um2", "volume_um3", "surface_um2")}
+FORM = {2: (), 3: ("height_um", "sphericity")}  # height of the top over the substrate; that of Wadell (1935)
 HISTORY = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xyz"[:d]), *(f"u{axis}_um" for axis in "xyz"[:d]),
-               *MEASURES[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
+               *MEASURES[d], *FORM[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
 MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") for d in (2, 3)}  # means
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "friction_loss", "artificial_dissipation")

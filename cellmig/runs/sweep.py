@@ -297,6 +297,7 @@ _AXES = {"ux_um": "displacement $u_x$ [µm]", "uy_um": "displacement $u_y$ [µm]
          "substrate_contact_um": "contact with the substrate [µm]", "cell_contact_um": "contact with cells [µm]",
          "substrate_contact_um2": "contact with the substrate [µm²]", "cell_contact_um2": "contact with cells [µm²]",
          "volume_um3": "volume [µm³]", "surface_um2": "surface [µm²]",
+         "height_um": "height [µm]", "sphericity": "sphericity [-]",
          "perimeter_um": "perimeter [µm]", "effective_stress_pa": "effective stress [Pa]"}
 
 

@@ -58,6 +58,8 @@ def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
     assert all(np.isfinite(history[name]).all() for name in HISTORY[3])
     one = history["cell"] == 1
     assert history["volume_um3"][one] == pytest.approx(4 / 3 * np.pi * 125.0, rel=0.06)  # measured 0.04: coarse
+    assert history["sphericity"][one] == pytest.approx(1.0, abs=0.01)  # measured 0.006: triangles
+    assert history["height_um"][one] == pytest.approx(10.01, abs=0.1)  # measured 0.04
     assert (history["substrate_contact_um2"][one] > 0.0).all() and (history["z_um"][one] > 4.5).all()
     assert np.abs(ledger["energy_error"]).max() < 0.01  # measured 0.004
     assert len(frames(row)) == 2  # at the start and at the end
