@@ -31,8 +31,7 @@ class Elements:
         """
         self._comm = comm
         everyone = comm.allgather(ids)
-        size = max(int(corners.max(initial=-1)) for corners in parts.values()) + 1
-        owner, place = np.full(size, -1), np.full(size, -1)
+        owner, place = np.empty((2, sum(map(len, everyone))), int)
         for rank, some in enumerate(everyone):
             owner[some], place[some] = rank, np.arange(len(some))
         mine = {name: corners[owner[corners[:, 0]] == comm.rank] for name, corners in parts.items()}
