@@ -73,5 +73,6 @@ class Solid(View):
             (x0, y0, _), (x1, y1, _) = self.low, self.high
             ax.add_collection3d(Poly3DCollection([[(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)]],
                                                  facecolors="0.85", zorder=1))  # the eye is above it
-        ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none", zorder=2))
+        # Edges in the colours of the faces: what is behind would shine through the seams.
+        ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=2))
         ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
