@@ -30,6 +30,8 @@ def fastest(sim: Simulation) -> tuple[float, float]:
         gx, gy = (sum(sparse.diags(inverse[:, j, i]) @ G[j] for j in range(2)) @ root for i in range(2))
 
         def largest(shear, bulk, gx=gx, gy=gy, volume=volume):
+            if not (np.any(shear) or np.any(bulk)):
+                return 0.0  # a solid has no viscosity, and ARPACK no answer
             operator = _strain_operator((gx, gy), volume, shear, bulk)
             return eigsh(operator, 1, tol=1e-5, return_eigenvectors=False)[0]
 
@@ -61,7 +63,7 @@ def test_a_step_up_to_the_stable_one_is_stable_and_a_longer_one_is_not(share: fl
     tree["protrusion"], tree["cells"][0]["displacement"] = {"cells": []}, ["1.0*x um", "-0.5*y um"]
 
     def energy_error(step: float | None) -> tuple[float, float]:
-        time = tree["time"] | ({"step": f"{step!r} us"} if step else {})
+        time = tree["time"] | ({"step": f"{float(step)!r} us"} if step else {})
         with built(from_dict(tree | {"time": time})) as sim:
             sim.sample()
             try:
