@@ -19,8 +19,8 @@ from .body import Scene
 from .simplices import facet_sizes
 
 Points = list[tuple[tuple[float, ...], float]]  # shares of the corners of a facet and weights [-]
-# Shares of both ends and weights of the Gauss rule of three points of a segment.
 SEGMENT: Points = [((1.0 - at, at), weight) for at, weight in GAUSS]
+TRIANGLE: Points = [(tuple(shares), weight) for *shares, weight in RADON]
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _vectors(components: tuple, X: np.ndarray) -> np.ndarray:
 
 def points_on(facets: np.ndarray) -> Points:
     """Points of a quadrature on facets (e, d, d) [µm], segments or triangles."""
-    return SEGMENT if facets.shape[1] == 2 else [(tuple(shares), weight) for *shares, weight in RADON]
+    return SEGMENT if facets.shape[1] == 2 else TRIANGLE
 
 
 def tractions(X: np.ndarray, facets: np.ndarray, traction: Callable[[np.ndarray], Any]) -> np.ndarray:

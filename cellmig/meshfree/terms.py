@@ -203,9 +203,9 @@ def _thin(case: Case) -> float:
     """Distance [µm] at which cells without adhesion repel: that of the substrate, else a thousandth of a cell."""
     if case.substrate:
         return case.substrate.equilibrium_distance
-    return 1e-3 * min(_size(c.shape) for c in case.cells)
+    return 1e-3 * min(size_of(c.shape) for c in case.cells)
 
 
-def _size(shape: Any) -> float:
+def size_of(shape: Any) -> float:
     """Root of the area, or cube root of the volume, of a shape [µm]."""
     return float(shape.area**0.5 if shape.dimension == 2 else shape.volume ** (1.0 / 3.0))

@@ -33,7 +33,6 @@ _TOPOLOGY = {"topology": 'TopologyType="Polyvertex" NodesPerElement="1"',
              "tetrahedra": 'TopologyType="Tetrahedron"', "triangles": 'TopologyType="Triangle"'}
 _MESH = ("geometry", *_TOPOLOGY)
 SURFACE = "surface.xdmf"
-Table = tuple[str, int, tuple]  # kind and size of a number, shape of a row
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
@@ -53,34 +52,30 @@ def _name(rank: int) -> str:
     return f"rank{rank:04d}"
 
 
-def _item(file: str, name: str, data: Table, n: int) -> str:
-    kind, size, shape = data
-    dimensions = " ".join(str(d) for d in (n, *shape))
-    return (f'<DataItem Dimensions="{dimensions}" DataType="{kind}" Precision="{size}" Format="HDF">'
+def _item(file: str, name: str, data: np.ndarray, n: int) -> str:
+    kind = "Int" if data.dtype.kind == "i" else "Float"
+    shape = " ".join(str(d) for d in (n, *data.shape[1:]))
+    return (f'<DataItem Dimensions="{shape}" DataType="{kind}" Precision="{data.itemsize}" Format="HDF">'
             f"{file}:/{name}</DataItem>")
 
 
-def _grid(rank: int, frame: int, time: float, sizes: dict[str, int], elements: str, tables: dict[str, Table],
-          units: Mapping[str, str]) -> str:
-    """The `elements` of one rank in one frame; types and shapes of the `tables` are those that all ranks have.
+def _grid(rank: int, frame: int, time: float, sizes: Mapping[str, int], elements: str,
+          data: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """The `elements` of one rank in one frame; of `data` only types and shapes matter, which ranks have in common.
 
     Units are XML attributes, which readers of XDMF ignore, and attributes in HDF5.
     """
     file, n, m = _file(rank, frame), sizes["geometry"], sizes[elements]
     lines = [f'<Grid Name="{_name(rank)}" GridType="Uniform">', f'<Time Value="{time}"/>',
              f'<Topology {_TOPOLOGY[elements]} NumberOfElements="{m}">'
-             f'{_item(file, elements, tables[elements], m)}</Topology>',
-             f'<Geometry GeometryType="XYZ">{_item(file, "geometry", tables["geometry"], n)}</Geometry>']
-    for name, table in tables.items():
+             f'{_item(file, elements, data[elements], m)}</Topology>',
+             f'<Geometry GeometryType="XYZ">{_item(file, "geometry", data["geometry"], n)}</Geometry>']
+    for name, values in data.items():
         if name not in _MESH:
-            kind = _KIND[table[2][0] if table[2] else 1]
+            kind = _KIND[values.shape[1] if values.ndim > 1 else 1]
             lines.append(f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node" Unit="{units[name]}">'
-                         f"{_item(file, name, table, n)}</Attribute>")
+                         f"{_item(file, name, values, n)}</Attribute>")
     return "\n".join([*lines, "</Grid>\n"])
-
-
-def _tables(data: Mapping[str, np.ndarray]) -> dict[str, Table]:
-    return {name: ("Int" if a.dtype.kind == "i" else "Float", a.itemsize, a.shape[1:]) for name, a in data.items()}
 
 
 class Frames:
@@ -93,15 +88,15 @@ class Frames:
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
     count : int -- existing frames, after `cut_frames`, of any number of ranks.
     run : str -- id of the run, in each file.
-    mesh : dict -- in three dimensions corners (m, 4) int of the "tetrahedra" and (m, 3) of the "triangles", by ids.
+    elements : Elements -- in three dimensions this rank's "tetrahedra" and "triangles" between its particles, which
+        are the same ones in all frames then.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, fields: Mapping[str, str], count: int = 0,
-                 run: str = "", mesh: dict[str, np.ndarray] | None = None) -> None:
+                 run: str = "", elements: Elements | None = None) -> None:
         self.directory, self.comm, self.fields, self.run = Path(directory), comm, dict(fields), run
-        self.count, self._mesh = count, mesh
-        self._elements: Elements | None = None  # known once the particles are
-        self._shown = {INDEX: "tetrahedra", SURFACE: "triangles"} if mesh else {INDEX: "topology"}
+        self.count, self._elements = count, elements
+        self._shown = {INDEX: "tetrahedra", SURFACE: "triangles"} if elements else {INDEX: "topology"}
         self._mine, self._all = "", dict.fromkeys(self._shown, "")
         together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
         if count:
@@ -116,18 +111,16 @@ class Frames:
         time : float -- [us].
         step : int -- number of steps taken.
         arrays : dict -- fields of this rank's n >= 0 particles by name, int32, int64 or float64, (n,), (n, d) or
-            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].  With a mesh, particles
-            stay with their ranks from frame to frame.
+            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].
         """
         if arrays.keys() != self.fields.keys():
             raise ValueError(f"fields {sorted(arrays.keys() ^ self.fields.keys())} are declared or given, not both")
         n, time = len(arrays["X"]), float(time)
         data = {"geometry": _padded(arrays["X"] + arrays["u"])}
         data |= {name: _padded(np.asarray(arrays[name])) for name in self.fields}
-        if self._mesh is None:
+        if self._elements is None:
             data["topology"] = np.arange(n, dtype=np.int32).reshape(n, 1)
         else:
-            self._elements = self._elements or Elements(self.comm, self._mesh, arrays["id"])
             data = {name: self._elements.complete(values) for name, values in data.items()} | self._elements.local
         sizes = together(self.comm, lambda: self._write_mine(time, step, n, data))
         together(self.comm, lambda: self._write_index(time, sizes, data), root_only=True)
@@ -147,13 +140,13 @@ class Frames:
             image = file.id.get_file_image()
         rank, name = self.comm.rank, _name(self.comm.rank)
         replace(self.directory / _file(rank, self.count), image)
-        self._mine += _grid(rank, self.count, time, sizes, self._shown[INDEX], _tables(data), self.fields)
+        self._mine += _grid(rank, self.count, time, sizes, self._shown[INDEX], data, self.fields)
         replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
         return sizes
 
     def _write_index(self, time: float, sizes: list[dict[str, int]], data: Mapping[str, np.ndarray]) -> None:
         for index, elements in self._shown.items():
-            grids = (_grid(rank, self.count, time, of_rank, elements, _tables(data), self.fields)
+            grids = (_grid(rank, self.count, time, of_rank, elements, data, self.fields)
                      for rank, of_rank in enumerate(sizes) if of_rank["geometry"])
             self._all[index] += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
                                  f'<Time Value="{time}"/>\n{"".join(grids)}</Grid>\n')

@@ -27,7 +27,7 @@ from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.fields import field_unit
 from cellmig.output.log import Log, Progress, Timers, clock, duration
 from cellmig.output.manifest import environment, write_manifest
-from cellmig.output.mesh import write_mesh
+from cellmig.output.mesh import Elements, write_mesh
 from cellmig.output.tables import IMPULSE, Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
@@ -278,7 +278,8 @@ class Run:
         if self.frames is None:
             units = {name: field_unit(name, self.case.dimension) for name in fields}
             mesh = self.simulation.scene.mesh if self.case.dimension == 3 else None
-            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"], mesh)
+            self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"],
+                                 Elements(self.comm, mesh, fields["id"]) if mesh else None)
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:

@@ -12,12 +12,22 @@ Tables = dict[str, Any]
 SHAPES = ("ball", "ellipsoid", "cap", "box", "cylinder")
 
 
+def decades(rng: np.random.Generator, low: float, high: float) -> float:
+    """10 to a power [-] that is uniformly distributed from `low` to `high`."""
+    return float(10.0 ** rng.uniform(low, high))
+
+
+def text(value: float, unit: str) -> str:
+    """A value [-] with its unit, as in a case."""
+    return f"{value:.6g} {unit}"
+
+
 def cells_in_space(rng: np.random.Generator) -> list[Tables]:
     """1 to 6 cells with gaps from 0 to 1 µm; in a tenth of the scenes they overlap.
 
     Rows of three follow each other along y or lie on top of each other; in a third of the scenes cells move at first.
     """
-    count, size = int(rng.integers(1, 7)), 10.0 ** rng.uniform(np.log10(2), np.log10(12))
+    count, size = int(rng.integers(1, 7)), decades(rng, np.log10(2), np.log10(12))
     gap = float(rng.choice([0.01, rng.uniform(0, 1), -rng.uniform(0, 0.02)], p=[0.4, 0.5, 0.1]))
     height = float(rng.choice([0.01, rng.uniform(0, 2), 0.0], p=[0.5, 0.4, 0.1]))
     along, alike, moving = int(rng.integers(1, 3)), rng.random() < 0.5, rng.random() < 0.33
@@ -29,9 +39,9 @@ def cells_in_space(rng: np.random.Generator) -> list[Tables]:
         points = _shape(kind).outline(720)
         low, high = points.min(axis=0), points.max(axis=0)
         nucleus = {"nucleus": "nucleus"} if "nucleus_ratio" in kind else {}
-        push = {"velocity": [f"{v:.6g} um/us" for v in rng.uniform(-0.2, 0.2, 3)]} if moving else {}
+        push = {"velocity": [text(v, "um/us") for v in rng.uniform(-0.2, 0.2, 3)]} if moving else {}
         cells.append({"name": f"Cell-{n + 1}", **kind, **nucleus, "material": "cytoplasm", **push,
-                      "centre": [f"{x:.6g} um" for x in start - low]})
+                      "centre": [text(x, "um") for x in start - low]})
         end = np.maximum(end, start + high - low)
         start[0] += high[0] - low[0] + gap
     return cells
@@ -43,10 +53,10 @@ def _body(rng: np.random.Generator, size: float) -> Tables:
     keys = {"ball": ("radius",), "ellipsoid": ("a", "b", "c"), "cap": ("contact_radius", "height"),
             "box": ("a", "b", "c"), "cylinder": ("radius", "length")}[name]
     core = {"nucleus_ratio": float(rng.uniform(0.2, 0.6))} if rng.random() < 0.5 else {}
-    return {"shape": name, **{key: f"{size * rng.uniform(0.5, 1.5):.6g} um" for key in keys}, **core}
+    return {"shape": name, **{key: text(size * rng.uniform(0.5, 1.5), "um") for key in keys}, **core}
 
 
 def _shape(kind: Tables) -> Any:
     """The shape of a cell's table, without its nucleus."""
-    lengths = {key: float(text.split()[0]) for key, text in kind.items() if key not in ("shape", "nucleus_ratio")}
+    lengths = {key: float(value.split()[0]) for key, value in kind.items() if key not in ("shape", "nucleus_ratio")}
     return laws("shape")[kind["shape"]](**lengths)

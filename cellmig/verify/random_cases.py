@@ -10,7 +10,7 @@ import numpy as np
 
 from cellmig.case.registry import laws
 
-from .random_bodies import cells_in_space
+from .random_bodies import cells_in_space, decades, text
 
 Tables = dict[str, Any]
 
@@ -27,9 +27,9 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
         tables["adhesion"] = {"substrate": _bonds(rng)}
         if rng.random() < 0.7:
             some = [name for name in names if rng.random() < 0.6]
-            ratio = float(rng.choice([0.0, 0.06, 0.3, _decades(rng, -2, 1), 10.0]))
+            ratio = float(rng.choice([0.0, 0.06, 0.3, decades(rng, -2, 1), 10.0]))
             tables["protrusion"] = {"cells": some, "protrusion_ratio": ratio,
-                                    "height": _text(_decades(rng, -1, 0.5), "um")}
+                                    "height": text(decades(rng, -1, 0.5), "um")}
     if rng.random() < 0.8:
         tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
         if pairs := _pairs(np.random.default_rng([seed, number, 2]), names):
@@ -81,19 +81,10 @@ def _is_tables(value: Any) -> bool:
 # ------------------------------------------------------------------------------------------------------------ parts
 
 
-def _decades(rng: np.random.Generator, low: float, high: float) -> float:
-    """10 to a uniformly distributed power."""
-    return float(10.0 ** rng.uniform(low, high))
-
-
-def _text(value: float, unit: str) -> str:
-    return f"{value:.6g} {unit}"
-
-
 def _time(rng: np.random.Generator) -> Tables:
     fixed = rng.random() < 0.2
     return {"end": "20 us", "frames": 1, "samples": 400, "step_factor": float(rng.uniform(0.3, 1.0)),
-            "step": _text(_decades(rng, -0.5, 2.5), "ns") if fixed else "auto"}
+            "step": text(decades(rng, -0.5, 2.5), "ns") if fixed else "auto"}
 
 
 def _particles(rng: np.random.Generator, cells: list[Tables], dimension: int) -> Tables:
@@ -102,53 +93,53 @@ def _particles(rng: np.random.Generator, cells: list[Tables], dimension: int) ->
     found: Tables = {"dilation": float(rng.uniform(1.6, 3.0))}
     if rng.random() < 0.3:  # one spacing for all cells: small ones are coarse
         size = float(np.sqrt(np.mean([_shape(cell).area for cell in cells]) / rng.uniform(60, 300)))
-        return found | {"spacing": _text(size, "um")}
+        return found | {"spacing": text(size, "um")}
     return found | {"per_cell": int(rng.integers(60, 601))}
 
 
 def _materials(rng: np.random.Generator) -> Tables:
-    c1 = _decades(rng, 1.5, 5)
-    return {"cytoplasm": {"law": "nematic", "viscosity": _text(_decades(rng, -1, 2), "mPa s"),
-                          "bulk_modulus": "2.2 GPa", "reduced_bulk_modulus": _text(_decades(rng, 4.7, 7.5), "Pa")},
-            "nucleus": {"law": "mooney-rivlin", "C1": _text(c1, "Pa"),
-                        "C2": _text(c1 * rng.choice([0.0, _decades(rng, -2, 0)]), "Pa"),
-                        "volumetric_modulus": _text(c1 * _decades(rng, 0.5, 3), "Pa")}}
+    c1 = decades(rng, 1.5, 5)
+    return {"cytoplasm": {"law": "nematic", "viscosity": text(decades(rng, -1, 2), "mPa s"),
+                          "bulk_modulus": "2.2 GPa", "reduced_bulk_modulus": text(decades(rng, 4.7, 7.5), "Pa")},
+            "nucleus": {"law": "mooney-rivlin", "C1": text(c1, "Pa"),
+                        "C2": text(c1 * rng.choice([0.0, decades(rng, -2, 0)]), "Pa"),
+                        "volumetric_modulus": text(c1 * decades(rng, 0.5, 3), "Pa")}}
 
 
 def _add(rng: np.random.Generator, tables: Tables) -> None:
     """Add terms that most cases lack: director gradients, activity, a network, cortex, friction, body force."""
     plasm = tables["materials"]["cytoplasm"]
     if rng.random() < 0.35:
-        plasm["eta"] = _text(rng.choice([0.0, _decades(rng, 0, 3), 5e4, _decades(rng, 5, 9)], p=[0.1, 0.6, 0.15, 0.15]),
+        plasm["eta"] = text(rng.choice([0.0, decades(rng, 0, 3), 5e4, decades(rng, 5, 9)], p=[0.1, 0.6, 0.15, 0.15]),
                              "pN")
         tables["director"] = _director(rng)
     if rng.random() < 0.25:
-        plasm["zeta"] = _text(rng.choice([-1.0, 1.0]) * _decades(rng, 0, 6), "Pa")
+        plasm["zeta"] = text(rng.choice([-1.0, 1.0]) * decades(rng, 0, 6), "Pa")
     if rng.random() < 0.2:
-        plasm |= {"law": "gel", "shear_modulus": _text(_decades(rng, 0, 5), "Pa")}
+        plasm |= {"law": "gel", "shear_modulus": text(decades(rng, 0, 5), "Pa")}
     if rng.random() < 0.2:
-        tables["cortex"] = {"line_tension": _text(_decades(rng, -1, 4), "pN/um")}
+        tables["cortex"] = {"line_tension": text(decades(rng, -1, 4), "pN/um")}
     if rng.random() < 0.2:
-        tables["friction"] = {"coefficient": _text(_decades(rng, -1, 6), "Pa us/um")}
+        tables["friction"] = {"coefficient": text(decades(rng, -1, 6), "Pa us/um")}
     if rng.random() < 0.1:
-        tables["body_force"] = {"acceleration": [_text(x * _decades(rng, 1, 6), "m/s^2") for x in rng.normal(size=2)]}
+        tables["body_force"] = {"acceleration": [text(x * decades(rng, 1, 6), "m/s^2") for x in rng.normal(size=2)]}
     if rng.random() < 0.08:
         tables["time"]["integrator"] = str(rng.choice(["euler", "rk", "ssp", "arkimex"]))
 
 
 def _director(rng: np.random.Generator) -> Tables:
     """Initial director, relaxation and anchoring."""
-    start = {"start": str(rng.choice(["uniform", "radial", "tangential"])), "angle": _text(rng.uniform(-4, 4), "rad")}
+    start = {"start": str(rng.choice(["uniform", "radial", "tangential"])), "angle": text(rng.uniform(-4, 4), "rad")}
     if rng.random() < 0.4:
         return {"law": "frozen", **start}
-    return {"law": "relaxing", **start, "mobility": _text(_decades(rng, -2, 2), "um^2/us"),
+    return {"law": "relaxing", **start, "mobility": text(decades(rng, -2, 2), "um^2/us"),
             "anchoring": str(rng.choice(["none", "surface"]))}
 
 
 def _bonds(rng: np.random.Generator) -> Tables:
     """Bonds with work of adhesion from 0.3 pN/um to 3 nN/um and equilibrium distance from 5 to 100 nm."""
-    return {"bond_density": _text(_decades(rng, 1, 5), "/um^2"), "well_depth": "0.03 pN um",
-            "equilibrium_distance": _text(_decades(rng, np.log10(5), 2), "nm")}
+    return {"bond_density": text(decades(rng, 1, 5), "/um^2"), "well_depth": "0.03 pN um",
+            "equilibrium_distance": text(decades(rng, np.log10(5), 2), "nm")}
 
 
 def _pairs(rng: np.random.Generator, names: list[str]) -> list[Tables]:
@@ -163,7 +154,7 @@ def _pairs(rng: np.random.Generator, names: list[str]) -> list[Tables]:
 
 def _cells(rng: np.random.Generator) -> list[Tables]:
     """1 to 9 cells, in a row or in rows of three, with gaps from 0 to 1 um; in a tenth of the scenes they overlap."""
-    count, size = int(rng.integers(1, 10)), _decades(rng, np.log10(2), np.log10(20))
+    count, size = int(rng.integers(1, 10)), decades(rng, np.log10(2), np.log10(20))
     gap = rng.choice([0.01, rng.uniform(0, 1), -rng.uniform(0, 0.02)], p=[0.4, 0.5, 0.1])
     height = rng.choice([0.01, rng.uniform(0, 2), 0.0], p=[0.5, 0.4, 0.1])
     row, alike = (count if rng.random() < 0.5 else 3), rng.random() < 0.5
@@ -178,7 +169,7 @@ def _cells(rng: np.random.Generator) -> list[Tables]:
         x += gap - low[0]
         nucleus = {"nucleus": "nucleus"} if "nucleus_ratio" in kind else {}
         cells.append({"name": f"Cell-{n + 1}", **kind, **nucleus, "material": "cytoplasm",
-                      "centre": [_text(x, "um"), _text(bottom - low[1], "um")]})
+                      "centre": [text(x, "um"), text(bottom - low[1], "um")]})
         x, top = x + high[0], max(top, bottom - low[1] + high[1])
     return cells
 
@@ -188,16 +179,16 @@ def _drawn_shape(rng: np.random.Generator, size: float) -> Tables:
     kind = rng.choice(["disc", "ellipse", "polygon"])
     core = {"nucleus_ratio": float(rng.uniform(0.2, 0.6))} if rng.random() < 0.6 else {}
     if kind == "disc":
-        return {"shape": "disc", "radius": _text(size, "um"), **core}
+        return {"shape": "disc", "radius": text(size, "um"), **core}
     if kind == "ellipse":
-        return {"shape": "ellipse", "a": _text(size * rng.uniform(0.4, 1.5), "um"),
-                "b": _text(size * rng.uniform(0.4, 1.5), "um"), **core}
+        return {"shape": "ellipse", "a": text(size * rng.uniform(0.4, 1.5), "um"),
+                "b": text(size * rng.uniform(0.4, 1.5), "um"), **core}
     n = int(rng.integers(3, 10))
     angle = 2.0 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
     corners = size * rng.uniform(0.5, 1.2, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     if rng.random() < 0.1:
         rng.shuffle(corners)
-    return {"shape": "polygon", "corners": [[_text(x, "um") for x in corner] for corner in corners], **core}
+    return {"shape": "polygon", "corners": [[text(x, "um") for x in corner] for corner in corners], **core}
 
 
 def _outline(kind: Tables) -> np.ndarray:

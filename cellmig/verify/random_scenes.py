@@ -20,6 +20,7 @@ from cellmig.geometry import polygons
 from cellmig.geometry.surfaces import ClosedSurface
 from cellmig.laws import register
 from cellmig.meshfree.overlap import SHARE
+from cellmig.meshfree.terms import size_of
 from cellmig.output.directory import Claim, replace
 from cellmig.output.manifest import read_manifest
 from cellmig.output.mesh import read_mesh
@@ -133,8 +134,7 @@ def softness(case: Case) -> float:
     """Largest load of a case over the smallest bulk modulus, an estimate of the largest |J - 1| [-]."""
     used = [case.materials[name] for cell in case.cells for name in (cell.material, cell.nucleus) if name]
     d = case.dimension
-    spacing = min(((cell.shape.area if d == 2 else cell.shape.volume) / particle_count(case, cell.shape)) ** (1 / d)
-                  for cell in case.cells)
+    spacing = min(size_of(cell.shape) / particle_count(case, cell.shape) ** (1 / d) for cell in case.cells)
     adhesion = (case.substrate, case.contact, *(pair.law for pair in case.pairs))
     loads = [law.work / law.equilibrium_distance for law in adhesion if law is not None]
     floor, push, turned = case.substrate, case.protrusion, case.director
