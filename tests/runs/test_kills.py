@@ -51,7 +51,7 @@ def kill(child: subprocess.Popen, what: str, chance: random.Random) -> None:
 
 
 def all_opens(run: Path) -> None:
-    """Whether every frame that is listed opens, and tables have whole lines only."""
+    """Whether every frame that is listed opens, and every table: a kill may leave half of its last line, which is not read."""
     for frame in frames(run):
         assert len(frame.read()["id"]) == 450
     for path in run.glob("rank*.xdmf"):
@@ -61,7 +61,6 @@ def all_opens(run: Path) -> None:
                 assert len(reader.read_data(number)[1]["u"]) == len(reader.read_data(number)[1]["id"])
     for name in ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv"):
         if (run / name).exists():
-            assert (run / name).read_bytes().endswith(b"\n")
             read_table(run / name)
 
 
