@@ -51,7 +51,7 @@ def kill(child: subprocess.Popen, what: str, chance: random.Random) -> None:
 
 
 def all_opens(run: Path) -> None:
-    """Whether every frame that is listed opens, and every table: a kill may leave half of its last line, which is not read."""
+    """Whether every frame that is listed opens, and every table, without a last line that the kill cut."""
     for frame in frames(run):
         assert len(frame.read()["id"]) == 450
     for path in run.glob("rank*.xdmf"):
