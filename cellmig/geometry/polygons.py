@@ -144,12 +144,19 @@ def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
 
 def distance(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """Distances (n,) [µm] of the `points` (n, 2) [µm] from an `outline` (k, 2) or (k, 2 ends, 2)."""
-    least = np.full(len(points), np.inf)
-    for p, q in zip(*edges(outline), strict=True):
+    return nearest_edge(points, outline)[0]
+
+
+def nearest_edge(points: np.ndarray, outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (n,) [µm] of the `points` (n, 2) [µm] from an `outline`, and the first edge (n,) of that distance."""
+    least, edge = np.full(len(points), np.inf), np.zeros(len(points), dtype=int)
+    for k, (p, q) in enumerate(zip(*edges(outline), strict=True)):
         d, e = points - p, q - p
         along = np.clip(d @ e / max(float(e @ e), 1e-300), 0.0, 1.0)
-        least = np.minimum(least, np.linalg.norm(d - along[:, None] * e, axis=1))
-    return least
+        away = np.linalg.norm(d - along[:, None] * e, axis=1)
+        edge[away < least] = k
+        least = np.minimum(least, away)
+    return least, edge
 
 
 def depth(a: np.ndarray, b: np.ndarray) -> float:

@@ -52,7 +52,9 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
 
 
 def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray, at: np.ndarray) -> Overlap | None:
-    """The first particle outside of the surface of its cell; None if there is none.
+    """The first particle outside of its cell, by more than a tenth of the segment there; None if there is none.
+
+    A segment that is stretched cuts the corners of the flow beneath it, whose particles are not outside for that.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
     cell : (n,) int -- their cells.
     at : (n, 2) -- their positions [µm].
     """
-    s, deepest = surfaces, SHARE * float(surfaces.size.mean())
+    s = surfaces
     within = ~np.isin(ids, s.ids)
     for c in np.unique(cell):
         on, of = (np.arange(*np.searchsorted(numbers, [c, c + 1])) for numbers in (s.cell, cell))
@@ -71,9 +73,11 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
         beside = [polygons.cross(x[s.after[k]] - x[k], p - x[k]) < 0.0 for k in (nearest, s.before[nearest])]
         of, p = of[beside[0] | beside[1]], p[beside[0] | beside[1]]  # right of a segment next to the nearest corner
         out = ~polygons.inside(p, edges)
-        of, depth = of[out], polygons.distance(p[out], edges)
-        if (depth > deepest).any():
-            i = of[np.argmax(depth > deepest)]
+        of, (depth, edge) = of[out], polygons.nearest_edge(p[out], edges)
+        length = np.linalg.norm(edges[edge, 1] - edges[edge, 0], axis=1)
+        left = depth > SHARE * np.maximum(length, s.size.mean())
+        if left.any():
+            i, depth = of[left][0], depth[left]
             return Overlap(int(ids[i]), f"a particle is {depth.max():.3g} µm outside of the surface of cell {c + 1}",
                            "particles move past each other: try a smaller load or finer particles")
     return None

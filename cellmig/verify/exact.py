@@ -140,24 +140,39 @@ def without_sound(values: np.ndarray, period: int) -> np.ndarray:
 class Drop:
     """Linear mode exp(st) with n lobes of a viscous, compressible drop with line tension T; s [1/µs] is complex.
 
-    Displacements have the potentials I_n(a r), I_n(q r) with a² = ρ s²/(K + 2μs), q² = ρ s/μ; at the rim σ_rθ = 0 and
-    σ_rr = -T (n² - 1) u_r/R².  For large K and small μ, s² = -n(n² - 1) T/ρR³ - 4n(n - 1) s ν/R².
+    Displacements have the potentials I_n(a r), I_n(q r) with a² = ρ s²/(λ + 2G), q² = ρ s²/G, where λ = K and G = μs of
+    a fluid; at the rim σ_rθ = 0 and σ_rr = -T (n² - 1) u_r/R².  For large K and small μ,
+    s² = -n(n² - 1) T/ρR³ - 4n(n - 1) s ν/R².  The modes of a solid have its λ and G.
 
     Source: derived here; the limit is that of Lamb, Hydrodynamics (1932).
     """
 
     def __init__(self, law: Any, radius: float, lobes: int, tension: float, guess: complex):
-        """`law` : with density, viscosity and reduced_bulk_modulus;  `guess` : start of the iteration for s [1/µs]."""
-        self.rho, self.mu, self.K = law.density, law.viscosity, law.reduced_bulk_modulus
+        """`law` : with density and either viscosity and reduced_bulk_modulus or shear_modulus and bulk_modulus;
+
+        guess : start of the iteration for s [1/µs].
+        """
+        self.law, self.rho = law, law.density
         self.n, self.radius, self.tension = lobes, radius, tension
         self.s = _root(self._missing, guess)
         m = self._conditions(self.s)
         self.amplitudes = np.array([1.0, -m[1, 0] / m[1, 1] if lobes else 0.0])
         self.amplitudes = self.amplitudes / (self._radial(self.s, radius)[0] @ self.amplitudes)  # u_r = 1 at the rim
 
+    def moduli(self, s: complex) -> tuple[complex, complex]:
+        """λ and G [Pa] of motions exp(st), with s [1/µs]."""
+        if hasattr(self.law, "reduced_bulk_modulus"):
+            return self.law.reduced_bulk_modulus, self.law.viscosity * s
+        return self.law.bulk_modulus - 2.0 / 3.0 * self.law.shear_modulus, self.law.shear_modulus
+
+    def _wave_numbers(self, s: complex) -> tuple[complex, complex]:
+        """Wave numbers a and q [1/µm]."""
+        lame, G = self.moduli(s)
+        return np.sqrt(self.rho * s * s / (lame + 2.0 * G)), np.sqrt(self.rho * s * s / G)
+
     def _radial(self, s: complex, r: Any) -> np.ndarray:
         """Factors of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r, of both potentials (4, 2, ...)."""
-        a, q, n = np.sqrt(self.rho * s * s / (self.K + 2.0 * self.mu * s)), np.sqrt(self.rho * s / self.mu), self.n
+        (a, q), n = self._wave_numbers(s), self.n
         U = np.array([a * ivp(n, a * r), n * iv(n, q * r) / r])
         W = np.array([-n * iv(n, a * r) / r, -q * ivp(n, q * r)])
         dU = np.array([a * a * ivp(n, a * r, 2), n * (q * ivp(n, q * r) / r - iv(n, q * r) / r**2)])
@@ -166,10 +181,10 @@ class Drop:
 
     def _conditions(self, s: complex) -> np.ndarray:
         """Residuals of the conditions on σ_rr and σ_rθ at the rim, of each potential (2, 2)."""
-        R, n = self.radius, self.n
+        R, n, (lame, G) = self.radius, self.n, self.moduli(s)
         U, W, dU, dW = self._radial(s, R)
-        normal = self.K * (dU + (U + n * W) / R) + 2.0 * self.mu * s * dU + self.tension * (n * n - 1.0) * U / R**2
-        return np.array([normal, self.mu * s * (dW - (W + n * U) / R)])
+        normal = lame * (dU + (U + n * W) / R) + 2.0 * G * dU + self.tension * (n * n - 1.0) * U / R**2
+        return np.array([normal, G * (dW - (W + n * U) / R)])
 
     def _missing(self, s: complex) -> complex:
         m = self._conditions(s)
@@ -194,7 +209,7 @@ class Globe(Drop):
 
     def _radial(self, s: complex, r: Any) -> np.ndarray:
         """Factors of u_r, u_θ, ∂u_r/∂r, ∂u_θ/∂r that depend on r, of both potentials (4, 2, ...)."""
-        a, q, n = np.sqrt(self.rho * s * s / (self.K + 2.0 * self.mu * s)), np.sqrt(self.rho * s / self.mu), self.n
+        (a, q), n = self._wave_numbers(s), self.n
         (f, fp, fpp), (g, gp, gpp) = (_globular(n, k, r) for k in (a, q))
         m = n * (n + 1)
         U, W = np.array([fp, m * g / r]), np.array([f / r, g / r + gp])
@@ -203,11 +218,11 @@ class Globe(Drop):
 
     def _conditions(self, s: complex) -> np.ndarray:
         """Residuals of the conditions on σ_rr and σ_rθ at the surface, of each potential (2, 2)."""
-        R, n = self.radius, self.n
+        R, n, (lame, G) = self.radius, self.n, self.moduli(s)
         U, W, dU, dW = self._radial(s, R)
         tension = self.tension * (n - 1.0) * (n + 2.0) / R**2
-        normal = self.K * (dU + (2.0 * U - n * (n + 1) * W) / R) + 2.0 * self.mu * s * dU + tension * U
-        return np.array([normal, self.mu * s * (dW + (U - W) / R)])
+        normal = lame * (dU + (2.0 * U - n * (n + 1) * W) / R) + 2.0 * G * dU + tension * U
+        return np.array([normal, G * (dW + (U - W) / R)])
 
     def displacements(self, X: np.ndarray) -> np.ndarray:
         """Complex amplitude of the displacement (n, 3) at X (n, 3) [µm], with radial amplitude 1 at the poles."""

@@ -254,3 +254,17 @@ def test_a_particle_that_left_its_cell_is_noticed() -> None:
     half = ids >= scene.offset[1]
     other = escaped(surfaces, x, ids[half], scene.cell[half], places[half])
     assert (other is not None) == bool(half[inner])
+
+
+def test_a_long_segment_may_cut_off_a_particle_by_a_tenth_of_its_length() -> None:
+    scene = discretise(case("all_protrude"))
+    surfaces, ids = Surfaces.of(scene), np.arange(scene.size)
+    lowest = int(np.argmin(scene.X[surfaces.ids, 1]))
+    ends, places = scene.X[surfaces.ids[[lowest, surfaces.after[lowest]]]], scene.X.copy()
+    length = np.linalg.norm(ends[1] - ends[0])
+    inner = int(np.setdiff1d(ids[scene.cell == surfaces.cell[lowest]], surfaces.ids)[0])
+    places[inner] = ends.mean(axis=0) - [0.0, 0.2 * length]
+    for stretch, lost in ((1.0, True), (3.0, False)):
+        wide = np.array([stretch, 1.0])
+        found = escaped(surfaces, wide * scene.X[surfaces.ids], ids, scene.cell, wide * places)
+        assert (found is not None) == lost

@@ -14,14 +14,18 @@ PAIRS = "forces come in pairs that are equal and opposite, on one line: sums of 
 
 @reference("momentum", shows="momentum of three cells after 1 µs over the impulse of their protrusion",
            source="eq. (2) summed: only F_d is external along x", at=(100, 200, 400), seconds=5.0,
-           expected={"along x": exact(1e-9, "the substrate is without friction, all other forces are internal")})
+           expected={name: exact(1e-9, "the substrate is without friction, all other forces are internal")
+                     for name in ("all_protrude", "three_balls")})
 def momentum(count: int) -> Measured:
     """Protrusion is the only external force along the substrate."""
-    with built(case("all_protrude", count)) as sim:
-        sim.go(1.0)
-        sim.sample()
-        error = sim.sampler.momentum()[0] / sim.mechanics.accounts.protrusion_impulse() - 1.0
-        return Measured(sim.scene.templates[0].spacing, {"along x": abs(float(error))}, count)
+    found = {}
+    for name in ("all_protrude", "three_balls"):
+        with built(case(name, count)) as sim:
+            sim.go(1.0)
+            sim.sample()
+            error = sim.sampler.momentum()[0] / sim.mechanics.accounts.protrusion_impulse() - 1.0
+            found[name], spacing = abs(float(error)), sim.scene.templates[0].spacing
+    return Measured(spacing, found, count)
 
 
 @reference("cell-cell", shows="sum and torque of the forces between three cells that are pressed together",
@@ -55,14 +59,17 @@ def spin(count: int) -> Measured:
         return Measured(sim.scene.templates[0].spacing, {"moment": abs(found[1] / found[0] - 1.0)}, count)
 
 
+LEDGERS = ("paper", "director_radial", "all_protrude", "ball", "three_balls")
+
+
 @reference("energy", shows="energy error of the ledger after 1 µs; the step is the size",
            source="eq. (2) times the velocity: energies and works add up", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
-                     for name in ("paper", "director_radial", "all_protrude")})
+                     for name in LEDGERS})
 def energy(ns: float) -> Measured:
-    """The three scenes have all terms of the model among them."""
+    """The scenes have all terms of the model among them."""
     found = {}
-    for name in ("paper", "director_radial", "all_protrude"):
+    for name in LEDGERS:
         with built(case(name, 150, f'time.step="{ns} ns"')) as sim:
             sim.go(1.0)
             found[name] = sim.sample()[1]["energy_error"]

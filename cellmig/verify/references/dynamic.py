@@ -69,7 +69,7 @@ def standing_wave(count: int) -> Measured:
 
 
 class Waves:
-    """The manufactured solution u = A sin(Ωt) Σ p sin(k·x + φ) with its body force and tractions."""
+    """The manufactured solution u = A sin(Ωt) Σ p sin(k·x + φ) with its body force and tractions, in small strain."""
 
     k = np.array([[0.9, 0.5], [-0.4, 1.1], [1.3, -0.7]])  # [1/µm]
     across, along = np.array([0.6, -0.7, 0.4]), np.array([0.8, 0.5, -0.6])  # parts of p
@@ -80,18 +80,21 @@ class Waves:
         self.lame, self.G = law.bulk_modulus - 2.0 / 3.0 * law.shear_modulus, law.shear_modulus
         self.density, self.size, self.omega = law.density, size, 2.0 * np.pi / period
         self.load_curve = {"law": "sine", "period": f"{period} us"}
-        turned = np.column_stack([-self.k[:, 1], self.k[:, 0]])
-        self.p = self.across[:, None] * turned + squeezed * self.along[:, None] * self.k
+        self.p = self.across[:, None] * self.turned() + squeezed * self.along[:, None] * self.k
+
+    def turned(self) -> np.ndarray:
+        """A vector across each k (waves, d) [1/µm]."""
+        return np.column_stack([-self.k[:, 1], self.k[:, 0]])
 
     def _sum(self, vectors: np.ndarray, unit: str, function: str = "sin") -> list[str]:
         """Formulas of the components of A Σ a sin(k·x + φ), with the rows a of `vectors` (k, c)."""
-        waves = [f"{function}({k[0]}*x + {k[1]}*y + {a})"
+        waves = [f"{function}({' + '.join(f'{c}*{x}' for c, x in zip(k, 'xyz', strict=False))} + {a})"
                  for k, a in zip(self.k.tolist(), self.phase.tolist(), strict=True)]
         return [" + ".join(f"{c}*{w}" for c, w in zip(column, waves, strict=True)) + f" {unit}"
                 for column in (self.size * vectors).T.tolist()]
 
     def displacement(self, X: np.ndarray, time: float) -> np.ndarray:
-        """Exact displacements (n, 2) [µm]."""
+        """Exact displacements (n, d) [µm]."""
         return self.size * np.sin(self.omega * time) * np.sin(X @ self.k.T + self.phase) @ self.p
 
     def support(self, parts: list[str]) -> dict:

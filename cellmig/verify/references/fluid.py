@@ -108,8 +108,8 @@ def ringing(case, mode, amplitude: float, time: float) -> tuple[float, float]:
     """Spacing [µm], and largest error of the rim over `time` [µs], relative to the initial amplitude of the mode."""
     with built(case) as sim:
         X, rim = sim.scene.X, sim.scene.surface(0)
-        shape, pressure = mode.displacements(X), mode.tension / RADIUS
-        J = np.sqrt(1.0 + (pressure / mode.K) ** 2) - pressure / mode.K  # of pressure and tension in balance
+        shape, pressure, K = mode.displacements(X), mode.tension / RADIUS, mode.law.reduced_bulk_modulus
+        J = np.sqrt(1.0 + (pressure / K) ** 2) - pressure / K  # of pressure and tension in balance
         set_state(sim, amplitude * shape.real + (np.sqrt(J) - 1.0) * X, amplitude * (mode.s * shape).real)
         at, error = np.arctan2(*X[rim].T[::-1]), 0.0
         lobes = np.cos(mode.n * at) / np.square(np.cos(mode.n * at)).sum()
