@@ -186,7 +186,7 @@ def _others(commands: Any) -> None:
     what.add_argument("--scaling", action="store_true", help="cost of steps on many ranks, by a model with "
                       "constants measured here, three minutes")
     bench.add_argument("--problem", action="append", default=[], metavar="NAME", help="with --error: this problem only "
-                       "(disc, drop, cell, scene, tension); several times for several problems")
+                       "(disc, drop, cell, scene, tension, twist, turn, ball); several times for several problems")
     bench.add_argument("--quick", action="store_true", help="half a minute; with --error four minutes")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, with --quick "
                        "output/bench-quick)")

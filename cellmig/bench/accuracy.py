@@ -27,24 +27,28 @@ from .problems import PROBLEMS, Problem, Series, Setting, columns
 from .speed import as_json, write_report
 
 SIZES = {"disc": (91, 331, 631, 1485, 3000, 6000, 12000), "drop": (91, 331, 631, 1485, 3000, 6000),
-         "cell": (150, 331, 631, 1485, 3000), **dict.fromkeys(("scene", "tension"), (150, 331, 631, 1485))}
+         "cell": (150, 331, 631, 1485, 3000), **dict.fromkeys(("twist", "turn"), (200, 500, 1000, 2000, 5000)),
+         "ball": (200, 500, 1000, 2000, 4000), **dict.fromkeys(("scene", "tension"), (150, 331, 631, 1485))}
 QUICK = {**dict.fromkeys(("disc", "drop"), (91, 331, 631, 1485)),
-         **dict.fromkeys(("cell", "scene", "tension"), (91, 150, 331))}
+         **dict.fromkeys(("cell", "scene", "tension"), (91, 150, 331)),
+         **dict.fromkeys(("twist", "turn", "ball"), (100, 200, 500))}
 # Particles of the reference runs of problems without an exact solution, in full and with --quick.
-FINEST = {"cell": (12000, 1485), "scene": (6000, 631), "tension": (6000, 631)}
+FINEST = {"cell": (12000, 1485), "scene": (6000, 631), "tension": (6000, 631), "ball": (12000, 1000)}
 # Single changes, at two sizes; the scene takes 10 times as long as the cell.
 SINGLE = {"dilation": (1.4, 1.6, 2.0, 2.6, 3.0), "surface_refinement": (2.0, 3.0), "step_factor": (0.4, 0.6, 0.95),
           "stabilisation": (0.0, 0.5, 2.0), "hourglass_modulus": (0.0, 0.08, 0.32, 0.64),
           "modulus": (1.25, 2.5, 10.0, 20.0), "bulk_viscosity": (0.0, 0.2), "integrator": ("rk", "ssp", "bdf")}
-TWO = {**dict.fromkeys(("disc", "drop", "cell"), (331, 1485)), **dict.fromkeys(("scene", "tension"), (331, 631))}
+TWO = {**dict.fromkeys(("disc", "drop", "cell"), (331, 1485)), **dict.fromkeys(("scene", "tension"), (331, 631)),
+       **dict.fromkeys(("twist", "turn", "ball"), (500, 2000))}
 # All combinations at all sizes: choices from which an accuracy is picked, and the stabilisation, which matters most.
 CROSSED = {"dilation": (1.8, 2.2), "modulus": (1.25, 5.0)}
 ALSO = {"dilation": (1.8, 2.2), "stabilisation": (0.25, 1.0), "hourglass_modulus": (0.16, 0.32)}
 ON_SCENE = ({"surface_refinement": (1.0, 2.0), "modulus": (1.25, 5.0)},
             {"surface_refinement": (1.0, 2.0), "stabilisation": (0.25, 0.5, 1.0)})
-GRIDS = {**dict.fromkeys(("disc", "drop", "cell"), (CROSSED, ALSO)), **dict.fromkeys(("scene", "tension"), ON_SCENE)}
+GRIDS = {**dict.fromkeys(("disc", "drop", "cell", "twist", "turn", "ball"), (CROSSED, ALSO)),
+         **dict.fromkeys(("scene", "tension"), ON_SCENE)}
 # Largest number of particles a cell with PETSc's types, which take minutes there.
-SLOW = {"cell": 400, "scene": 0, "tension": 0}
+SLOW = {"cell": 400, **dict.fromkeys(("scene", "tension", "twist", "turn", "ball"), 0)}
 PROBE = 1e6  # particle-steps of a time measurement
 
 

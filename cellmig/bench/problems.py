@@ -1,4 +1,4 @@
-"""Problems for measurements of run time against error: elastic, fluid, a spreading cell, the paper's scene."""
+"""Problems for run time against error: elastic, fluid, a spreading cell, the paper's scene, and some in space."""
 
 from __future__ import annotations
 
@@ -21,9 +21,12 @@ from cellmig.runs.cases import FOLDER, fluid_drop
 from cellmig.runs.run import ENERGY_ERROR
 from cellmig.simulation import Simulation
 
+from . import space
+
 CELL = 5.0  # radius [µm]
 FLATTENED = 20.0  # time from which stresses of the scene count: until then snaps of the membrane rule them [µs]
 Series = dict[str, np.ndarray]
+FIXED = ("dilation", "surface_refinement", "modulus")  # what does not apply to a solid in space
 
 
 @dataclass(frozen=True)
@@ -161,10 +164,14 @@ def _at(angle: np.ndarray, values: np.ndarray, where: float) -> float:
 
 
 def spreading(sim: Simulation) -> dict[str, float]:
-    """Contact length with the substrate, height and height of the centre of mass of a cell [µm]."""
-    row = sim.sample()[0][1]
-    y = sim.mechanics.segments.everywhere()[:, 1]
-    return {"contact": row["substrate_contact_um"], "height": float(np.ptp(y)), "centre": row["y_um"]}
+    """Contact with the substrate, height and height of the centre of mass of a cell [µm].
+
+    The contact is a length, in space the radius of a disc of the area of contact.
+    """
+    row, up = sim.sample()[0][1], sim.case.dimension - 1
+    contact = row["substrate_contact_um"] if up == 1 else np.sqrt(row["substrate_contact_um2"] / np.pi)
+    height = float(np.ptp(sim.mechanics.segments.everywhere()[:, up]))
+    return {"contact": float(contact), "height": height, "centre": row[f"{'xyz'[up]}_um"]}
 
 
 def crawling(sim: Simulation) -> dict[str, float]:
@@ -277,4 +284,10 @@ PROBLEMS = {p.name: p for p in (
     Problem("tension", "cells with a cortex on a substrate", "the same with the tension of a cortex",
             "displacement and contacts with the substrate and between cells", _tension,
             tuple(np.arange(2.0, 101.0, 2.0)), crawling, judge_scene, own=True),
+    Problem("twist", "elastic in space", "elastic ball that twists, two periods", "the displacement in time",
+            space.twisting, tuple(0.3 * np.arange(1, 41)), space.twisted, space.judge_twist, without=FIXED),
+    Problem("turn", "fluid in space", "ball of fluid that turns, 1 µs", "the flow in time", space.turning,
+            tuple(0.1 * np.arange(1, 11)), space.turned, space.judge_turn, without=(*FIXED[:2], "hourglass_modulus")),
+    Problem("ball", "cell on substrate in space", "a cell in space spreads, 40 µs", "radius of contact and height",
+            space.cell, tuple(np.arange(2.0, 41.0, 2.0)), spreading, judge_cell, without=("dilation",), own=True),
 )}

@@ -53,12 +53,14 @@ def kind_of(data: dict[str, Any]) -> str | None:
         on_substrate, touching = "substrate" in adhesion, "cells" in adhesion and _several(cells)
     except (TypeError, KeyError, AttributeError):
         return None  # the reader reports what is wrong
-    if data.get("dimension", 2) != 2:
-        return None
     if on_substrate:
         several = "cells with a cortex on a substrate" if "cortex" in data else "cells on a substrate"
-        return (several if touching else "cell on substrate") if True in fluid else None
-    return {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
+        kind = (several if touching else "cell on substrate") if True in fluid else None
+    else:
+        kind = {(True,): "fluid", (False,): "elastic"}.get(tuple(fluid)) if not touching else None
+    if data.get("dimension", 2) == 3:  # where cells that touch were not measured
+        return f"{kind} in space" if kind and not touching else None
+    return kind
 
 
 def _several(cells: list) -> bool:

@@ -10,7 +10,7 @@ from scenes import CASES
 
 from cellmig import usage
 from cellmig.__main__ import bench
-from cellmig.bench import modulus
+from cellmig.bench import modulus, space
 from cellmig.bench.accuracy import accuracy_table, plan, report
 from cellmig.bench.pareto import Broken, Point, gain, gains, pareto, time_at, verdict, with_median_times
 from cellmig.bench.problems import PROBLEMS, Setting, columns, crawling, judge_disc, judge_drop, judge_scene, ringing
@@ -21,6 +21,7 @@ from cellmig.case.schema import Numerics
 from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
+SPEED = np.sqrt(2.0 * (2126.0 + 170.0) / 1000.0)  # of shear waves in the nucleus [µm/µs]
 
 
 def point(cost, error, problem="disc", **setting):
@@ -93,6 +94,22 @@ def test_exact_answers_have_no_error_and_wrong_ones_theirs():
     assert judge_drop(t, exact | {"a": exact["a"] + 0.0028614}, None)["error"] == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize(("name", "key", "exact"), [
+    ("twist", "twist", lambda t: np.sin(space.TWIST * SPEED * t) / (space.TWIST * SPEED)),
+    ("turn", "flow", lambda t: np.exp(-space.TURN**2 * t))])
+def test_motions_in_space_begin_as_the_exact_ones_and_have_their_error(name, key, exact):
+    problem = PROBLEMS[name]
+    t = np.array([0.0, *problem.times])
+    with problem.simulation(Setting(200)) as sim:
+        first = problem.measure(sim)[key]
+        sim.go(0.1)
+        later = problem.measure(sim)[key]
+    assert first == pytest.approx(exact(0.0), abs=1e-9)
+    assert later - first == pytest.approx(exact(0.1) - exact(0.0), rel=0.1)  # measured 0.0005 and 0.04
+    assert problem.judge(t, {key: exact(t)}, None)["error"] < 1e-12
+    assert problem.judge(t, {key: 1.1 * exact(t)}, None)["error"] == pytest.approx(0.1)
+
+
 def test_the_error_of_the_scene_is_the_largest_of_its_displacement_and_contacts_and_stresses_stand_beside():
     problem, sets = PROBLEMS["scene"], {"per_cell": 91}
     case = problem.case(Setting(**sets, surface_refinement=2.0, modulus=1.25, step_factor=0.95))
@@ -123,7 +140,7 @@ def test_the_plan_holds_every_run_once_and_the_problems_that_are_asked_for(quick
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--error", "--problem", "beam"], "no problem 'beam'; there are disc, drop, cell, scene, tension"),
+    (["--error", "--problem", "beam"], "no problem 'beam'; there are disc, drop, cell, scene, tension, twist"),
     (["--problem", "disc"], "--problem belongs to --error")])
 def test_a_problem_that_there_is_not_is_refused(words, message):
     with pytest.raises(UsageError, match=message):
@@ -162,7 +179,8 @@ def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_m
 @pytest.mark.parametrize(("name", "sets", "kind"), [
     ("one_cell", (), "cell on substrate"), ("all_protrude", (), "cells on a substrate"), ("nucleus", (), "elastic"),
     ("all_protrude", ("cortex.line_tension=30 pN/um",), "cells with a cortex on a substrate"),
-    ("all_protrude", ("cells.0.repeat=[1]", 'protrusion.cells=["Cell-1"]'), "cell on substrate")])
+    ("all_protrude", ("cells.0.repeat=[1]", 'protrusion.cells=["Cell-1"]'), "cell on substrate"),
+    ("ball", (), "cell on substrate in space"), ("three_balls", (), None)])
 def test_cells_that_touch_each_other_on_a_substrate_are_a_kind_of_their_own(name, sets, kind):
     assert accuracy.kind_of(load(CASES[name], sets).resolved()) == kind
 
