@@ -128,7 +128,7 @@ class Simulation:
         """Add means since the last sample to its rows, and return the rows of other tables; collective."""
         touches = self.terms.substrate is not None or self.terms.contacts is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
-        return self.interval.next(self.time, rows, self._half_step, powers)
+        return self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """State for a checkpoint: numbers, and on rank 0 arrays in the order of ids; collective.

@@ -55,13 +55,21 @@ def field_unit(name: str, dimension: int) -> str:
 
 
 # Columns of substrate.csv and neighbours.csv besides time, names and instants.
-_TRACTION = (("`x_um`", "middle of a piece of the substrate; all are as wide as the largest spacing of particles"),
-             ("`normal_pa`", "traction of the cell along y: > 0 where it pulls the substrate up, < 0 where it presses"),
-             ("`tangential_pa`", "traction along x: drag of the bonds, and the reaction to the push of the protrusion"),
-             ("`friction_pa`", "the part of it that is drag; nan without friction"))
+_TRACTION = (("`x_um`; in 3D also `y_um`", "middle of a piece of the substrate, in three dimensions of a square; all "
+              "are as wide as the largest spacing of particles"),
+             ("`normal_pa`", "traction of the cell away from the substrate: > 0 where it pulls it up, < 0 where it "
+              "presses"),
+             ("`tangential_pa`; in 3D `tangential_x_pa`, `tangential_y_pa`", "traction along the substrate: drag of "
+              "the bonds, and the reaction to the push of the protrusion"),
+             ("`friction_pa`; in 3D `friction_x_pa`, `friction_y_pa`", "the part of it that is drag; nan without "
+              "friction"))
 _PAIR = (("`cell`, `neighbour`", "numbers of two cells that touch, from 1, the lower first"),
-         ("`force_x_pn_per_um`, `force_y_pn_per_um`", "force on `cell` by `neighbour`, which has the opposite"),
-         ("`pull_pn_per_um`", "that along the line of their centres, > 0 where it draws them together"))
+         ("`force_x_pn_per_um`, `force_y_pn_per_um`; in 3D `force_x_pn`, `force_y_pn`, `force_z_pn`",
+          "force on `cell` by `neighbour`, which has the opposite"),
+         ("`pull_pn_per_um`; in 3D `pull_pn`",
+          "that along the line of their centres, > 0 where it draws them together"),
+         ("`cell_contact_um`; in 3D `cell_contact_um2`",
+          "contact at the sample, as in `history.csv`: mean of both sides"))
 
 
 _ABOUT_FIELDS = """
@@ -88,7 +96,8 @@ Units are in the names of the columns; `name` is the cell's, `all` that of the a
 - `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that
   was taken.  At an instant forces ring with each bond that snaps; columns with `now` have those at the sample itself.
   The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread
-  over the way that it went.
+  over the way that it went, in three dimensions over the rectangle around it.  Tractions of all places times their
+  width, in three dimensions its square, are the whole force on the substrate.
 
 """
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..parallel.reduce import exact_sum
+from .tables import ALONG, FORCE, MEASURES
 from .view import View
 
 Rows = list[dict[str, float]]
@@ -18,7 +19,7 @@ class Interval:
     """Means over the time since the last row, as single forces oscillate whenever a bond closes.
 
     time : of the last row [µs];  moved : displacements then, of the aggregate and of each cell [µm];  width : of the
-    intervals of the substrate [µm].
+    intervals of the substrate, in space of its squares [µm].
     """
 
     def __init__(self, mechanics: View):
@@ -27,10 +28,13 @@ class Interval:
         self.time, self.moved = -np.inf, list[tuple[float, ...]]()
         self.width = max(t.spacing for t in mechanics.scene.templates)
 
-    def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray]) -> dict[str, Rows]:
+    def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray],
+             contacts: tuple[np.ndarray, np.ndarray]) -> dict[str, Rows]:
         """Rows of substrate.csv and neighbours.csv at a time [µs]; adds velocities to those of history; collective.
 
         Impulses of leapfrog end `half` a step [µs] before `time`; the current forces, in `powers`, complete them.
+        `contacts` : of each facet of this rank near another cell both cells (k, 2) int, and how much of it touches (k,)
+        [µm, in space µm²].
         """
         m, elapsed = self.mechanics, time - self.time
         for row, before in zip(rows, self.moved, strict=False):
@@ -41,8 +45,8 @@ class Interval:
         self._kinds = ("", "_now") if self.moved else ("_now",)
         self.time, self.moved = time, [tuple(row[f"u{axis}_um"] for axis in "xyz"[: m.scene.dimension]) for row in rows]
         found: dict[str, Rows] = {}
-        if (m.terms.substrate is None and m.terms.contact is None) or m.scene.dimension > 2:
-            return found  # in space impulses are summed from the start
+        if m.terms.substrate is None and m.terms.contact is None:
+            return found
         counted = m.accounts.impulses
         bond, contact = (half * powers[name] for name in ("bond_impulse", "contact_impulse"))
         if m.terms.substrate is not None:
@@ -50,52 +54,62 @@ class Interval:
             found["substrate"] = self._substrate(mean, counted.of_surface(powers["bond_impulse"]))
         if m.terms.contact is not None:
             mean = (counted.contact + contact) / elapsed
-            found["neighbours"] = self._neighbours(mean, powers["contact_impulse"], rows)
-        counted.begin(m.segments.own_places()[:, 0], -bond, -contact)
+            found["neighbours"] = self._neighbours(mean, powers["contact_impulse"], contacts, rows)
+        counted.begin(m.segments.own_places()[:, :-1], -bond, -contact)
         return found
 
     def _substrate(self, mean: np.ndarray, now: np.ndarray) -> Rows:
-        """Rows of traction by cell and place, from forces (n, 3) [pN/µm] of the substrate on particles; collective.
+        """Rows of traction by cell and place, from forces (n, 2 d - 1) [pN/µm] of the substrate on particles.
 
-        The mean force on a particle is distributed over its path since the last row.
+        The mean force on a particle is distributed over its path since the last row, in space over the rectangle around
+        it.  Collective.
         """
         m, w, counted = self.mechanics, self.width, self.mechanics.accounts.impulses
-        x, cell = m.segments.own_places()[:, 0], m.surfaces.cell[counted.mine]
-        parts = []
-        for values, start, columns in ((mean, counted.place, slice(0, 3)), (now, x, slice(3, 6))):
+        x, cell = m.segments.own_places()[:, :-1], m.surfaces.cell[counted.mine]
+        d, each, parts = m.scene.dimension, mean.shape[1], []
+        for values, start, columns in ((mean, counted.place, slice(0, each)), (now, x, slice(each, 2 * each))):
             on = np.flatnonzero((values != 0.0).any(axis=1))
-            particle, place, share = spread(np.minimum(start, x)[on] - 0.5 * w, np.maximum(start, x)[on] + 0.5 * w, w)
-            forces = np.zeros((len(particle), 6))
+            low, high = np.minimum(start, x)[on], np.maximum(start, x)[on]
+            particle, place, share = spread(low - 0.5 * w, high + 0.5 * w, w)
+            forces = np.zeros((len(particle), 2 * each))
             forces[:, columns] = -share[:, None] * values[on][particle]
             parts.append((cell[on][particle], place, forces))
         cell, place, forces = (np.concatenate(part) for part in zip(*parts, strict=True))
         keys, sums = self._sums(np.column_stack([cell, place]), forces)
         rows = []
-        for (c, k), force in zip(keys.tolist(), (sums / w).tolist(), strict=True):
-            row = {"cell": c + 1, "x_um": (k + 0.5) * w}
+        for (c, *at), force in zip(keys.tolist(), (sums / w ** (d - 1)).tolist(), strict=True):
+            row = {"cell": c + 1, **{f"{axis}_um": (k + 0.5) * w for axis, k in zip("xy", at, strict=False)}}
             for kind in self._kinds:
-                normal, drag, push = force[3:] if kind else force[:3]
-                row |= {f"normal{kind}_pa": normal, f"tangential{kind}_pa": drag + push}
-                if m.terms.friction is not None:
-                    row[f"friction{kind}_pa"] = drag
+                normal, *along = force[each:] if kind else force[:each]
+                row[f"normal{kind}_pa"] = normal
+                for axis, drag, push in zip(ALONG[d], along[: d - 1], along[d - 1 :], strict=True):
+                    row[f"tangential{axis}{kind}_pa"] = drag + push
+                    if m.terms.friction is not None:
+                        row[f"friction{axis}{kind}_pa"] = drag
             rows.append(row)
         return rows
 
-    def _neighbours(self, mean: np.ndarray, now: np.ndarray, cells: Rows) -> Rows:
-        """Rows of forces between pairs of cells, from forces (slots, 2) [pN/µm] on particles by cells; collective."""
-        m, counted = self.mechanics, self.mechanics.accounts.impulses
+    def _neighbours(self, mean: np.ndarray, now: np.ndarray, contacts: tuple[np.ndarray, np.ndarray],
+                    cells: Rows) -> Rows:
+        """Rows of forces between pairs of cells, from forces (slots, d) [pN/µm] on particles by cells; collective."""
+        m, counted, d = self.mechanics, self.mechanics.accounts.impulses, self.mechanics.scene.dimension
         values, key = np.hstack([mean, now])[1:], counted.key[1:]
-        cell, other = m.surfaces.cell[key // counted.cells], key % counted.cells
-        on = (values != 0.0).any(axis=1) & (cell < other)  # the forces on the second cell of a pair are opposite
-        keys, sums = self._sums(np.column_stack([cell, other])[on], values[on])
-        rows = []
-        for (a, b), force in zip(keys.tolist(), sums.tolist(), strict=True):
-            apart = [cells[b + 1][name] - cells[a + 1][name] for name in ("x_um", "y_um")]
-            row: dict[str, float] = {"cell": a + 1, "neighbour": b + 1}
+        pairs = np.column_stack([m.surfaces.cell[key // counted.cells], key % counted.cells])
+        # The forces on the second cell of a pair are opposite; a contact has two sides.
+        on = (values != 0.0).any(axis=1) & (pairs[:, 0] < pairs[:, 1])
+        both, size = contacts
+        near = (size > 0.0) & (both[:, 0] != both[:, 1])
+        parts = np.pad(values[on], ((0, 0), (0, 1))), np.pad(0.5 * size[near, None], ((0, 0), (2 * d, 0)))
+        keys, sums = self._sums(np.concatenate([pairs[on], np.sort(both[near], axis=1)]), np.concatenate(parts))
+        axes, unit, rows = "xyz"[:d], FORCE[d], []
+        for (a, b), (*force, contact) in zip(keys.tolist(), sums.tolist(), strict=True):
+            apart = [cells[b + 1][f"{axis}_um"] - cells[a + 1][f"{axis}_um"] for axis in axes]
+            row: dict[str, float] = {"cell": a + 1, "neighbour": b + 1, MEASURES[d][1]: contact}
             for kind in self._kinds:
-                x, y = force[2:] if kind else force[:2]
-                row |= {f"force_x{kind}_pn_per_um": x, f"force_y{kind}_pn_per_um": y,
-                        f"pull{kind}_pn_per_um": (x * apart[0] + y * apart[1]) / math.hypot(*apart)}
+                f = force[d:] if kind else force[:d]
+                row |= {f"force_{axis}{kind}_{unit}": value for axis, value in zip(axes, f, strict=True)}
+                pull = sum(one * far for one, far in zip(f, apart, strict=True)) / math.hypot(*apart)
+                row[f"pull{kind}_{unit}"] = pull
             rows.append(row)
         return rows
 
@@ -117,10 +131,20 @@ class Interval:
 
 
 def spread(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distribute ranges from low to high (n,) [µm] over intervals of a width [µm], number k from k to k + 1 widths.
+    """Distribute boxes from low to high (n, k) [µm] over cubes of a width [µm], number i from i to i + 1 widths.
 
-    Returns arrays (parts,): number of the range, number of the interval, share of the range [-], whose sum is 1.
+    Returns the numbers of the boxes (parts,), numbers of the cubes along each axis (parts, k), and shares of the boxes
+    (parts,) [-], whose sum is 1 for each box.
     """
+    number, place, share = np.arange(len(low)), np.zeros((len(low), 0), np.int64), np.ones(len(low))
+    for axis in range(low.shape[1]):
+        of, piece, part = _along(low[number, axis], high[number, axis], width)
+        number, place, share = number[of], np.column_stack([place[of], piece]), share[of] * part
+    return number, place, share
+
+
+def _along(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of ranges (n,) [µm] over intervals, as arrays (parts,)."""
     first, last = (np.floor(ends / width).astype(np.int64) for ends in (low, high))
     count = last - first + 1
     number = np.repeat(np.arange(len(low)), count)

@@ -27,7 +27,8 @@ TOUCHING = 3.0  # surfaces closer than this many equilibrium distances count as 
 class Sampler:
     """Output quantities of a Mechanics, which is not changed; they are current after `mechanics.rate`.
 
-    start : entries of the first row of the ledger [pN], from which changes are counted.
+    start : entries of the first row of the ledger [pN], from which changes are counted;  contacts : at the last row of
+    history, of facets near another cell both cells (k, 2) int, and how much of them touches (k,) [µm, in space µm²].
     """
 
     def __init__(self, mechanics: View, probes: Probes):
@@ -53,6 +54,7 @@ class Sampler:
         self._recovery = Recovery(scene, m.part.row_ids, m.n_owned)
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self.start: dict[str, float] | None = None
+        self.contacts = np.zeros((0, 2), int), np.zeros(0)
 
     def _sum(self, values: np.ndarray) -> np.ndarray:
         """Sums by cell of values at the owned particles; collective."""
@@ -195,9 +197,10 @@ class Sampler:
         if terms.substrate is not None:
             columns[0] = size * share_below(x[:, :, -1], TOUCHING * terms.substrate.equilibrium_distance)
         if terms.contact is not None:
-            first, touching = m.segments.touching(TOUCHING)
-            mine = first < m.n_owned
-            np.add.at(values[:, 1], first[mine], touching[mine])
+            corner, other, touching = m.segments.touching(TOUCHING)
+            mine = corner < m.n_owned
+            np.add.at(values[:, 1], corner[mine], touching[mine])
+            self.contacts = np.column_stack([self.cell[corner[mine]], other[mine]]), touching[mine]
         for number, column in columns.items():
             np.add.at(values[:, number], corners[:, 0], column)
         return values

@@ -31,13 +31,18 @@ IMPULSE = {2: "pN_us_per_um", 3: "pN_us"}  # units of momentum, as in names of k
 LEDGER = {d: ("time_us", *(f"{name}_{unit}" for name in ENERGIES), "energy_error") for d, unit in ENERGY.items()}
 
 _BOTH = ("", "_now")  # mean since the last sample, and current value
-SUBSTRATE = ("time_us", "cell", "x_um",
-             *(f"{what}{kind}_pa" for kind in _BOTH for what in ("normal", "tangential", "friction")), "name")
-NEIGHBOURS = ("time_us", "cell", "neighbour",
-              *(f"{what}{kind}_pn_per_um" for kind in _BOTH for what in ("force_x", "force_y", "pull")), "name",
-              "neighbour_name")
+ALONG = {2: ("",), 3: ("_x", "_y")}  # axes of the substrate, in names of columns
+FORCE = {2: "pn_per_um", 3: "pn"}  # unit of forces
+SUBSTRATE = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xy"[: d - 1]),
+                 *(f"{what}{kind}_pa" for kind in _BOTH for what in (
+                     "normal", *(f"tangential{axis}" for axis in along), *(f"friction{axis}" for axis in along))),
+                 "name") for d, along in ALONG.items()}
+NEIGHBOURS = {d: ("time_us", "cell", "neighbour",
+                  *(f"{what}{kind}_{unit}" for kind in _BOTH for what in (
+                      *(f"force_{axis}" for axis in "xyz"[:d]), "pull")),
+                  MEASURES[d][1], "name", "neighbour_name") for d, unit in FORCE.items()}
 PROBED = {2: ("x", "y", "ux", "uy"), 3: ("x", "y", "z", "ux", "uy", "uz")}
-HELD = {2: ("x_pn_per_um", "y_pn_per_um"), 3: ("x_pn", "y_pn", "z_pn")}  # forces of supports and plates
+HELD = {d: tuple(f"{axis}_{unit}" for axis in "xyz"[:d]) for d, unit in FORCE.items()}  # of supports and plates
 ALL = "all"  # name of the aggregate of all cells
 _WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
 # Columns that had another name in older runs.
@@ -165,13 +170,13 @@ class Surroundings(_Table):
 class Substrate(Surroundings):
     """Writer of `substrate.csv`: traction of each cell by place [Pa]."""
 
-    name, kinds = "substrate.csv", {2: SUBSTRATE}
+    name, kinds = "substrate.csv", SUBSTRATE
 
 
 class Neighbours(Surroundings):
-    """Writer of `neighbours.csv`: forces between pairs of cells in contact [pN/um]."""
+    """Writer of `neighbours.csv`: forces between pairs of cells in contact [pN/um], in space [pN]."""
 
-    name, kinds = "neighbours.csv", {2: NEIGHBOURS}
+    name, kinds = "neighbours.csv", NEIGHBOURS
 
 
 class Tables:
@@ -226,8 +231,9 @@ class Tables:
 
 # Columns that all runs have, older ones included.
 _COLUMNS: dict[str, dict[int, tuple[str, ...]]] = {
-    "history.csv": HISTORY, "substrate.csv": {2: SUBSTRATE}, "neighbours.csv": {2: NEIGHBOURS},
-    "ledger.csv": {d: tuple(name for name in columns if "friction_loss" not in name) for d, columns in LEDGER.items()}}
+    "history.csv": HISTORY, "substrate.csv": SUBSTRATE,
+    **{f"{name}.csv": {d: tuple(c for c in columns if later not in c) for d, columns in kinds.items()}
+       for name, kinds, later in (("neighbours", NEIGHBOURS, "contact"), ("ledger", LEDGER, "friction_loss"))}}
 
 
 def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:

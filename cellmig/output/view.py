@@ -54,8 +54,8 @@ class SegmentsView(Protocol):
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """Segments that start on this rank: local ends (e, 2), positions (e, 2, 2) [µm]."""
 
-    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray]:
-        """Segments near other cells: local first ends (s,) int, lengths (s,) [µm] nearer than `most` ε [-]."""
+    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Segments near other cells (s,) int: local first ends, these cells, lengths [µm] nearer than `most` ε [-]."""
 
 
 class LoadsView(Protocol):
@@ -87,7 +87,7 @@ class ImpulsesView(Protocol):
         """Values of bonds (n_facets, d, 2 d - 1) by surface particle (k, 3)."""
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Begin again with impulses bond (n_facets, d, 2 d - 1), contact (slots, 2) [pN µs/µm], at x (k,) [µm]."""
+        """Begin again with impulses bond (f, d, 2 d - 1), contact (slots, d) [pN µs/µm], at x (k, d - 1) [µm]."""
 
 
 class AccountsView(Protocol):

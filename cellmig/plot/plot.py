@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, existing_run
-from cellmig.output.mesh import NAME as MESH
 from cellmig.output.tables import MEASURES, names_of, read_table
 from cellmig.output.xdmf import Frame, frames
 
@@ -63,8 +62,6 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
     """Remark about a run whose frames have forces but whose tables are missing, else empty."""
     tables = {"adhesion_force": "substrate.csv", "contact_force": "neighbours.csv"}
-    if (directory / MESH).exists():
-        return ""  # in space there are no tables of forces
     lacking = [name for field, name in tables.items() if field in found[0].units() and not (directory / name).exists()]
     return f"no pictures of forces: the run is of an older version, without {' and '.join(lacking)}" if lacking else ""
 

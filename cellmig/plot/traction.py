@@ -9,29 +9,35 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from cellmig.output.tables import ALONG, FORCE
+
 from .style import COLOURS
 
 Table = Mapping[str, np.ndarray]
 _SHARE = 95.0  # percentile that sets colours and axes: peaks of a membrane that jumps to contact are far larger
 _BEYOND = 3.0  # axes end at this multiple of it, with a note
+_LEAST_ARROW, _LONGEST_ARROW = 0.05, 2.0  # of arrows that are drawn, over the largest; length of that [places]
 _SIDES = {"normal": "pressed ←  [Pa]  → pulled up", "tangential": "to the left ←  [Pa]  → to the right"}
 
 
 def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figure | None:
     """Map of the mean traction between samples over place and time, and profiles; None without traction.
 
-    `table` : substrate.csv;  `samples` : times of all samples;  `times` : of the profiles [µs].
+    In space, maps of the plane at some times.  `table` : substrate.csv;  `samples` : times of all samples;  `times` :
+    of the profiles or maps [µs].
     """
+    if "y_um" in table:
+        return _on_plane(table, samples, times)
     kinds = [kind for kind in _SIDES if table and np.nan_to_num(table[f"{kind}_pa"]).any()]
     if not kinds or len(samples) < 2:
         return None
     figure = Figure(figsize=(0.6 + 5.4 * len(kinds), 4.8), layout="constrained")
     for axes, kind in zip(figure.subplots(2, len(kinds), sharex=True, height_ratios=(2, 3), squeeze=False).T, kinds,
                           strict=True):
-        edges, map_ = by_place(table, samples, f"{kind}_pa")
+        (edges,), map_ = by_place(table, samples, f"{kind}_pa")
         upper, lower = axes
         for number, time in enumerate(times):
-            row = int(np.clip(np.searchsorted(samples, time), 1, len(map_))) - 1
+            row = _before(samples, time)
             upper.stairs(map_[row], edges, color=COLOURS[number % len(COLOURS)], baseline=None,
                          label=f"{samples[row]:.4g} to {samples[row + 1]:.4g} µs")
         upper.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
@@ -47,18 +53,61 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
     return figure
 
 
-def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of intervals of the substrate (k + 1,) [µm]; a column of all cells by sample and interval (n - 1, k).
+def _before(samples: np.ndarray, time: float) -> int:
+    """Number of the interval between two samples that ends at a time [µs], or soonest after it."""
+    return int(np.clip(np.searchsorted(samples, time), 1, len(samples) - 1)) - 1
+
+
+def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figure | None:
+    """Maps of the plane of the substrate: normal traction as colour, tangential traction as arrows."""
+    if len(samples) < 2 or not np.nan_to_num(table["normal_pa"]).any():
+        return None
+    (x, y), normal = by_place(table, samples, "normal_pa")
+    along = np.stack([by_place(table, samples, f"tangential{axis}_pa")[1] for axis in ALONG[3]])
+    rows = sorted({_before(samples, time) for time in times})
+    top, most = usual_peak(normal[rows]), np.linalg.norm(along[:, rows], axis=0).max()
+    width, wide, high = x[1] - x[0], np.ptp(x), np.ptp(y)
+    stacked = wide > 1.3 * high
+    size = (6.4, 0.6 + len(rows) * (0.25 + 5.0 * high / wide)) if stacked else (1.2 + 2.6 * len(rows),
+                                                                                   1.0 + 2.6 * high / wide)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(len(rows) if stacked else 1, 1 if stacked else len(rows), sharex=True, sharey=True,
+                           squeeze=False)
+    for ax, row in zip(axes.flat, rows, strict=True):
+        image = ax.pcolormesh(x, y, normal[row].T, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)
+        size_of = np.linalg.norm(along[:, row], axis=0)
+        at = np.nonzero(size_of > _LEAST_ARROW * most)
+        arrows = ax.quiver((x[:-1] + 0.5 * width)[at[0]], (y[:-1] + 0.5 * width)[at[1]], *along[:, row][:, *at],
+                           units="xy", angles="xy", scale=most / (_LONGEST_ARROW * width), color="0.15", pivot="mid",
+                           width=0.1 * width)
+        ax.set_title(f"{samples[row]:.4g} to {samples[row + 1]:.4g} µs", loc="left", fontsize=8)
+        ax.set_aspect("equal")
+    if most > 0.0:
+        axes.flat[0].quiverkey(arrows, 0.9, 1.06, most, f"tangential, {most:.3g} Pa", labelpos="W")
+    for ax in axes[-1]:
+        ax.set_xlabel("x [µm]")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("y [µm]")
+    beyond = f"\ncolours end at {top:.3g} Pa, the largest is {np.abs(normal[rows]).max():.3g} Pa"
+    label = "normal traction: " + _SIDES["normal"].replace("Pa", "Pa = N/m²")
+    figure.colorbar(image, ax=axes, extend="both",
+                    label=label + (beyond if np.abs(normal[rows]).max() > _BEYOND * top else ""))
+    return figure
+
+
+def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[list[np.ndarray], np.ndarray]:
+    """Edges of intervals of the substrate along each axis [µm]; a column of all cells by sample and place (n - 1, …).
 
     Places that the table does not list are zero; the first sample has no means.
     """
-    places = np.unique(table["x_um"])
-    width = np.diff(places).min(initial=np.inf)
+    axes = [table[name] for name in ("x_um", "y_um") if name in table]
+    width = min(np.diff(np.unique(at)).min(initial=np.inf) for at in axes)
     width = width if np.isfinite(width) else 1.0
-    x = np.rint((table["x_um"] - places[0]) / width).astype(int)
-    map_ = np.zeros((len(samples), x.max() + 1))
-    np.add.at(map_, (np.searchsorted(samples, table["time_us"]), x), np.nan_to_num(table[column]))
-    return places[0] + width * (np.arange(map_.shape[1] + 1) - 0.5), map_[1:]
+    first = [at.min() for at in axes]
+    place = [np.rint((at - low) / width).astype(int) for at, low in zip(axes, first, strict=True)]
+    map_ = np.zeros((len(samples), *(k.max() + 1 for k in place)))
+    np.add.at(map_, (np.searchsorted(samples, table["time_us"]), *place), np.nan_to_num(table[column]))
+    return [low + width * (np.arange(n + 1) - 0.5) for low, n in zip(first, map_.shape[1:], strict=True)], map_[1:]
 
 
 def between(table: Table, samples: np.ndarray) -> Figure | None:
@@ -75,21 +124,23 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
         ax.stairs(line, samples, color=COLOURS[number % len(COLOURS)], baseline=None, linewidth=0.9,
                   ls=("-", "--", ":")[number // len(COLOURS) % 3], label=" and ".join(names))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
-    ax.set(xlabel="time [µs]", ylabel="pull between neighbours [pN/µm]")
-    limit_axis(ax, usual_peak(np.array(list(lines.values()))), "pN/µm")
+    unit = "pN" if "pull_pn" in table else "pN/µm"
+    ax.set(xlabel="time [µs]", ylabel=f"pull between neighbours [{unit}]")
+    limit_axis(ax, usual_peak(np.array(list(lines.values()))), unit)
     if len(lines) <= 2 * len(COLOURS):
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
 def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
-    """Mean pulls between samples (n - 1,) [pN/µm] by the names of two cells; zero without contact."""
+    """Mean pulls between samples (n - 1,) [pN/µm, in space pN] by the names of two cells; zero without contact."""
     found: dict[tuple[str, str], np.ndarray] = {}
     row = np.searchsorted(samples, table["time_us"])
+    column = next(name for name in (f"pull_{unit}" for unit in FORCE.values()) if name in table)
     for pair in np.unique(np.column_stack([table["cell"], table["neighbour"]]), axis=0):
         on = np.flatnonzero((table["cell"] == pair[0]) & (table["neighbour"] == pair[1]))
         line = np.zeros(len(samples))
-        line[row[on]] = table["pull_pn_per_um"][on]
+        line[row[on]] = table[column][on]
         found[str(table["name"][on[0]]), str(table["neighbour_name"][on[0]])] = line[1:]
     return found
 

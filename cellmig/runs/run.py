@@ -109,11 +109,9 @@ class Run:
     def _open(self, ends: dict[str, Any]) -> None:
         """Open tables and frames; those of a resumed run are cut to the lengths `ends`."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
-        plane = self.case.dimension == 2  # in space there are no tables of tractions and pairs yet
-        if not plane:
+        if self.case.dimension == 3:
             write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
-        present = {"substrate": plane and terms.substrate is not None,
-                   "neighbours": plane and terms.contact is not None}
+        present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
                              self.case.dimension)
         self.frames_before = ends["frames"]

@@ -83,7 +83,7 @@ class Impulses:
     bond : (facets, d, 2 d - 1) -- by the substrate on the corners of facets: normal, drag and push along it [pN µs/µm];
     contact : (slots, d) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- surface particle
     times the number of cells plus the other cell; slot 0 is for particles of other ranks;  mine : (n,) int -- this
-    rank's surface particles;  place : (n,) -- their x at the last row [µm].
+    rank's surface particles;  place : (n, d - 1) -- their places along the substrate at the last row [µm].
     """
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
@@ -92,8 +92,8 @@ class Impulses:
         self._segments = segments.number
         self.cells, self.mine = len(part.scene.kind), part.own_surface
         self.key = np.full(1, -1)
-        self.place = np.zeros(len(self.mine))
         d = part.scene.dimension
+        self.place = np.zeros((len(self.mine), d - 1))
         kernel["bond_impulse"] = np.zeros((len(self._segments), d, 2 * d - 1))
         kernel["contact_impulse"] = np.zeros((1, d))
 
@@ -113,7 +113,7 @@ class Impulses:
         return self._kernel["contact_impulse"]
 
     def begin(self, x: np.ndarray, bond: np.ndarray, contact: np.ndarray) -> None:
-        """Begin again with impulses bond (n_facets, d, 2 d - 1), contact (slots, 2) [pN µs/µm], at x (n,) [µm]."""
+        """Begin again with impulses bond (f, d, 2 d - 1), contact (slots, d) [pN µs/µm], at x (n, d - 1) [µm]."""
         self.place[:], self.bond[:], self.contact[:] = x, bond, contact
 
     def follow(self, lists: NodeLists) -> None:

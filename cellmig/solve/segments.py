@@ -137,8 +137,10 @@ class Segments:
         ends = ends[ends[:, 0] < self._part.n_owned]
         return ends, self._state.x(ends)
 
-    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray]:
-        """Facets near other cells: local first corners (s,) int, and current sizes (s,) [µm, µm²] of what touches.
+    def touching(self, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Facets near other cells: local first corners (s,) int, these cells (s,) int, and sizes of what touches.
+
+        Sizes (s,) are the current ones [µm, in space µm²].
 
         A gap may be up to `most` [-] equilibrium distances of the bonds.  A length is counted as the energy is, edge by
         edge and vertex by vertex (see `CellAdhesion`); an area by the distances of its corners from the other surface,
@@ -146,13 +148,14 @@ class Segments:
         """
         lists = self.lists
         if lists is None or not len(lists.source):
-            return np.zeros(0, np.int64), np.zeros(0)
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         node = self._kernel["contact_node"]
+        corner, near_to = node[lists.segment[:, 0]], lists.other[lists.segment[:, 0]]
         if isinstance(lists, TriangleLists):
             x = self._state.x(node)
             distance = np.array([law.equilibrium_distance for law in self._contacts.laws])[self._kernel["contact_law"]]
             share = share_below(lists.distances(x) - (most * distance)[:, None], 0.0)
-            return node[lists.segment[:, 0]], share * facet_sizes(x[lists.segment])
+            return corner, near_to, share * facet_sizes(x[lists.segment])
         assert isinstance(lists, ContactLists)
         distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
         x, height = self._state.x(node), most * distance[self._kernel["contact_law"]]
@@ -162,8 +165,8 @@ class Segments:
         low, high, first, last, sign = Pieces().pieces(tuple(pairs.transpose(1, 2, 0)), height)
         near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
         share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)
-        other = self._part.surfaces.cell[lists.source] != lists.other[lists.segment[:, 0]]
-        return node[lists.segment[:, 0]], np.where(other, share, 0.0) * polygons.sides(ends)
+        other = self._part.surfaces.cell[lists.source] != near_to
+        return corner, near_to, np.where(other, share, 0.0) * polygons.sides(ends)
 
     # ------------------------------------------------------------ search lists
 

@@ -115,9 +115,16 @@ TRACTION = {"time_us": np.array([0.0, 1.0, 1.0, 4.0]), "cell": np.array([1, 1, 2
 
 
 def test_the_map_of_traction_has_what_the_table_lists_and_nothing_elsewhere():
-    edges, found = by_place(TRACTION, SAMPLES, "normal_pa")
+    (edges,), found = by_place(TRACTION, SAMPLES, "normal_pa")
     assert edges == pytest.approx([-0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
     assert found.tolist() == [[0, 7, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, -5]]
+
+
+def test_in_space_the_map_of_traction_is_one_of_squares():
+    table = {**TRACTION, "x_um": np.array([0.25, 0.25, 0.25, 1.25]), "y_um": np.array([-0.75, 0.75, 0.75, 0.25])}
+    (x, y), found = by_place(table, SAMPLES, "normal_pa")
+    assert x == pytest.approx([0.0, 0.5, 1.0, 1.5]) and y == pytest.approx([-1.0, -0.5, 0.0, 0.5, 1.0])
+    assert {tuple(at): found[tuple(at)] for at in np.argwhere(found).tolist()} == {(0, 0, 3): 7, (2, 2, 2): -5}
 
 
 @pytest.mark.serial

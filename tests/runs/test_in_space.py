@@ -75,7 +75,8 @@ def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
 def test_pictures_and_films_show_surfaces(row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")  # no ffmpeg
     made = plot(row, out=tmp_path, formats=("png",), moving=True)
-    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png", "film.gif"}
+    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png", "traction.png",
+                                            "between.png", "film.gif"}
     assert all(path.stat().st_size > 10_000 for path in made)
     assert len(Record(row).picture([0.0, 1.0]).axes) == 3  # two times and the colours
 
