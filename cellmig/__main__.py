@@ -118,12 +118,14 @@ def sweep(options: argparse.Namespace) -> int:
 def paper(options: argparse.Namespace) -> int:
     """Judge the paper's claims by runs."""
     from .case.units import UnitError, number
-    from .paper.claims import CLAIMS
+    from .paper.claims import CLAIMS, IN_SPACE
     from .paper.paper import paper
 
     only = [key.strip().upper() for key in options.only.split(",")] if options.only else []
     if unknown := [key for key in only if key not in CLAIMS]:
         raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
+    if options.dimension == 3 and (flat := [key for key in only if key not in IN_SPACE]):
+        raise UsageError(f"--only: '{flat[0]}' is judged in two dimensions; in three there are {', '.join(IN_SPACE)}")
     if any(text.split("=")[0].strip() == "time.end" for text in options.sets):
         raise UsageError("--set time.end: the claims are of 400 us")
     try:
@@ -132,9 +134,10 @@ def paper(options: argparse.Namespace) -> int:
         raise UsageError(f"--tension: {error}") from error
     if tension is not None and not tension > 0.0:
         raise UsageError(f"--tension: '{options.tension}' is no tension")
-    name = "-".join(["paper-quick" if options.quick else "paper", *map(_in_a_name, options.sets)])
+    kind = ["3d"] * (options.dimension == 3) + ["quick"] * options.quick
+    name = "-".join(["paper", *kind, *map(_in_a_name, options.sets)])
     return paper(options.out or Path("output") / name, options.seeds or (3 if options.quick else 8), options.jobs,
-                 options.quick, only, options.sets, tension)
+                 options.quick, only, options.sets, tension, options.dimension)
 
 
 def _in_a_name(text: str) -> str:

@@ -149,10 +149,12 @@ def _others(commands: Any) -> None:
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
-                       "followed by what is set)")
+                       "in space output/paper-3d, followed by what is set)")
     paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse particles: takes minutes")
+    paper.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="3: balls in place of discs, for R1, "
+                       "R3, R5 and R6 (default: 2)")
     paper.add_argument("--only", metavar="R3,R4", help="these claims only, with the runs that they need")
     paper.add_argument("--tension", nargs="?", const=TENSION, metavar='"30 pN/um"', help="all of it as printed and "
                        f"again with this tension of the cells' surfaces, side by side (without a value: {TENSION}, as "

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from cellmig.plot.snapshots import shapes
 from cellmig.plot.style import COLOURS, STYLE, save
 
-from .claims import ADHESION, CASES, PROTRUSION, Results, study
+from .claims import ADHESION, CASES, PROTRUSION, Results, about, study, times
 
 _SIZE = (4.2, 3.0)  # inches
 
@@ -32,10 +32,12 @@ def draw(results: Results, out: Path) -> list[Path]:
     """
     out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
-        figures = {"fig2": _snapshots(results, "all_protrude", (20.0, 204.0, 268.0)), "fig3": _stress(results),
-                   "fig4": _who(results), "fig5": _snapshots(results, "one_three", (24.0, 292.0, 388.0)),
+        dimension, end = about(results)
+        figures = {"fig2": _snapshots(results, "all_protrude", times(end)), "fig4": _who(results),
                    "fig6": _strengths(results, "adhesion", ADHESION, "cell-cell adhesion"),
                    "protrusion": _strengths(results, "protrusion", PROTRUSION, "protrusion")}
+        if dimension == 2:  # figures of claims that are not judged in space
+            figures |= {"fig3": _stress(results), "fig5": _snapshots(results, "one_three", (24.0, 292.0, 388.0))}
         return [path for name, figure in figures.items() if figure for path in save(figure, out, name, ("png", "pdf"))]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,17 +11,37 @@ from typing import Any
 
 from cellmig.case.schema import Case
 from cellmig.exits import DONE, STOPPED
+from cellmig.output.tables import IMPULSE
 from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect, source
 from cellmig.runs.outcome import CELLS, Outcome
 
-from .claims import ADHESION, CASES, CLAIMS, END, FAILS, HOLDS, PROTRUSION, Claim, Part, Results, judge, study, text_of
+from .claims import (
+    ADHESION,
+    CASES,
+    CLAIMS,
+    FAILS,
+    HOLDS,
+    IN_SPACE,
+    PROTRUSION,
+    Claim,
+    Part,
+    Results,
+    judge,
+    study,
+    text_of,
+    times,
+)
 from .figures import draw
 
 # Frames every 4 us include the times of the paper's snapshots; --quick has the nearest ones of every 20 us.
 _FRAMES, _QUICK_FRAMES = 100, 20
-_QUICK = ("particles.per_cell=331", "time.samples=200")
+# Changes of all cases by the number of dimensions; in space there is one case, and --quick looks at the first half.
+_FULL = {2: (), 3: ("time.end=400 us", "time.samples=400")}
+_QUICK = {2: ("particles.per_cell=331", "time.samples=200"),
+          3: ("particles.per_cell=300", "time.samples=100", "time.end=200 us")}
+_BALLS = "three_balls"
 _CHANGED = {"adhesion": lambda case, k: f"adhesion.cells.well_depth={k * case.contact.well_depth} pN um",
             "protrusion": lambda case, k: f"protrusion.protrusion_ratio={k * case.protrusion.protrusion_ratio}",
             "alone": lambda case, k: f'protrusion.cells=["{case.cells[0].name}"]'}
@@ -28,7 +49,10 @@ _CHANGED = {"adhesion": lambda case, k: f"adhesion.cells.well_depth={k * case.co
 
 @dataclass(frozen=True)
 class Configuration:
-    """A case of the paper, with a multiple of one strength or as a control, and the claims that need it."""
+    """A case of the paper, with a multiple of one strength or as a control, and the claims that need it.
+
+    In space the case is that of three balls, of which the same cells protrude.
+    """
 
     case: str
     claims: tuple[str, ...]
@@ -36,11 +60,17 @@ class Configuration:
     what: str = ""
     factor: float = 1.0
 
+    def file(self, dimension: int) -> Path:
+        """The file of the case."""
+        return FOLDER / f"{self.case if dimension == 2 else _BALLS}.toml"
+
     def sets(self, base: Case, quick: bool, given: Sequence[str] = ()) -> tuple[str, ...]:
         """Changes of the case file, with those `given`; `base` : the case with those given."""
         frames = (_QUICK_FRAMES if quick else _FRAMES) if self.frames else 1
         changed = (_CHANGED[self.what](base, self.factor),) if self.what else ()
-        return (f"time.frames={frames}", *(_QUICK if quick else ()), *given, *changed)
+        who = [f"Cell-{number}" for number in CASES[self.case].strip("{}").split(",")] if base.dimension == 3 else []
+        protruding = (f"protrusion.cells={json.dumps(who)}",) if who else ()
+        return (f"time.frames={frames}", *(_QUICK if quick else _FULL)[base.dimension], *protruding, *given, *changed)
 
 
 CONFIGURATIONS = {
@@ -56,7 +86,7 @@ CONFIGURATIONS = {
 
 
 def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False, only: Sequence[str] = (),
-          given: Sequence[str] = (), tension: float | None = None) -> int:
+          given: Sequence[str] = (), tension: float | None = None, dimension: int = 2) -> int:
     """Run what is missing, judge the claims, draw the figures, write the numbers to files.
 
     Parameters
@@ -70,12 +100,13 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     given : list of str -- "KEY=VALUE", changes of all cases, made before strengths are multiplied.
     tension : float -- tension of the cells' surfaces [pN/µm], which the paper has not: all is done with it, too, in a
         directory of its own below `out`, and the verdicts are compared.
+    dimension : int -- 3 for balls in place of discs, and the claims of IN_SPACE.
 
     Returns
     -------
     int -- exit code: 0, that of the first run that failed, or 75 after a signal to stop.
     """
-    claims = list(dict.fromkeys(only)) or list(CLAIMS)
+    claims = list(dict.fromkeys(only)) or list(CLAIMS if dimension == 2 else IN_SPACE)
     variants = {"as printed": (out, tuple(given))}
     if tension is not None:
         sets = (*given, f'cortex.line_tension="{tension} pN/um"')
@@ -84,7 +115,7 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     for label, (place, sets) in variants.items():
         if tension is not None:
             print(f"\nthe model {label}")
-        code, judged[label] = _variant(place, seeds, at_once, quick, claims, sets)
+        code, judged[label] = _variant(place, seeds, at_once, quick, claims, sets, dimension)
         if code == STOPPED:
             return STOPPED
         codes.append(code)
@@ -93,10 +124,10 @@ def paper(out: Path, seeds: int, at_once: int | None = None, quick: bool = False
     return next(filter(None, codes), DONE)
 
 
-def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Sequence[str], given: Sequence[str]
-             ) -> tuple[int, list[Claim]]:
+def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Sequence[str], given: Sequence[str],
+             dimension: int) -> tuple[int, list[Claim]]:
     """All of `paper` for one model: the exit code, and the `claims` that were asked for."""
-    jobs = plan(out, seeds, quick, given)
+    jobs = plan(out, seeds, quick, given, dimension)
     wanted = [job for (name, _), job in jobs.items() if set(CONFIGURATIONS[name].claims) & set(claims)]
     failed, stopped = run_missing(out, wanted, at_once)
     if stopped:
@@ -104,7 +135,7 @@ def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Se
         return STOPPED, []
     sound, bad = sound_and_unsound(jobs)
     results = collect(sound)
-    judged = judge(results)
+    judged = judge(results, CLAIMS if dimension == 2 else IN_SPACE)
     asked = [claim for claim in judged if claim.key in claims]
     print("", *table(asked, seeds), sep="\n", flush=True)
     _write_claims(out / "claims.csv", judged)
@@ -113,16 +144,18 @@ def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Se
     return next((ended.code for ended in (failed | bad).values()), DONE), asked
 
 
-def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = ()) -> dict[tuple[str, int], Job]:
+def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = (), dimension: int = 2
+         ) -> dict[tuple[str, int], Job]:
     """All runs by configuration and seed, ordered by seed, so that the first of them are complete seeds."""
-    cases = {c.case: FOLDER / f"{c.case}.toml" for c in CONFIGURATIONS.values()}
-    bases = {name: Job("", path, tuple(given), out).load() for name, path in cases.items()}
+    some = {name: c for name, c in CONFIGURATIONS.items() if dimension == 2 or set(c.claims) & set(IN_SPACE)}
+    bases = {c.file(dimension): Job("", c.file(dimension), tuple(given), out).load() for c in some.values()}
     jobs = {}
     for k in range(seeds):
-        for name, c in CONFIGURATIONS.items():
-            seed = bases[c.case].seed + k
-            sets = (*c.sets(bases[c.case], quick, given), f"seed={seed}")
-            jobs[name, seed] = Job(f"{name}, seed {seed}", cases[c.case], sets, out / "runs" / name / f"seed{seed}")
+        for name, c in some.items():
+            path, base = c.file(dimension), bases[c.file(dimension)]
+            sets = (*c.sets(base, quick, given), f"seed={base.seed + k}")
+            jobs[name, base.seed + k] = Job(f"{name}, seed {base.seed + k}", path, sets,
+                                            out / "runs" / name / f"seed{base.seed + k}")
     return jobs
 
 
@@ -210,11 +243,12 @@ def _numbers(outcome: Outcome) -> dict[str, Any]:
     m = outcome.manifest
     row = {name: m.get(name) for name in ("particles", "steps", "wall_seconds", "worst_energy_error", "state_hash")}
     row["source"] = source(outcome)
-    row["impulse_pn_us_per_um"] = outcome.impulse
-    for time in (20.0, 24.0, 204.0, 268.0, END):
-        for column in ("ux_um", "substrate_contact_um", "cell_contact_um"):
+    row[f"impulse_{IMPULSE[outcome.dimension].lower()}"] = outcome.impulse
+    early, *later = times(outcome.end)
+    for time in (early, 24.0, *later, outcome.end):
+        for column in ("ux_um", *outcome.contacts):
             row[f"{column}_at_{time:g}us"] = outcome.at(column, time)
     for cell in set(CELLS) & set(outcome.history["cell"].tolist()):
-        row[f"ux_um_of_cell{cell}_at_{END:g}us"] = outcome.at("ux_um", END, cell)
+        row[f"ux_um_of_cell{cell}_at_{outcome.end:g}us"] = outcome.at("ux_um", outcome.end, cell)
         row[f"apart_us_of_cell{cell}"] = outcome.apart(cell)
     return row

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import read_table
+from cellmig.output.tables import IMPULSE, MEASURES, read_table
 from cellmig.output.xdmf import Frame, frames
 
 CELLS = (1, 2, 3)  # right, middle, left
@@ -30,6 +30,21 @@ class Outcome:
         """Read the directory of a complete run."""
         return Outcome(read_table(directory / "history.csv"), read_manifest(directory), frames(directory), directory)
 
+    @property
+    def dimension(self) -> int:
+        """Number of dimensions."""
+        return 3 if "z_um" in self.history else 2
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample [us]."""
+        return float(self.history["time_us"][-1])
+
+    @property
+    def contacts(self) -> tuple[str, str]:
+        """Columns of the contacts with the substrate and between cells."""
+        return MEASURES[self.dimension][:2]
+
     def series(self, column: str, cell: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) [us] and a column (n,) of history.csv; cell 0 is the aggregate."""
         rows = self.history["cell"] == cell
@@ -45,7 +60,7 @@ class Outcome:
 
     def apart(self, cell: int) -> float:
         """Time [us] for which an outer cell has no contact with the middle one, its only neighbour."""
-        time, contact = self.series("cell_contact_um", cell)
+        time, contact = self.series(self.contacts[1], cell)
         return float(np.mean(contact == 0.0) * time[-1])
 
     @property
@@ -55,8 +70,8 @@ class Outcome:
 
     @property
     def impulse(self) -> float:
-        """Impulse of the protrusion along x [pN us/um]; nan if the manifest has none."""
-        return float(self.manifest.get("protrusion_impulse_pN_us_per_um", np.nan))
+        """Impulse of the protrusion along x [pN us/um, in space pN us]; nan if the manifest has none."""
+        return float(self.manifest.get(f"protrusion_impulse_{IMPULSE[self.dimension]}", np.nan))
 
     @cached_property
     def nucleus(self) -> int:
@@ -70,19 +85,21 @@ class Outcome:
 # ------------------------------------------------------------------------------------------------------------ shape
 
 
-def circularity(outcome: Outcome, time: float) -> float:
-    """Smallest circularity 4 pi A/P^2 of the cells [-]: 1 for a disc."""
+def roundness(outcome: Outcome, time: float) -> float:
+    """Smallest circularity 4 pi A/P^2 of the cells, in space their smallest sphericity [-]: 1 for a disc or ball."""
+    if outcome.dimension == 3:
+        return min(outcome.at("sphericity", time, cell) for cell in CELLS)
     return min(4.0 * np.pi * outcome.at("area_um2", time, cell) / outcome.at("perimeter_um", time, cell) ** 2
                for cell in CELLS)
 
 
 def aspect(outcome: Outcome, time: float) -> float | None:
-    """Height over width of the cell for which it is farthest from 1 [-]."""
+    """Height over width of the cell for which it is farthest from 1 [-]; in space widths are along x and along y."""
     fields = outcome.frame(time)
     if fields is None:
         return None
-    extents = [np.ptp(_positions(fields, cell), axis=0) for cell in CELLS]
-    return max((height / width for width, height in extents), key=lambda ratio: abs(np.log(ratio)))
+    extents = [np.ptp(_positions(fields, cell, outcome.dimension), axis=0) for cell in CELLS]
+    return max((height / width for *widths, height in extents for width in widths), key=lambda r: abs(np.log(r)))
 
 
 def gap(outcome: Outcome, time: float, height: float) -> float | None:
@@ -94,9 +111,9 @@ def gap(outcome: Outcome, time: float, height: float) -> float | None:
     return float(right.min() - left.max()) if len(right) and len(left) else np.nan
 
 
-def _positions(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:
+def _positions(fields: dict[str, np.ndarray], cell: int, dimension: int = 2) -> np.ndarray:
     on = fields["cell"] == cell
-    return (fields["X"] + fields["u"])[on, :2]
+    return (fields["X"] + fields["u"])[on, :dimension]
 
 
 def outline(fields: dict[str, np.ndarray], cell: int) -> np.ndarray:

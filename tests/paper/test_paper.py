@@ -154,13 +154,13 @@ def test_runs_with_something_set_are_kept_apart_by_its_name(monkeypatch):
     tension = 'cortex.line_tension="20 pN/um"'
     assert command(parse(["paper", "--quick", "--set", tension])) == command(parse(["paper"])) == 0
     assert [str(out) for out, *_ in asked] == ["output/paper-quick-cortex.line_tension=20_pN_um", "output/paper"]
-    assert [given for *_, given, _ in asked] == [[tension], []]
+    assert [given for *_, given, _, _ in asked] == [[tension], []]
     with pytest.raises(UsageError, match="the claims are of 400 us"):
         command(parse(["paper", "--set", "time.end=20 us"]))
 
 
 def test_the_study_runs_once_and_leaves_figures_and_numbers(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(study_paper, "_QUICK", ("particles.per_cell=61", "time.samples=40"))
+    monkeypatch.setattr(study_paper, "_QUICK", {2: ("particles.per_cell=61", "time.samples=40")})
     only = ("R4", "R6")
     assert paper(tmp_path, 1, 2, quick=True, only=only) == 0
     text = capsys.readouterr().out
@@ -181,7 +181,7 @@ def test_the_study_runs_once_and_leaves_figures_and_numbers(tmp_path, monkeypatc
 
 def test_a_tension_is_read_with_its_unit_and_is_the_measured_one_without_a_value(monkeypatch):
     asked = []
-    monkeypatch.setattr(study_paper, "paper", lambda *arguments: asked.append(arguments[-1]) or 0)
+    monkeypatch.setattr(study_paper, "paper", lambda *arguments: asked.append(arguments[-2]) or 0)
     for words in ([], ["--tension"], ["--tension", "20 pN/um"], ["--tension", "0.01 mN/m"]):
         command(parse(["paper", *words]))
     assert asked == [None, 30.0, 20.0, pytest.approx(10.0)]
@@ -191,7 +191,7 @@ def test_a_tension_is_read_with_its_unit_and_is_the_measured_one_without_a_value
 
 
 def test_with_a_tension_all_is_done_as_printed_too_and_told_side_by_side(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(study_paper, "_QUICK", ("particles.per_cell=61", "time.samples=40"))
+    monkeypatch.setattr(study_paper, "_QUICK", {2: ("particles.per_cell=61", "time.samples=40")})
     assert paper(tmp_path, 1, 2, quick=True, only=["R4"], tension=30.0) == 0
     text = capsys.readouterr().out
     assert text.index("the model as printed") < text.index("the model with 30 pN/um")
