@@ -153,8 +153,7 @@ def _others(commands: Any) -> None:
     paper.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
     paper.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
     paper.add_argument("--quick", action="store_true", help="coarse particles: takes minutes")
-    paper.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="3: balls in place of discs, for R1, "
-                       "R3, R5 and R6 (default: 2)")
+    paper.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="3: three balls, for R1, R3, R5, R6")
     paper.add_argument("--only", metavar="R3,R4", help="these claims only, with the runs that they need")
     paper.add_argument("--tension", nargs="?", const=TENSION, metavar='"30 pN/um"', help="all of it as printed and "
                        f"again with this tension of the cells' surfaces, side by side (without a value: {TENSION}, as "

@@ -14,7 +14,7 @@ from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.tables import MEASURES, names_of, read_table
 from cellmig.output.xdmf import Frame, frames
 
-from .snapshots import film, missing_times, nearest_frames, shapes
+from .snapshots import film, missing_times, nearest_frames, sections, shapes
 from .style import COLOURS, STYLE, save
 from .traction import between, traction
 
@@ -36,7 +36,8 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
 
     Returns
     -------
-    list of Path -- the pictures whose data exist: shapes, displacement, ledger, traction, between (neighbours), film.
+    list of Path -- the pictures whose data exist: shapes, section (in three dimensions), displacement, ledger,
+        traction, between (neighbours), film.
     """
     directory = existing_run(directory)
     out = Path(out or directory)
@@ -49,7 +50,8 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
         samples = np.unique(history.get("time_us", []))
-        figures = {"shapes": shapes(directory, times, field), "displacement": _displacement(history),
+        figures = {"shapes": shapes(directory, times, field), "section": sections(directory, times, field),
+                   "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
                    "between": between(neighbours, samples)}
         if not any(figures.values()):

@@ -16,6 +16,8 @@ from cellmig.output.directory import OutputError
 from cellmig.output.mesh import NAME as MESH
 from cellmig.output.xdmf import Frame, frames
 
+from .rendered import Rendered, is_there
+from .section import Section
 from .space import Solid
 from .view import DPI, View
 
@@ -40,16 +42,23 @@ def missing_times(found: Sequence[Frame], times: Sequence[float] | None) -> str:
 
 def view_of(directory: Path, found: Sequence[Frame], field: str) -> View:
     """The view of frames of a run, from the side or in space.  Raises CaseError for an unknown field."""
-    return (Solid if (directory / MESH).exists() else View).of(directory, found, field)
+    solid: type[View] = Rendered if is_there() else Solid
+    return (solid if (directory / MESH).exists() else View).of(directory, found, field)
 
 
 def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
     """Snapshots of a run at the frames nearest to `times` [us], coloured by a field; None without frames."""
-    found = frames(directory)
-    if not found:
-        return None
-    some = nearest_frames(found, times)
-    view = view_of(directory, some, field)
+    some = nearest_frames(found, times) if (found := frames(directory)) else []
+    return _snapshots(view_of(directory, some, field), some) if some else None
+
+
+def sections(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
+    """The same of a section in three dimensions; None in two, and without frames."""
+    some = nearest_frames(found, times) if (found := frames(directory)) and (directory / MESH).exists() else []
+    return _snapshots(Section.of(directory, some, field), some) if some else None
+
+
+def _snapshots(view: View, some: Sequence[Frame]) -> Figure:
     figure, axes = view.panels(len(some))
     for ax, frame in zip(axes, some, strict=True):
         view.draw(ax, frame)
@@ -73,7 +82,7 @@ def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | 
                 for frame in found:
                     view.draw(ax, frame)
                     pen.grab_frame()
-                    for artist in [*ax.collections, *ax.lines]:
+                    for artist in [*ax.collections, *ax.lines, *ax.images]:
                         artist.remove()
             part.replace(path)
     except OSError as error:

@@ -24,7 +24,7 @@ from cellmig.output.xdmf import Frame
 from .style import UNITS
 
 DPI = 140  # resolution of films and of pictures in notebooks
-_MAP = "viridis"
+MAP = "viridis"
 
 
 class Picture(Figure):
@@ -51,6 +51,7 @@ class View:
     high: np.ndarray
     substrate: bool
     dimension: ClassVar[int] = 2
+    names: ClassVar[tuple[str, str]] = ("x", "y")  # of the axes
     pad: ClassVar[float] = 0.02  # between the panels and the colour bar, over their width
 
     @classmethod
@@ -82,19 +83,19 @@ class View:
             ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")
             ax.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
         for ax in axes[-1]:
-            ax.set_xlabel("x [µm]")
+            ax.set_xlabel(f"{self.names[0]} [µm]")
         for ax in axes[:, 0]:
-            ax.set_ylabel("y [µm]")
+            ax.set_ylabel(f"{self.names[1]} [µm]")
         self.bar(figure, list(axes.flat))
         return figure, axes.ravel()
 
     def colours(self, values: np.ndarray) -> np.ndarray:
         """Colours (n, 4) of values (n,)."""
-        return ScalarMappable(self.norm, _MAP).to_rgba(values)
+        return ScalarMappable(self.norm, MAP).to_rgba(values)
 
     def bar(self, figure: Figure, axes: list[Axes]) -> None:
         """Add the colour bar beside some axes."""
-        figure.colorbar(ScalarMappable(self.norm, _MAP), ax=axes, extend=self.extend, aspect=30, pad=self.pad,
+        figure.colorbar(ScalarMappable(self.norm, MAP), ax=axes, extend=self.extend, aspect=30, pad=self.pad,
                         label=self.label)
 
     def draw(self, ax: Axes, frame: Frame) -> None:
@@ -104,15 +105,27 @@ class View:
         for cell in np.unique(fields["cell"]):
             own = fields["cell"] == cell
             triangles, outline = drawing({name: fields[name][own] for name in ("X", "u", "surface")})
-            ax.tripcolor(triangles, values[own], norm=self.norm, cmap=_MAP, shading="gouraud", rasterized=True)
+            self.fill(ax, triangles, values[own])
             for loop in outline:
                 ax.plot(triangles.x[loop], triangles.y[loop], color="0.1", linewidth=0.6)
-            material = fields["material"][own].astype(float)
-            if borders := list(np.unique(material)[:-1] + 0.5):
-                ax.tricontour(triangles, material, levels=borders, colors="white", linewidths=0.7)
+            self.borders(ax, triangles, fields["material"][own].astype(float))
+        self.finish(ax, f"t = {frame.time:.4g} µs")
+
+    def fill(self, ax: Axes, triangles: Triangulation, values: np.ndarray) -> None:
+        """Colour triangles by values (n,) at their corners."""
+        ax.tripcolor(triangles, values, norm=self.norm, cmap=MAP, shading="gouraud", rasterized=True)
+
+    def borders(self, ax: Axes, triangles: Triangulation, material: np.ndarray) -> None:
+        """Draw where materials meet, from the number of the material (n,) at the corners."""
+        first, last = int(material.min()), int(np.ceil(material.max()))
+        if last > first:
+            ax.tricontour(triangles, material, levels=np.arange(first, last) + 0.5, colors="white", linewidths=0.7)
+
+    def finish(self, ax: Axes, title: str) -> None:
+        """Draw the substrate and the title."""
         if self.substrate:
             ax.axhline(0.0, color="0.4", linewidth=1.0, zorder=0)
-        ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
+        ax.set_title(title, loc="left", fontsize=8)
 
 
 def scalar(values: np.ndarray, field: str) -> np.ndarray:

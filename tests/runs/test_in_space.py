@@ -47,6 +47,8 @@ def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, t
     assert first.returncode == 75, first
     assert cellmig(1, "resume", tmp_path / "two", "--quiet").returncode == 0
     assert state_hash(tmp_path / "two") == state_hash(row)
+    for name in ("substrate", "neighbours"):
+        assert (tmp_path / f"two/{name}.csv").read_bytes() == (row / f"{name}.csv").read_bytes()
     for index in ("cells", "surface"):  # frames of two ranks, and after the stop of one
         steps = ElementTree.parse(tmp_path / f"two/{index}.xdmf").getroot().findall("./Domain/Grid/Grid")
         assert [len(step.findall("Grid")) for step in steps] == [2, 1], index
@@ -75,8 +77,8 @@ def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
 def test_pictures_and_films_show_surfaces(row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")  # no ffmpeg
     made = plot(row, out=tmp_path, formats=("png",), moving=True)
-    assert {path.name for path in made} == {"shapes.png", "displacement.png", "ledger.png", "traction.png",
-                                            "between.png", "film.gif"}
+    assert {path.name for path in made} == {"film.gif", *(f"{name}.png" for name in (
+        "shapes", "section", "displacement", "ledger", "traction", "between"))}
     assert all(path.stat().st_size > 10_000 for path in made)
     assert len(Record(row).picture([0.0, 1.0]).axes) == 3  # two times and the colours
 

@@ -1,0 +1,44 @@
+"""Pictures of cells in space: sections, and surfaces drawn by PyVista where it is installed."""
+
+import numpy as np
+import pytest
+from bodies import ball
+
+from cellmig.plot import rendered
+from cellmig.plot.section import _outline, cut
+
+pytestmark = pytest.mark.serial
+
+
+def test_a_section_through_a_ball_has_its_area_and_its_rim_and_linear_fields_are_exact():
+    body = ball(1000, 5.0)
+    for y in (0.0, 2.0):
+        pair, share, triangles = cut(body.X[:, 1] - y, body.tetrahedra)
+        x = body.X[pair[:, 0]] + share[:, None] * (body.X[pair[:, 1]] - body.X[pair[:, 0]])
+        assert np.abs(x[:, 1] - y).max() < 1e-14  # measured 9e-16
+        a, b, c = x[triangles][..., [0, 2]].transpose(1, 0, 2)
+        area = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
+        rim = np.linalg.norm(np.diff(x[_outline(triangles)], axis=1), axis=2).sum()
+        radius = np.sqrt(25.0 - y * y)
+        assert area == pytest.approx(np.pi * radius**2, rel=0.02)  # measured 0.011 less: flat triangles
+        assert rim == pytest.approx(2.0 * np.pi * radius, rel=0.01)  # measured 0.005 less
+    assert not len(cut(body.X[:, 1] - 6.0, body.tetrahedra)[2])  # beside it
+
+
+def test_a_plane_through_particles_cuts_every_tetrahedron_once():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]])
+    tetrahedra = np.array([[0, 1, 2, 3], [0, 3, 1, 4]])
+    pair, share, triangles = cut(corners[:, 1], tetrahedra)  # the face between both is in the plane
+    x = corners[pair[:, 0]] + share[:, None] * (corners[pair[:, 1]] - corners[pair[:, 0]])
+    sides = x[triangles][:, 1:] - x[triangles][:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
+    assert area == pytest.approx(0.5) and np.isfinite(share).all()
+
+
+@pytest.mark.parametrize(("vtk", "display", "draws"), [
+    ("9.4.1", "", True), ("9.1.0", "", False), ("9.1.0", ":0", True)])
+def test_an_old_vtk_draws_only_where_there_is_a_display(monkeypatch, vtk, display, draws):
+    monkeypatch.setattr(rendered, "version", lambda name: vtk)
+    monkeypatch.setattr(rendered, "find_spec", lambda name: object())
+    monkeypatch.setenv("DISPLAY", display)
+    assert rendered.is_there() is draws
