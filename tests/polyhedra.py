@@ -56,8 +56,8 @@ class Contact:
         size = np.array([area[n] * piece.weight for n, _, piece in found])
         away = np.array([piece.away for *_, piece in found])
         r = np.linalg.norm(away, axis=1)
-        load, energy = self.term.vertex(size, r)
-        return found, (load,), energy, [[p.on] for *_, p in found], [[(1.0,)]] * len(found), away / r[:, None]
+        load, energy, _ = self.term.vertex(size, r)
+        return found, load, energy, [[p.on] for *_, p in found], [[(1.0,)]] * len(found), away / r[:, None]
 
     def add(self, kind: str, x: np.ndarray, found: list, loads: Any, energy: Any, on: list, below: list,
             away: np.ndarray) -> None:

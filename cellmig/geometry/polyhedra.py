@@ -17,8 +17,8 @@ from ..model.triangles import RADON
 
 Point = tuple[float, float, float]
 CORNERS: list[Point] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-TURN = 0.4  # largest angle of a strip of a wedge [rad]
-CHANGE = 0.4  # largest change of a distance over a strip of a wedge, over the distance [-]
+TURN = 0.3  # largest angle from the first to the last line of a strip of a wedge [rad]
+CHANGE = 0.3  # largest change of a distance from the first to the last line of a strip, over the distance [-]
 SIZE = 0.8  # largest side of a triangle of a cone, over its distance from the vertex [-]
 LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
@@ -180,7 +180,8 @@ class Wedge:
             while start < high:
                 end = high
                 for _ in range(PARTS):
-                    if self.short(start, end, sides, smooth):
+                    first, last = (start + share * (end - start) for share in (GAUSS[0][0], GAUSS[-1][0]))
+                    if self.short(first, last, sides, smooth):
                         break
                     end = 0.5 * (start + end)
                 for share, weight in GAUSS:
@@ -260,7 +261,8 @@ def beside_vertex(T: np.ndarray, vertex: np.ndarray, ring: np.ndarray, within: f
         towards = (centre @ values) > 0.0
         index = 1 - int((towards & ~np.roll(towards, -1)).sum())
         if index and centre @ outward > 0.0:
-            for p, q, r, share in fan(cell):
+            nearest = int(np.argmin(((np.array(cell) @ away) ** 2).sum(axis=1)))
+            for p, q, r, share in fan(cell[nearest:] + cell[:nearest]):
                 points, weights = graded(away, np.array([p, q, r]), index * share, within, smooth)
                 yield from map(VertexPiece, points, weights, points @ away)
 

@@ -64,9 +64,11 @@ SURFACE_TERMS = (
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
-                {name: ("load", "stored") for name in ("face", "edge", "vertex")} | {
-                    f"{name}_stiffness": () for name in ("face", "edge", "vertex")},
-                files=("polyhedra.h", "wedges.h", "cones.h", "near_triangles.h", "contact_space.c")),
+                {"face": ("load", "stored"), "edge": ("load", "stored"), "vertex": ("load", "stored", "stiff"),
+                 "face_apart": ("load", "stored", "holds", "stiff"), "edge_apart": ("load", "stored", "holds", "stiff"),
+                 **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}},
+                ("face_apart", "edge_apart", "vertex", "face_stiffness", "edge_stiffness", "vertex_stiffness"),
+                files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
         t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numpy import where
+from numpy import maximum, minimum, where
 
 from ..case.pointwise import either
 from .adhesion import GAUSS_OF_VERTEX
-from .triangles import NEAR, TriangleBonds
+from .triangles import TriangleBonds
 
 
 @dataclass(frozen=True)
@@ -38,24 +38,40 @@ class PolyhedronAdhesion:
         size = 0.5 * self.bonds.law.bond_density * area
         return (size * by_gap1, size * by_gap2, size * by_gap3), size * mean
 
+    def face_apart(self, area, gap1, gap2, gap3):
+        """The same without choices; 1 where it holds, else 0; 1 where the piece may be stiff, else 0 [-]."""
+        mean, by_gap1, by_gap2, by_gap3, holds = self.bonds.mean_apart(gap1, gap2, gap3)
+        size = 0.5 * self.bonds.law.bond_density * area
+        stiff = self.may_be_stiff(minimum(minimum(gap1, gap2), gap3))
+        return (size * by_gap1, size * by_gap2, size * by_gap3), size * mean, holds, stiff
+
     def edge(self, width1, width2, distance1, distance2):
         """Loads at both ends of a line and energy; `width` : reference area for its length at the ends [µm²].
 
         The distance from the edge goes linearly along it, so that it is exact.
         """
+        return self.of_line(width1, width2, distance1, distance2, self.moments)
+
+    def edge_apart(self, width1, width2, distance1, distance2):
+        """The same without choices; 1 where it holds, else 0; 1 where the line may be stiff, else 0 [-]."""
+        x, y = minimum(distance1, distance2), maximum(distance1, distance2)
+        loads, energy = self.of_line(width1, width2, distance1, distance2, self.by_differences)
+        return loads, energy, where(self.bonds.apart(x, y), 1.0, 0.0), self.may_be_stiff(x)
+
+    def of_line(self, width1, width2, distance1, distance2, moments):
+        """Loads at both ends of a line [pN] and energy [pN µm] by a function for the moments."""
         size = 0.5 * self.bonds.law.bond_density
         ordered = distance1 < distance2
         x, y = where(ordered, distance1, distance2), where(ordered, distance2, distance1)
         start, end = where(ordered, width1, width2), where(ordered, width2, width1)
-        left, right, first, both, last = self.moments(x, y)
+        left, right, first, both, last = moments(x, y)
         low, high = size * (start * first + end * both), size * (start * both + end * last)
         return (where(ordered, low, high), where(ordered, high, low)), size * (start * left + end * right)
 
     def moments(self, x, y):
         """Integrals of (1 - t) U and t U [pN µm], of (1 - t)² U', t (1 - t) U' and t² U' [pN] for x + t (y - x)."""
-        change = y - x
-        apart = change > NEAR * self.bonds.scale(x)
-        return either(apart, self.by_differences(x, where(apart, y, x + 1.0)), self.by_points(x, change))
+        apart = self.bonds.apart(x, y)
+        return either(apart, self.by_differences(x, where(apart, y, x + 1.0)), self.by_points(x, y - x))
 
     def by_differences(self, x, y):
         """The same by divided differences of the second primitive [pN µm], [pN]."""
@@ -76,19 +92,26 @@ class PolyhedronAdhesion:
         return left, right, first, both, last
 
     def vertex(self, area, distance):
-        """Load at a point [pN] and energy [pN µm]; `area` : reference area of the point, with its sign [µm²]."""
+        """Load at a point [pN], energy [pN µm], 1 where it may be stiff, else 0 [-]; `area` : reference area of the
+        point, with its sign [µm²].
+        """
         size = 0.5 * self.bonds.law.bond_density * area
-        return size * self.bonds.law.slope(distance), size * self.bonds.law.potential(distance)
+        return ((size * self.bonds.law.slope(distance),), size * self.bonds.law.potential(distance),
+                self.may_be_stiff(distance))
+
+    def may_be_stiff(self, least):
+        """1 where bonds of the length `least` [µm] push each other apart, so that they have a stiffness, else 0 [-]."""
+        return where(least < self.bonds.soft, 1.0, 0.0)
 
     def face_stiffness(self, area, gap1, gap2, gap3):
         """Bound of the row sums of the tangent of a piece over a face, where levers are 1 [pN/µm]."""
-        return self.bonds.law.bond_density * area * self.bonds.curvature(gap1, gap2, gap3)
+        return (self.bonds.law.bond_density * area * self.bonds.curvature_of(gap1, gap2, gap3),)
 
     def edge_stiffness(self, width1, width2, distance1, distance2):
         """The same of a line over a convex edge [pN/µm]."""
         size = 0.5 * self.bonds.law.bond_density * (width1 + width2)
-        return size * self.bonds.curvature(distance1, distance2, 0.5 * (distance1 + distance2))
+        return (size * self.bonds.curvature_of(distance1, distance2, 0.5 * (distance1 + distance2)),)
 
     def vertex_stiffness(self, area, distance):
         """The same of a point over a vertex that adds energy [pN/µm]."""
-        return self.bonds.law.bond_density * area * self.bonds.curvature(distance, distance, distance)
+        return (self.bonds.law.bond_density * area * self.bonds.curvature_of(distance, distance, distance),)

@@ -66,20 +66,28 @@ class TriangleMean(ABC):
 
     def by_differences(self, a, b, c):
         """The mean and its derivatives by the gaps a ≤ b ≤ c, of which a and c are not near each other, in any unit."""
-        span = c - a
-        lower, left, right = self.pair(a, b)
-        upper, after, last = self.pair(b, c)
-        middle = (upper - lower) / span
+        return self.of_pairs(self.pair(a, b), self.pair(b, c), c - a)
+
+    def of_pairs(self, lower, upper, span):
+        """The same by the divided differences of a and b, and of b and c; `span` : c - a [µm]."""
+        (below, left, right), (above, after, last) = lower, upper
+        middle = (above - below) / span
         scale = 2.0 / span
         return 2.0 * middle, scale * (middle - left), scale * (after - right), scale * (last - middle)
 
     def pair(self, x, y):
         """Divided differences F[x, y], F[x, x, y] and F[x, y, y] of the second primitive, in any unit."""
-        change, start, end = y - x, self.primitive(x), self.primitive(y)
-        apart = change > NEAR * self.scale(x)
-        span = where(apart, change, 1.0)
-        mean = (self.second_primitive(y) - self.second_primitive(x)) / span
-        return either(apart, (mean, (mean - start) / span, (end - mean) / span), self.near(x, change, start))
+        change, apart = y - x, self.apart(x, y)
+        return either(apart, self.differences(x, y, where(apart, change, 1.0)), self.near(x, change, self.primitive(x)))
+
+    def apart(self, x, y):
+        """Whether divided differences of the gaps x ≤ y [µm] do not cancel."""
+        return y - x > NEAR * self.scale(x)
+
+    def differences(self, x, y, change):
+        """Divided differences of gaps that are not near each other, as `pair`, in any unit."""
+        mean = (self.second_primitive(y) - self.second_primitive(x)) / change
+        return mean, (mean - self.primitive(x)) / change, (self.primitive(y) - mean) / change
 
     def near(self, x, change, start):
         """The same for gaps that are near each other, by quadrature, in any unit; `start` is the primitive at x."""
@@ -149,8 +157,20 @@ class TriangleBonds(TriangleMean):
         a, b, c = self.sorted(gap1, gap2, gap3)
         flat = c - a < FLAT * self.scale(a)
         mean, by_a, by_b, by_c = either(flat, self.of_flat(a, b, c), self.by_differences(a, b, where(flat, c + 1.0, c)))
-        by_gaps = [where(gap <= a, by_a, where(gap >= c, by_c, by_b)) for gap in (gap1, gap2, gap3)]
-        return mean, *by_gaps
+        return mean, *self.unsorted((gap1, gap2, gap3), a, c, by_a, by_b, by_c)
+
+    def mean_apart(self, gap1, gap2, gap3):
+        """The same, and 1 where it holds: where no divided difference cancels, else 0 [-]; no choices."""
+        a, b, c = self.sorted(gap1, gap2, gap3)
+        lower, upper = self.differences(a, b, b - a), self.differences(b, c, c - b)
+        mean, by_a, by_b, by_c = self.of_pairs(lower, upper, c - a)
+        pairs = where(self.apart(a, b), where(self.apart(b, c), 1.0, 0.0), 0.0)
+        holds = where(c - a < FLAT * self.scale(a), 0.0, pairs)
+        return mean, *self.unsorted((gap1, gap2, gap3), a, c, by_a, by_b, by_c), holds
+
+    def unsorted(self, gaps, a, c, by_a, by_b, by_c):
+        """Derivatives by three gaps, of which a is the least and c the largest, in their order [pN]."""
+        return [where(gap <= a, by_a, where(gap >= c, by_c, by_b)) for gap in gaps]
 
     def of_flat(self, a, b, c):
         """The mean and its derivatives where the gaps are near each other [pN µm], [pN]."""
@@ -189,12 +209,22 @@ class TriangleBonds(TriangleMean):
     def curvature(self, gap1, gap2, gap3):
         """Mean of U'' over the triangle, where it is positive, over a slightly wider range of gaps [pN/µm]."""
         a, b, c = self.sorted(gap1, gap2, gap3)
-        wide = NARROW * self.scale(a)
-        found, = either(a < self.soft, self.secant(a - wide, b, c + wide), (0.0,))
+        found, = either(a < self.soft, self.secant(a, b, c), (0.0,))
         return found
 
+    def curvature_of(self, gap1, gap2, gap3):
+        """The same without choices [pN/µm]."""
+        a, b, c = self.sorted(gap1, gap2, gap3)
+        found, = self.secant(a, b, c)
+        return where(a < self.soft, found, 0.0)
+
     def secant(self, a, b, c):
-        """Twice the second divided difference of U, which goes on straight beyond the gap `soft` [pN/µm]."""
+        """Twice the second divided difference of U over a slightly wider range than the gaps a ≤ b ≤ c [pN/µm].
+
+        U goes on straight beyond the gap `soft`.
+        """
+        wide = NARROW * self.scale(a)
+        a, c = a - wide, c + wide
         first, second, third = self.stretched(a), self.stretched(b), self.stretched(c)
         return (2.0 * ((third - second) / (c - b) - (second - first) / (b - a)) / (c - a),)
 

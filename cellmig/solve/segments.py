@@ -24,7 +24,6 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
-MARGIN_IN_SPACE = 0.03  # the same of triangles, whose bounds are wider [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
@@ -80,7 +79,12 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "those that may act, in `listed_face`"),
+        Field("contact_gone", "double *", "(3,)", "µm", "how far nodes have gone, beside their mean; up to when "
+              "lists of what may act hold; the last step"),
+        Field("face_rest", "double *", "(…,)", "µm", "how far nodes have gone when faces in `near_face` may act"),
+        Field("side_rest", "double *", "(…,)", "µm", "the same of edges"),
+        Field("vertex_rest", "double *", "(…,)", "µm", "the same of vertices"),
+        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "places in `near_face` of what may act"),
         Field("listed_face", "int32_t *", "(…,)", "", "these"),
         Field("listed_side_from", "long *", "(n_contact_segments + 1,)", "", "the same of edges"),
         Field("listed_side", "int32_t *", "(…,)", "", "these"),
@@ -232,13 +236,13 @@ class Segments:
         for kind, name in (("face", "face"), ("edge", "side"), ("vertex", "vertex")):
             k[f"first_{name}"], k[f"near_{name}"] = lists.first[kind], lists.number[kind]
             k[f"listed_{name}_from"] = np.zeros(len(lists.first[kind]))
-            k[f"listed_{name}"] = np.zeros(len(lists.number[kind]) + 1)
+            k[f"listed_{name}"], k[f"{name}_rest"] = np.zeros((2, len(lists.number[kind]) + 1))
         k("contact_sizes", sizes)
         for (kind, features), size in zip((("face", lists.face), ("edge", lists.edge), ("vertex", lists.vertex)),
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
             k[f"{'side' if kind == 'edge' else kind}_used"] = np.zeros(len(features) + 1)
-        k["listed_x"], k["contact_margin"] = np.full((len(lists.node), 3), np.nan), MARGIN_IN_SPACE * self.skin
+        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0])
         k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
 
     def _set_contact(self, lists: ContactLists) -> None:

@@ -273,9 +273,9 @@ def triangles() -> Iterator[tuple[Any, str, tuple]]:
     yield TriangleAdhesion(bonds), "stiffness", ()
     yield PolyhedronAdhesion(bonds), "face", ("loads", "energy")
     yield PolyhedronAdhesion(bonds), "edge", ("loads", "energy")
-    yield PolyhedronAdhesion(bonds), "vertex", ("load", "energy")
+    yield PolyhedronAdhesion(bonds), "vertex", ("load", "energy", "stiff")
     for name in ("face", "edge", "vertex"):
-        yield PolyhedronAdhesion(bonds), f"{name}_stiffness", ()
+        yield PolyhedronAdhesion(bonds), f"{name}_stiffness", ("stiffness",)
     yield CortexTension(example("cortex", "line-tension")), "force", ()
     yield CortexTension(example("cortex", "line-tension")), "energy", ()
     yield SlidingFriction(example("friction", "bonds"), bonds), "force", ()

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from cellmig.geometry.polyhedra import Polyhedron
 from cellmig.kernel.codegen import Translator
 from cellmig.kernel.source import text_of
+from cellmig.kernel.terms import SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
 from cellmig.model.polyhedra import PolyhedronAdhesion
 from cellmig.model.seifert import BetweenCells
@@ -29,34 +30,45 @@ int run(const double *law, double within, double smooth, long n, const double *T
         const double *area, const double *x, double *force, long faces, const int *face, long edges, const int *edge,
         long vertices, const int *first, const int *ring, double *energy)
 {
-    int pierced = 0;
+    FacePieces pieces = {.n = 0};
+    Lines lines = {.n = 0};
+    Points points = {.n = 0};
     for (long t = 0; t < n; t++) {
         const double *a = T + 9 * t;
         double *f = force_on_T + 12 * t;
-        const Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {f, f + 4, f + 8}};
+        Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {{0}}, 0, {f, f + 4, f + 8}, energy};
+        set_sides(&S);
+        const Ball ball = ball_around(&S);
         for (long k = 0; k < faces; k++) {
             const int *m = face + 3 * k;
             const double *of[3] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2]};
             double *on[3] = {force + 4 * m[0], force + 4 * m[1], force + 4 * m[2]};
-            const Face here = face_of(of);
-            energy[0] += over_face(&S, &here, on, &pierced);
+            Face here;
+            set_face(&here, of);
+            over_face(&S, &here, on, &pieces);
         }
+        S.energy = energy + 1;
         for (long k = 0; k < edges; k++) {
             const int *m = edge + 4 * k;
             const double *of[4] = {x + 3 * m[0], x + 3 * m[1], x + 3 * m[2], x + 3 * m[3]};
             double *on[2] = {force + 4 * m[0], force + 4 * m[1]};
-            const Edge3 here = edge_of(of);
-            energy[1] += beside_edge3(&S, &here, on);
+            Edge3 here;
+            set_edge(&here, of);
+            beside_edge3(&S, &here, on, &lines);
         }
+        S.energy = energy + 2;
         for (long k = 0; k < vertices; k++) {
             const double *around[MOST_SPOKES];
             for (int j = first[k]; j < first[k + 1]; j++) around[j - first[k]] = x + 3 * ring[j];
-            double *on[1] = {force + 4 * k};
-            const Vertex here = vertex_of(x + 3 * k, around, first[k + 1] - first[k]);
-            energy[2] += beside_vertex3(&S, &here, on);
+            Vertex here;
+            set_vertex(&here, x + 3 * k, around, first[k + 1] - first[k]);
+            beside_vertex3(&S, &ball, &here, force + 4 * k, &points);
         }
     }
-    return pierced;
+    act_on_faces(&pieces);
+    act_on_lines(&lines);
+    act_on_points(&points);
+    return pieces.pierced;
 }
 """
 
@@ -66,8 +78,10 @@ class InC:
 
     def __init__(self) -> None:
         t = Translator(TERM, "double")
-        parts = [t.function(name, f"contact_{name}", ("load", "stored")) for name in ("face", "edge", "vertex")]
-        parts += [t.function(f"{name}_stiffness", f"contact_{name}_stiffness") for name in ("face", "edge", "vertex")]
+        term, parts = next(s for s in SURFACE_TERMS if "face_apart" in s.methods), []
+        for name, results in term.methods.items():
+            t.number = "v4" if name in term.in_fours else "double"
+            parts.append(t.function(name, f"contact_{name}", results))
         files = [text_of(name) for name in ("polyhedra.h", "wedges.h", "cones.h")]
         source = "\n".join([text_of("simd.h"), *parts, *files, ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())

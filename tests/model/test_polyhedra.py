@@ -139,10 +139,10 @@ def test_the_lines_of_a_wedge_are_integrated_exactly() -> None:
 
 def test_the_stiffness_is_that_of_level_bonds_and_bounds_that_of_others() -> None:
     r = np.linspace(0.9, 1.2, 50) * EPS
-    level = TERM.face_stiffness(0.3, r, r, r)
-    for found in (level, TERM.edge_stiffness(0.3, 0.3, r, r), TERM.vertex_stiffness(0.3, r)):
+    level, = TERM.face_stiffness(0.3, r, r, r)
+    for found, in ((level,), TERM.edge_stiffness(0.3, 0.3, r, r), TERM.vertex_stiffness(0.3, r)):
         assert np.interp(EPS, r, found) == pytest.approx(0.3 * LAW.stiffness(EPS), rel=0.01)  # measured 1e-3
-    inclined = TERM.face_stiffness(0.3, r, r + EPS, r + 2.0 * EPS)
+    inclined, = TERM.face_stiffness(0.3, r, r + EPS, r + 2.0 * EPS)
     assert (inclined < 0.5 * level.max()).all() and (inclined > 0.0).all()
 
 

@@ -177,6 +177,22 @@ def test_cells_in_contact_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Co
     assert _in_contact(comm) == touching_alone()
 
 
+@pytest.mark.serial
+def test_features_that_rest_add_no_bit(comm: MPI.Comm) -> None:
+    """Of balls that roll over each other: where all are computed at each step, nothing changes."""
+    scene, found = row(), []
+    v = np.where(scene.X[:, :1] > scene.X[:, 0].mean(), -1.0, 1.0) * [0.6, 0.8, 0.3]
+    for awake in (False, True):
+        with Space(scene, replace(touching(MOVING, 2), stiffened=True), comm, 0.0, v) as space:
+            for k in range(1, 101):
+                for kind in ("face", "side", "vertex"):
+                    rests = space.mechanics.kernel[f"{kind}_rest"]
+                    rests[:] = 0.0 if awake else rests
+                space.integrator.advance_to(0.004 * k)
+            found.append(space.state())
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize("single", [False, True], ids=["double", "single"])
 @pytest.mark.parametrize("count", [1, 4])
 def test_balls_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, count: int, single: bool) -> None:

@@ -1,168 +1,273 @@
 /* The points of a triangle T in the cones over a vertex of another surface, and what bonds do there. */
 
-/* A vertex: place, spokes to its neighbours, mean normal, and the tangent of the angle from it within which its cones
- * lie: beyond, the spokes on the side of a point are one arc, as those of a level vertex.  `bent` is -1 where all edges
- * are convex, 1 where all are reflex: then all spokes are on one side wherever the index is not zero. */
-typedef struct { int n, bent; double at[3], spoke[MOST_SPOKES][3], normal[3], wide; } Vertex;
+enum { MOST_HALVINGS = 40, POINTS_OF_CONE = 7 };
+static const double SIZE = 0.8;
+static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* Radon (1948) */
+static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
 
-/* Of T, vectors from a vertex to the corners, their products with its spokes and with its mean normal. */
-typedef struct { int n; double away[3][3], value[MOST_SPOKES][3], outward[3]; } Cone;
+/* A vertex: four planes around its cones, which lie within an angle from its mean normal: beyond, the spokes on the
+ * side of a point are one arc, as those of a level vertex.  Spokes to its neighbours, four by four; `bent` is -1 where
+ * all edges are convex, 1 where all are reflex: then all are on one side wherever the index is not zero. */
+typedef struct { Planes planes; v4 spokes[MOST_SPOKES / 4][3]; int n, bent; double normal[3]; } Vertex;
 
-/* The vertex with n neighbours, in positive order. */
-static Vertex vertex_of(const double *x, const double *const ring[], int n)
+/* Sets the planes around the cones: the tangent of their angle from the normal is `wide`, infinite without bound. */
+static void set_cones(Vertex *v, double wide)
 {
-    Vertex v = {.n = n, .normal = {0}};
+    const double *n = v->normal;
+    const int i = fabs(n[0]) > fabs(n[1]) ? (fabs(n[1]) > fabs(n[2]) ? 2 : 1) : fabs(n[0]) > fabs(n[2]) ? 2 : 0;
+    double one[3] = {i == 0, i == 1, i == 2}, across[3], other[3];
+    cross3(n, one, across);
+    const double length = sqrt(dot3(across, across));
+    for (int k = 0; k < 3; k++) across[k] /= length;
+    cross3(n, across, other);
+    const int bounded = wide < INFINITY;
+    v->planes.at = splat(!bounded);
+    for (int k = 0; k < 3; k++) {
+        const v4 beside = {across[k], -across[k], other[k], -other[k]};
+        v->planes.slope[k] = bounded ? wide * n[k] + beside : 0 * beside;
+    }
+}
+
+/* Sets the vertex with n neighbours, in positive order. */
+static void set_vertex(Vertex *v, const double *x, const double *const ring[], int n)
+{
+    v->n = n;
+    memset(v->normal, 0, sizeof v->normal);
+    memset(v->spokes, 0, sizeof v->spokes);
     int convex = 0, reflex = 0;
-    double square[MOST_SPOKES], flat[MOST_SPOKES][3], steepest = 0, least = 1, across[3];
-    for (int i = 0; i < 3; i++) v.at[i] = x[i] + SKEW[i];
+    double spoke[MOST_SPOKES][3], square[MOST_SPOKES], flat[MOST_SPOKES][3], steepest = 0, least = 1, across[3];
+    for (int i = 0; i < 3; i++) v->planes.start[i] = x[i] + SKEW[i];
     for (int j = 0; j < n; j++) {
-        less3(ring[j], x, v.spoke[j]);
-        square[j] = dot3(v.spoke[j], v.spoke[j]);
+        less3(ring[j], x, spoke[j]);
+        square[j] = dot3(spoke[j], spoke[j]);
+        for (int i = 0; i < 3; i++) ((double *)v->spokes[j / 4])[4 * i + j % 4] = spoke[j][i];
     }
     for (int j = 0; j < n; j++) { /* weights of Max (1999) */
         const int next = j + 1 < n ? j + 1 : 0;
-        cross3(v.spoke[j], v.spoke[next], across);
-        const double turn = dot3(across, v.spoke[next + 1 < n ? next + 1 : 0]);
+        cross3(spoke[j], spoke[next], across);
+        const double turn = dot3(across, spoke[next + 1 < n ? next + 1 : 0]);
         convex += turn <= 0;
         reflex += turn >= 0;
-        for (int i = 0; i < 3; i++) v.normal[i] += across[i] / (square[j] * square[next]);
+        for (int i = 0; i < 3; i++) v->normal[i] += across[i] / (square[j] * square[next]);
     }
-    v.bent = (reflex == n) - (convex == n);
-    const double length = sqrt(dot3(v.normal, v.normal));
-    for (int i = 0; i < 3; i++) v.normal[i] /= length;
+    v->bent = (reflex == n) - (convex == n);
+    const double length = sqrt(dot3(v->normal, v->normal));
+    for (int i = 0; i < 3; i++) v->normal[i] /= length;
     for (int j = 0; j < n; j++) {
-        const double rise = dot3(v.spoke[j], v.normal), run = sqrt(fmax(square[j] - rise * rise, 0));
-        for (int i = 0; i < 3; i++) flat[j][i] = (v.spoke[j][i] - rise * v.normal[i]) / run;
-        steepest = fmax(steepest, fabs(rise) / run);
+        const double rise = dot3(spoke[j], v->normal), run = sqrt(d_maximum(square[j] - rise * rise, 0));
+        for (int i = 0; i < 3; i++) flat[j][i] = (spoke[j][i] - rise * v->normal[i]) / run;
+        steepest = d_maximum(steepest, fabs(rise) / run);
     }
     for (int j = 0; j < n; j++) { /* sine and cosine of half the angle to the next */
         const int next = j + 1 < n ? j + 1 : 0;
         cross3(flat[j], flat[next], across);
-        const double cosine = dot3(flat[j], flat[next]), ahead = dot3(across, v.normal) > 0;
-        least = fmin(least, ahead ? sqrt(0.5 * fmin(1 - cosine, 1 + cosine)) : 0);
+        const double cosine = dot3(flat[j], flat[next]), ahead = dot3(across, v->normal) > 0;
+        least = d_minimum(least, ahead ? sqrt(0.5 * d_minimum(1 - cosine, 1 + cosine)) : 0);
     }
-    v.wide = least > 0 ? steepest / least : INFINITY;
-    return v;
+    set_cones(v, least > 0 ? steepest / least : INFINITY);
 }
 
-/* Vectors and products; whether T may be within reach, and near the cones. */
-static int find_cone(const Triangle *T, const Vertex *v, Cone *cone)
+/* A point of T that counts for a vertex: the vector from this, and what it acts on. */
+typedef struct { v4 on, away; double *on_T[3], *on_vertex, *energy; } Point;
+
+/* Points of one law that wait for what acts on them: their reference areas, and squares of their distances. */
+typedef struct {
+    const double *law;
+    int n;
+    double area[MOST_PIECES], square[MOST_PIECES];
+    Point point[MOST_PIECES];
+} Points;
+
+/* What acts on the points that wait. */
+static void act_on_points(Points *found)
 {
-    double middle[3], across[3], nearest = INFINITY, radius = 0;
-    for (int i = 0; i < 3; i++) middle[i] = (T->x[0][i] + T->x[1][i] + T->x[2][i]) / 3 - v->at[i];
+    for (int n = found->n; n % 4; n++) found->area[n] = 0, found->square[n] = 1; /* others that do not count */
+    for (int m = 0; m < found->n; m += 4) {
+        v4 loads[1], stored[1], stiff[1], stiffness[1] = {{0}};
+        const v4 area = load(found->area + m), r = v4_sqrt(load(found->square + m));
+        contact_vertex(found->law, area, r, loads, stored, stiff);
+        if (signs(-stiff[0])) contact_vertex_stiffness(found->law, area, r, stiffness);
+        loads[0] /= r;
+        for (int i = 0; i < 4 && m + i < found->n; i++) {
+            const Point *point = found->point + m + i;
+            const v4 along = loads[0][i] * point->away;
+            pull(point->on_T, -point->on, along);
+            add4(point->on_vertex, along);
+            *point->energy += stored[0][i];
+            if (!(stiffness[0][i] > 0)) continue; /* of points that count negatively it is negative */
+            stiffen(point->on_T, point->on, stiffness[0][i]);
+            point->on_vertex[3] += stiffness[0][i];
+        }
+    }
+    found->n = 0;
+}
+
+/* A vertex and T, and what acts on the vertex; vectors from it to the corners, and their products with its spokes. */
+typedef struct {
+    const Triangle *T;
+    const Vertex *v;
+    double *force;
+    Points *found;
+    v4 away[3];
+    Four spoke[MOST_SPOKES / 4];
+} Cone;
+
+/* Adds the seven points of a triangle, by shares of T and vectors from the vertex at its corners. */
+static void add_points(const Cone *cone, const v4 corner[3], const v4 place[3], double area)
+{
+    Points *found = cone->found;
+    if (found->law != cone->T->law || found->n + POINTS_OF_CONE > MOST_PIECES) act_on_points(found);
+    found->law = cone->T->law;
+    const v4 all = corner[0] + corner[1] + corner[2], sum = place[0] + place[1] + place[2];
+    for (int q = 0; q < POINTS_OF_CONE; q++) {
+        const double at = q == 6 ? 1.0 / 3 : CONE_AT[q / 3], rest = 1 - 3 * at;
+        const v4 away = at * sum + rest * place[q % 3];
+        const double square = dot4(away, away);
+        if (square >= cone->T->within * cone->T->within) continue;
+        Point *point = found->point + found->n;
+        point->away = away;
+        point->on = at * all + rest * corner[q % 3];
+        for (int k = 0; k < 3; k++) point->on_T[k] = cone->T->force[k];
+        point->on_vertex = cone->force;
+        point->energy = cone->T->energy;
+        found->area[found->n] = area * CONE_WEIGHT[q / 3];
+        found->square[found->n++] = square;
+    }
+}
+
+/* Finds the points of those parts of a triangle that are short beside their distance from the vertex. */
+static void in_triangle(const Cone *cone, const v4 corner[3], const v4 place[3], double area, int halvings)
+{
+    double side[3], nearest = INFINITY;
     for (int k = 0; k < 3; k++) {
-        less3(T->x[k], v->at, cone->away[k]);
-        less3(cone->away[k], middle, across);
-        radius = fmax(radius, dot3(across, across));
+        const v4 across = place[(k + 1) % 3] - place[(k + 2) % 3];
+        nearest = d_minimum(nearest, dot4(place[k], place[k]));
+        side[k] = dot4(across, across);
     }
-    radius = sqrt(radius);
-    nearest = sqrt(dot3(middle, middle)) - radius;
-    const double up = dot3(middle, v->normal), beside = sqrt(fmax(dot3(middle, middle) - up * up, 0));
-    if (nearest > T->within || up < -radius) return 0;
-    if (v->wide < INFINITY && beside - radius > v->wide * (up + radius)) return 0;
-    cone->n = v->n;
+    const int k = side[0] >= side[1] ? (side[0] >= side[2] ? 0 : 2) : side[1] >= side[2] ? 1 : 2;
+    const double longest = sqrt(side[k]);
+    nearest = sqrt(nearest);
+    if (longest <= SIZE * d_maximum(nearest, cone->T->smooth) || halvings == MOST_HALVINGS) {
+        add_points(cone, corner, place, area);
+    } else if (nearest - longest < cone->T->within) {
+        const int a = (k + 1) % 3, b = (k + 2) % 3;
+        const v4 middle = 0.5 * (corner[a] + corner[b]), there = 0.5 * (place[a] + place[b]);
+        for (int part = 0; part < 2; part++) {
+            v4 of_corner[3] = {corner[0], corner[1], corner[2]}, of_place[3] = {place[0], place[1], place[2]};
+            of_corner[part ? a : b] = middle;
+            of_place[part ? a : b] = there;
+            in_triangle(cone, of_corner, of_place, 0.5 * area, halvings + 1);
+        }
+    }
+}
+
+/* Finds the points of a polygon on T where the index is not zero; `towards` has a bit of each spoke on its side. */
+static void in_cell(const Cone *cone, const v4 *on, int n, uint32_t towards)
+{
+    const Vertex *v = cone->v;
+    const uint32_t next = towards >> 1 | (towards & 1) << (v->n - 1);
+    const int index = 1 - __builtin_popcount(towards & ~next);
+    if (!index) return;
+    v4 away[MOST_CORNERS];
+    double side = 0, nearest = INFINITY;
+    int first = 0;
+    for (int k = 0; k < n; k++) {
+        away[k] = fma4(splat(on[k][2]), cone->away[2], fma4(splat(on[k][1]), cone->away[1], on[k][0] * cone->away[0]));
+        side += dot3((const double *)(away + k), v->normal);
+        const double square = dot4(away[k], away[k]);
+        if (square >= nearest) continue;
+        nearest = square;
+        first = k;
+    }
+    if (side <= 0) return;
+    for (int k = 1; k + 1 < n; k++) {
+        const int i = (first + k) % n, j = (first + k + 1) % n;
+        const v4 corner[3] = {on[first], on[i], on[j]}, place[3] = {away[first], away[i], away[j]};
+        const double share = fabs(crossed(on[i] - on[first], on[j] - on[first]));
+        in_triangle(cone, corner, place, index * share * cone->T->area, 0);
+    }
+}
+
+/* The same in the parts into which spokes from number j on cut a polygon on T. */
+static void in_part(const Cone *cone, const v4 *on, int n, int j, uint32_t towards)
+{
+    const uint32_t all = ((uint32_t)1 << cone->v->n) - 1, known = ((uint32_t)1 << j) - 1;
+    v4 value[MOST_SPOKES / 4][MOST_CORNERS], part[MOST_CORNERS];
+    uint32_t above = 0, below = 0;
+    for (int g = j / 4; 4 * g < cone->v->n; g++)
+        for (int k = 0; k < n; k++) {
+            value[g][k] = value_at(cone->spoke + g, on[k]);
+            above |= (uint32_t)signs(-value[g][k]) << 4 * g;
+            below |= (uint32_t)signs(value[g][k]) << 4 * g;
+        }
+    const uint32_t across = above & below & all & ~known;
+    towards = (towards & known) | (above & all & ~known);
+    if (!across) {
+        in_cell(cone, on, n, towards);
+        return;
+    }
+    j = __builtin_ctz(across);
+    uint32_t out[2] = {0, 0};
+    for (int k = 0; k < n; k++) {
+        const double at = ((const double *)(value[j / 4] + k))[j % 4];
+        out[0] |= (uint32_t)(at < 0) << k;
+        out[1] |= (uint32_t)(at >= 0) << k;
+    }
+    for (int other = 0; other < 2; other++) {
+        const int m = cut(on, n, value[j / 4], j % 4, out[other], part);
+        in_part(cone, part, m, j + 1, other ? towards & ~((uint32_t)1 << j) : towards | (uint32_t)1 << j);
+    }
+}
+
+/* A ball around T. */
+typedef struct { double middle[3], radius; } Ball;
+
+/* The ball about the mean of the corners. */
+static Ball ball_around(const Triangle *T)
+{
+    Ball ball = {.radius = 0};
+    for (int i = 0; i < 3; i++) ball.middle[i] = (T->x[0][i] + T->x[1][i] + T->x[2][i]) / 3;
     for (int k = 0; k < 3; k++) {
-        cone->outward[k] = dot3(cone->away[k], v->normal);
-        for (int j = 0; j < v->n; j++) cone->value[j][k] = dot3(cone->away[k], v->spoke[j]);
+        double from[3];
+        less3(T->x[k], ball.middle, from);
+        ball.radius = d_maximum(ball.radius, dot3(from, from));
     }
-    return 1;
+    ball.radius = sqrt(ball.radius);
+    return ball;
 }
 
-/* Seven points of each of the parts of a triangle that are short beside their distance from the vertex.  Energy. */
-static double on_cone(const Triangle *T, const Cone *cone, const double corner[3][3], double part,
-                      double *const force[1])
+/* Finds the points of T in the cones over a vertex.  How far corners may move until T may be within reach. */
+static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *v, double *force, Points *found)
 {
-    struct { double at[3][3], part; } waiting[MOST_WAITING], now;
-    double energy = 0;
-    int n = 1;
-    memcpy(waiting[0].at, corner, sizeof waiting[0].at);
-    waiting[0].part = part;
-    while (n) {
-        double place[3][3], side[3], nearest = INFINITY, across[3];
-        now = waiting[--n];
-        for (int k = 0; k < 3; k++) {
-            vector_at(cone->away, now.at[k], place[k]);
-            nearest = fmin(nearest, dot3(place[k], place[k]));
-        }
-        for (int k = 0; k < 3; k++) {
-            less3(place[(k + 1) % 3], place[(k + 2) % 3], across);
-            side[k] = sqrt(dot3(across, across));
-        }
-        nearest = sqrt(nearest);
-        const int k = side[0] >= side[1] ? (side[0] >= side[2] ? 0 : 2) : side[1] >= side[2] ? 1 : 2;
-        if (side[k] <= SIZE * fmax(nearest, T->smooth) || n + 2 > MOST_WAITING) {
-            for (int q = 0; q < POINTS_OF_CONE; q++) {
-                double on[3], away[3], load[1], stored[1];
-                const double at = q == 6 ? 1.0 / 3 : CONE_AT[q / 3];
-                for (int i = 0; i < 3; i++)
-                    on[i] = at * (now.at[0][i] + now.at[1][i] + now.at[2][i]) + (1 - 3 * at) * now.at[q % 3][i];
-                vector_at(cone->away, on, away);
-                const double r = sqrt(dot3(away, away)), one = 1;
-                const double area = now.part * CONE_WEIGHT[q / 3];
-                contact_vertex(T->law, area, r, load, stored);
-                pull(T, on, force, &one, 1, load[0] / r, away);
-                if (area > 0) stiffen(T, on, force, &one, 1, contact_vertex_stiffness(T->law, area, r));
-                energy += stored[0];
-            }
-        } else if (nearest - side[k] < T->within) {
-            const int a = (k + 1) % 3, b = (k + 2) % 3;
-            now.part *= 0.5;
-            waiting[n] = waiting[n + 1] = now;
-            mixed3(now.at[a], now.at[b], 0.5, waiting[n].at[b]);
-            memcpy(waiting[n + 1].at[a], waiting[n].at[b], sizeof now.at[a]);
-            n += 2;
-        }
-    }
-    return energy;
-}
-
-/* What acts where the index is not zero in a part of T, cut by spokes from number j on; `towards` has a bit of each
- * spoke on the side of x.  Energy. */
-static double in_part(const Triangle *T, const Cone *cone, const Polygon *p, int j, uint32_t towards,
-                      double *const force[1])
-{
-    for (; j < cone->n; j++) {
-        int above = 0, below = 0;
-        for (int k = 0; k < p->n; k++) {
-            const double value = dot3(p->at[k], cone->value[j]);
-            above |= value > 0;
-            below |= value < 0;
-        }
-        if (above && below) {
-            Polygon one, other;
-            one.n = other.n = p->n;
-            memcpy(one.at, p->at, sizeof p->at[0] * (size_t)p->n);
-            memcpy(other.at, p->at, sizeof p->at[0] * (size_t)p->n);
-            clip(&one, cone->value[j], 1);
-            clip(&other, cone->value[j], -1);
-            return (one.n > 2 ? in_part(T, cone, &one, j + 1, towards | (uint32_t)1 << j, force) : 0)
-                + (other.n > 2 ? in_part(T, cone, &other, j + 1, towards, force) : 0);
-        }
-        towards |= (uint32_t)above << j;
-    }
-    int index = 1;
-    for (int k = 0; k < cone->n; k++) index -= (towards >> k & 1) && !(towards >> (k + 1 < cone->n ? k + 1 : 0) & 1);
-    if (!index) return 0;
-    double side = 0, energy = 0;
-    for (int k = 0; k < p->n; k++) side += dot3(p->at[k], cone->outward);
-    if (side <= 0) return 0;
-    for (int k = 0; k + 2 < p->n; k++) {
-        double corner[3][3];
-        memcpy(corner[0], p->at[0], sizeof corner[0]);
-        memcpy(corner[1], p->at[k + 1], 2 * sizeof corner[0]);
-        energy += on_cone(T, cone, corner, index * fan(p, k) * T->area, force);
-    }
-    return energy;
-}
-
-/* What acts on the points of T in the cones over a vertex.  Energy. */
-static double beside_vertex3(const Triangle *T, const Vertex *v, double *const force[1])
-{
+    double from[3];
+    less3(ball->middle, v->planes.start, from);
+    const double square = dot3(from, from), reach = ball->radius + T->within;
+    if (square > reach * reach) return 0.25 * (sqrt(square) - reach - SURE);
+    const Four four = planes_on(T, &v->planes);
+    if (signs(most_on(&four))) return 0;
     Cone cone;
-    if (!find_cone(T, v, &cone)) return 0;
+    cone.T = T, cone.v = v, cone.force = force, cone.found = found;
+    double nearest = INFINITY;
+    for (int k = 0; k < 3; k++) {
+        const double *x = T->x[k], *start = v->planes.start;
+        cone.away[k] = (v4){x[0] - start[0], x[1] - start[1], x[2] - start[2], 0};
+        nearest = d_minimum(nearest, dot3((const double *)(cone.away + k), v->normal));
+    }
+    if (nearest >= T->within) return 0;
     Polygon p;
-    whole(&p);
-    if (!v->bent) return in_part(T, &cone, &p, 0, 0, force);
-    for (int j = 0; j < v->n && p.n > 2; j++) clip(&p, cone.value[j], v->bent);
-    return p.n > 2 ? in_part(T, &cone, &p, v->n, v->bent > 0 ? ~(uint32_t)0 : 0, force) : 0;
+    whole(&p, NOTHING);
+    v4 value[MOST_CORNERS];
+    cut_by(&p, &four, signs(least_on(&four)), value);
+    if (!p.n) return 0;
+    for (int g = 0; 4 * g < v->n; g++) {
+        Four *four = cone.spoke + g;
+        *four = four_on(T, v->planes.start, (v4){0}, v->spokes[g]);
+        if (!v->bent) continue;
+        const v4 sign = splat(v->bent);
+        const Four inside = {sign * four->at, {sign * four->by[0], sign * four->by[1]}};
+        cut_by(&p, &inside, signs(least_on(&inside)), value);
+    }
+    if (p.n && v->bent) in_cell(&cone, p.on, p.n, v->bent > 0 ? ((uint32_t)1 << v->n) - 1 : 0);
+    else if (p.n) in_part(&cone, p.on, p.n, 0, 0);
+    return 0;
 }

@@ -3,6 +3,8 @@
 enum { IN_FACE = sizeof(Face) / sizeof(double), IN_EDGE = sizeof(Edge3) / sizeof(double),
        IN_VERTEX = sizeof(Vertex) / sizeof(double) };
 
+enum { LOOKAHEAD = 10 }; /* steps for which lists of what may act are made */
+
 /* Sizes of the frames of faces, edges and vertices, in numbers. */
 void contact_sizes(const KernelData *s, double out[3])
 {
@@ -14,125 +16,183 @@ void contact_sizes(const KernelData *s, double out[3])
 static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
 static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
 
-/* The frames of faces, edges and vertices near another cell: of all, or of those in use. */
-static void set_frames(const KernelData *s, int all)
+/* The frames of the faces, edges and vertices that may act. */
+static void set_frames(const KernelData *s)
 {
     for (long k = 0; k < s->n_contact_faces; k++) {
-        if (!all && !s->face_used[k]) continue;
+        if (!s->face_used[k]) continue;
         const double *x[3];
         for (int i = 0; i < 3; i++) x[i] = contact_place(s, s->contact_face[3 * k + i]);
-        *((Face *)s->face_frame + k) = face_of(x);
+        set_face((Face *)s->face_frame + k, x);
     }
     for (long k = 0; k < s->n_contact_edges; k++) {
-        if (!all && !s->side_used[k]) continue;
+        if (!s->side_used[k]) continue;
         const double *x[4];
         for (int i = 0; i < 4; i++) x[i] = contact_place(s, s->contact_side[4 * k + i]);
-        *((Edge3 *)s->edge_frame + k) = edge_of(x);
+        set_edge((Edge3 *)s->edge_frame + k, x);
     }
     for (long k = 0; k < s->n_contact_vertices; k++) {
-        if (!all && !s->vertex_used[k]) continue;
+        if (!s->vertex_used[k]) continue;
         const double *ring[MOST_SPOKES];
         const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
         for (long j = 0; j < n; j++) ring[j] = contact_place(s, s->contact_ring[first + j]);
-        *((Vertex *)s->vertex_frame + k) = vertex_of(contact_place(s, s->contact_vertex[k]), ring, (int)n);
+        set_vertex((Vertex *)s->vertex_frame + k, contact_place(s, s->contact_vertex[k]), ring, (int)n);
     }
 }
 
-/* Triangle k of those near another cell. */
-static Triangle triangle_at(const KernelData *s, long k)
+/* Triangle k of those near another cell; energies are by the first corners. */
+static Triangle triangle_at(const KernelData *s, long k, double *energy)
 {
     const int32_t *node = s->contact_segment + 3 * k;
-    Triangle T = {s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, s->contact_cutoff[k], s->contact_smooth[k],
-                  s->contact_length[k], {0}, {0}};
+    static double unasked;
+    Triangle T = {.law = s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, .within = s->contact_cutoff[k],
+                  .smooth = s->contact_smooth[k], .area = s->contact_length[k],
+                  .energy = energy ? energy + s->contact_node[node[0]] : &unasked};
     for (int i = 0; i < 3; i++) {
         T.x[i] = contact_place(s, node[i]);
         T.force[i] = contact_load(s, node[i]);
     }
+    set_sides(&T);
     return T;
 }
 
-/* Whether a node has moved far since the last list. */
-static int moved_far(const KernelData *s)
+/* Lists those of the features near each triangle that may act before nodes have gone `until`, and marks them. */
+static void list_kind(long triangles, const long *first, const int32_t *near, const double *rests, double until,
+                      long *from, int32_t *listed, int32_t *used)
 {
-    double moved = 0;
-    for (long m = 0; m < s->n_contact_nodes; m++) {
-        double from[3];
-        less3(contact_place(s, m), s->listed_x + D * m, from);
-        const double square = dot3(from, from);
-        moved = square <= moved ? moved : square; /* also if it is not a number */
+    long n = 0;
+    for (long k = 0; k < triangles; k++) {
+        from[k] = n;
+        for (long m = first[k]; m < first[k + 1]; m++) {
+            listed[n] = (int32_t)m;
+            const int soon = !(rests[m] > until);
+            used[near[m]] |= soon;
+            n += soon;
+        }
     }
-    return !(moved < 0.25 * s->contact_margin * s->contact_margin);
+    from[triangles] = n;
 }
 
-/* Lists the features that may act, of which all frames are set. */
-static void list_features(const KernelData *s)
+/* The same of all kinds. */
+static void list_features(const KernelData *s, double until)
 {
+    const long n = s->n_contact_segments;
     memset(s->face_used, 0, sizeof(int32_t) * (size_t)s->n_contact_faces);
     memset(s->side_used, 0, sizeof(int32_t) * (size_t)s->n_contact_edges);
     memset(s->vertex_used, 0, sizeof(int32_t) * (size_t)s->n_contact_vertices);
-    memcpy(s->listed_x, s->contact_x, sizeof(double) * D * (size_t)s->n_contact_nodes);
-    long n[3] = {0};
-    for (long k = 0; k < s->n_contact_segments; k++) {
-        const Triangle T = triangle_at(s, k);
-        const Ball ball = ball_around(&T);
-        s->listed_face_from[k] = n[0];
-        for (long m = s->first_face[k]; m < s->first_face[k + 1]; m++)
-            if (face_may_act(&T, (const Face *)s->face_frame + s->near_face[m], s->contact_margin))
-                s->face_used[s->listed_face[n[0]++] = s->near_face[m]] = 1;
-        s->listed_side_from[k] = n[1];
-        for (long m = s->first_side[k]; m < s->first_side[k + 1]; m++)
-            if (edge_may_act(&T, &ball, (const Edge3 *)s->edge_frame + s->near_side[m], s->contact_margin))
-                s->side_used[s->listed_side[n[1]++] = s->near_side[m]] = 1;
-        s->listed_vertex_from[k] = n[2];
-        for (long m = s->first_vertex[k]; m < s->first_vertex[k + 1]; m++)
-            if (vertex_may_act(&T, &ball, (const Vertex *)s->vertex_frame + s->near_vertex[m], s->contact_margin))
-                s->vertex_used[s->listed_vertex[n[2]++] = s->near_vertex[m]] = 1;
-    }
-    s->listed_face_from[s->n_contact_segments] = n[0];
-    s->listed_side_from[s->n_contact_segments] = n[1];
-    s->listed_vertex_from[s->n_contact_segments] = n[2];
+    list_kind(n, s->first_face, s->near_face, s->face_rest, until, s->listed_face_from, s->listed_face, s->face_used);
+    list_kind(n, s->first_side, s->near_side, s->side_rest, until, s->listed_side_from, s->listed_side, s->side_used);
+    list_kind(n, s->first_vertex, s->near_vertex, s->vertex_rest, until, s->listed_vertex_from, s->listed_vertex,
+              s->vertex_used);
 }
 
-/* What the features near triangle k of those near another cell do.  Energy. */
-static double add_triangle(const KernelData *s, long k)
+/* Places of the nodes; how far any of them has gone since these lists began, beside their mean. */
+static double follow_nodes(const KernelData *s)
 {
-    const Triangle T = triangle_at(s, k);
-    double energy = 0;
-    int pierced = 0;
-    for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
-        const int32_t *of = s->contact_face + 3L * s->listed_face[n];
-        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
-        energy += over_face(&T, (const Face *)s->face_frame + s->listed_face[n], force, &pierced);
+    const long n = s->n_contact_nodes;
+    double mean[D] = {0}, most = 0;
+    for (long m = 0; m < n; m++)
+        for (int c = 0; c < D; c++) mean[c] += coordinate(s, s->contact_node[m], c) - s->contact_x[D * m + c];
+    for (long m = 0; m < n; m++) {
+        double square = 0;
+        for (int c = 0; c < D; c++) {
+            const double x = coordinate(s, s->contact_node[m], c);
+            const double by = x - s->contact_x[D * m + c] - mean[c] / (double)n;
+            s->contact_x[D * m + c] = x;
+            square += by * by;
+        }
+        most = square <= most ? most : square; /* also if it is not a number */
     }
-    for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
-        const int32_t *of = s->contact_side + 4L * s->listed_side[n];
-        double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
-        energy += beside_edge3(&T, (const Edge3 *)s->edge_frame + s->listed_side[n], force);
+    return sqrt(most);
+}
+
+/* What the faces do that may act when nodes have gone so far. */
+static int add_faces(const KernelData *s, double gone, double *energy)
+{
+    FacePieces found;
+    found.n = found.pierced = 0;
+    found.law = 0;
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        const long first = s->listed_face_from[k], end = s->listed_face_from[k + 1];
+        if (first == end) continue;
+        const Triangle T = triangle_at(s, k, energy);
+        for (long n = first; n < end; n++) {
+            const long m = s->listed_face[n];
+            if (s->face_rest[m] > gone) continue;
+            const int32_t *of = s->contact_face + 3L * s->near_face[m];
+            double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
+            const double rest = over_face(&T, (const Face *)s->face_frame + s->near_face[m], force, &found);
+            if (rest > 0) s->face_rest[m] = gone + rest;
+        }
     }
-    for (long n = s->listed_vertex_from[k]; n < s->listed_vertex_from[k + 1]; n++) {
-        double *force[1] = {contact_load(s, s->contact_vertex[s->listed_vertex[n]])};
-        energy += beside_vertex3(&T, (const Vertex *)s->vertex_frame + s->listed_vertex[n], force);
+    act_on_faces(&found);
+    return found.pierced;
+}
+
+/* The same of edges. */
+static void add_edges(const KernelData *s, double gone, double *energy)
+{
+    Lines found;
+    found.n = 0;
+    found.law = 0;
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        const long first = s->listed_side_from[k], end = s->listed_side_from[k + 1];
+        if (first == end) continue;
+        const Triangle T = triangle_at(s, k, energy);
+        for (long n = first; n < end; n++) {
+            const long m = s->listed_side[n];
+            if (s->side_rest[m] > gone) continue;
+            const int32_t *of = s->contact_side + 4L * s->near_side[m];
+            double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
+            const double rest = beside_edge3(&T, (const Edge3 *)s->edge_frame + s->near_side[m], force, &found);
+            if (rest > 0) s->side_rest[m] = gone + rest;
+        }
     }
-    if (pierced) *s->stiffest_contact = INFINITY;
-    return energy;
+    act_on_lines(&found);
+}
+
+/* The same of vertices. */
+static void add_vertices(const KernelData *s, double gone, double *energy)
+{
+    Points found;
+    found.n = 0;
+    found.law = 0;
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        const long first = s->listed_vertex_from[k], end = s->listed_vertex_from[k + 1];
+        if (first == end) continue;
+        const Triangle T = triangle_at(s, k, energy);
+        const Ball ball = ball_around(&T);
+        for (long n = first; n < end; n++) {
+            const long m = s->listed_vertex[n];
+            if (s->vertex_rest[m] > gone) continue;
+            const Vertex *v = (const Vertex *)s->vertex_frame + s->near_vertex[m];
+            double *force = contact_load(s, s->contact_vertex[s->near_vertex[m]]);
+            const double rest = beside_vertex3(&T, &ball, v, force, &found);
+            if (rest > 0) s->vertex_rest[m] = gone + rest;
+        }
+    }
+    act_on_points(&found);
 }
 
 /* Forces; energies by the first corners of the triangles, if asked for; the impulses of a time dt on a particle by the
- * other cell, which gets the opposite. */
+ * other cell, which gets the opposite.  A feature that cannot act on a triangle rests until nodes have gone far enough:
+ * so it adds no bit. */
 void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
-    for (long m = 0; m < s->n_contact_nodes; m++) {
-        for (int c = 0; c < D; c++) s->contact_x[D * m + c] = coordinate(s, s->contact_node[m], c);
-        s->stiffness_of_contact[s->contact_node[m]] = 0;
+    for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
+    double *gone = s->contact_gone; /* and that up to which lists hold, and the last step */
+    const double step = follow_nodes(s);
+    gone[0] += step;
+    if (!(gone[0] <= gone[1])) {
+        gone[1] = gone[0] + LOOKAHEAD * d_minimum(step, gone[2]);
+        list_features(s, gone[1]);
     }
-    const int anew = moved_far(s);
-    set_frames(s, anew);
-    if (anew) list_features(s);
-    for (long k = 0; k < s->n_contact_segments; k++) {
-        const double stored = add_triangle(s, k);
-        if (energy) energy[s->contact_node[s->contact_segment[3 * k]]] += stored;
-    }
+    gone[2] = step;
+    set_frames(s);
+    if (add_faces(s, gone[0], energy)) *s->stiffest_contact = INFINITY;
+    add_edges(s, gone[0], energy);
+    add_vertices(s, gone[0], energy);
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
         const double *f = contact_load(s, m);

@@ -1,22 +1,9 @@
-/* Pieces of a triangle T of one surface over faces of another, and what bonds do there.  Points of T are
- * shares of its corners.  The same as geometry/polyhedra.py, where it is explained. */
+/* Pieces of a triangle T of one surface over faces of another, and what bonds do there.  Points of T are shares of its
+ * corners, in the first three places of a vector.  The same as geometry/polyhedra.py, where it is explained. */
 
-enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 4, MOST_WAITING = 64,
-      HALVINGS = 10, POINTS_OF_LINE = 3, POINTS_OF_CONE = 7 };
-static const double CHANGE = 0.4, COS_TURN = 0.921060994002885, SIZE = 0.8, LEVEL = 1e-9, THIN = 1e-12;
-static const double LINE_AT[POINTS_OF_LINE] = {0.11270166537925831, 0.5, 0.8872983346207417};
-static const double LINE_WEIGHT[POINTS_OF_LINE] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 8, MOST_PIECES = 32 };
 static const double SKEW[3] = {0.9e-12, 1.3e-12, 1.7e-12}; /* [µm] moves features off triangles on their borders */
-static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* Radon (1948) */
-static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
-
-/* T: parameters of its law, distances beyond which there are no bonds and below which they have no scale, reference
- * area, corners and what acts on them: here and below forces, and in the fourth place a bound of the sum of their row
- * of the tangent. */
-typedef struct { const double *law; double within, smooth, area; const double *x[3]; double *force[3]; } Triangle;
-
-/* A convex polygon on T. */
-typedef struct { int n; double at[MOST_CORNERS][3]; } Polygon;
+static const double SURE = 1e-9; /* [µm] far above what rounding changes */
 
 static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -30,136 +17,246 @@ static inline void less3(const double a[3], const double b[3], double out[3])
     for (int i = 0; i < 3; i++) out[i] = a[i] - b[i];
 }
 
-static inline void mixed3(const double a[3], const double b[3], double share, double out[3])
+/* The first three places of two vectors. */
+static inline double dot4(v4 a, v4 b) { const v4 c = a * b; return c[0] + c[1] + c[2]; }
+
+static inline double most_of(v4 a) { return d_maximum(d_maximum(a[0], a[1]), d_maximum(a[2], a[3])); }
+
+/* T: parameters of its law, distances beyond which there are no bonds and below which they have no scale, reference
+ * area, corners, sides from the first to the others, square of the longer of these, what acts on the corners, and its
+ * energy.  What acts are forces, and in the fourth place a bound of the sum of their row of the tangent. */
+typedef struct {
+    const double *law;
+    double within, smooth, area;
+    const double *x[3];
+    double side[2][3], longer, *force[3], *energy;
+} Triangle;
+
+/* Sets the sides of T. */
+static inline void set_sides(Triangle *T)
 {
-    for (int i = 0; i < 3; i++) out[i] = a[i] + share * (b[i] - a[i]);
+    for (int k = 0; k < 2; k++) less3(T->x[k + 1], T->x[0], T->side[k]);
+    T->longer = d_maximum(dot3(T->side[0], T->side[0]), dot3(T->side[1], T->side[1]));
 }
 
-/* A vector at a point of T from those at its corners. */
-static inline void vector_at(const double corner[3][3], const double on[3], double out[3])
-{
-    for (int i = 0; i < 3; i++) out[i] = on[0] * corner[0][i] + on[1] * corner[1][i] + on[2] * corner[2][i];
-}
+/* Four linear functions of a place, all of which are positive where a feature acts: `at` the start, gradients `slope`,
+ * 1 over the lengths of these as `width`; the least size of what they depend on. */
+typedef struct { v4 at, slope[3], width; double start[3], size; } Planes;
 
-/* All of T. */
-static inline void whole(Polygon *p)
-{
-    static const double corners[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    p->n = 3;
-    memcpy(p->at, corners, sizeof corners);
-}
+/* Four linear functions on T: values at its first corner, and their changes to the others. */
+typedef struct { v4 at, by[2]; } Four;
 
-/* Cuts a polygon to where `sign` times something linear is positive, with values at the corners of T. */
-static void clip(Polygon *p, const double value[3], double sign)
+/* Those with the values `at` at a place and gradients `slope`. */
+static inline Four four_on(const Triangle *T, const double start[3], v4 at, const v4 slope[3])
 {
-    double at[MOST_CORNERS], least = INFINITY;
-    for (int k = 0; k < p->n; k++) {
-        at[k] = sign * dot3(p->at[k], value);
-        if (at[k] < least) least = at[k];
-    }
-    if (least >= 0) return;
-    Polygon part;
-    part.n = 0;
-    for (int k = 0, last = p->n - 1; k < p->n; last = k++) {
-        if ((at[last] < 0) != (at[k] < 0))
-            mixed3(p->at[last], p->at[k], at[last] / (at[last] - at[k]), part.at[part.n++]);
-        if (at[k] >= 0) memcpy(part.at[part.n++], p->at[k], sizeof part.at[0]);
-    }
-    p->n = part.n;
-    memcpy(p->at, part.at, sizeof part.at[0] * (size_t)part.n);
-}
-
-/* Area between two vectors on T, over twice that of T. */
-static inline double crossed(const double a[3], const double b[3]) { return a[1] * b[2] - a[2] * b[1]; }
-
-/* Share of T of the triangle k of the fan of a polygon. */
-static inline double fan(const Polygon *p, int k)
-{
-    double a[3], b[3];
-    less3(p->at[k + 1], p->at[0], a);
-    less3(p->at[k + 2], p->at[0], b);
-    return fabs(crossed(a, b));
-}
-
-/* A load at a point of T along the direction from the feature, to the corners of both by their shares. */
-static inline void pull(const Triangle *T, const double on[3], double *const force[], const double *below, int n,
-                        double load, const double away[3])
-{
+    Four f = {at, {{0}}};
     for (int i = 0; i < 3; i++) {
-        for (int k = 0; k < 3; k++) T->force[k][i] -= on[k] * load * away[i];
-        for (int k = 0; k < n; k++) force[k][i] += below[k] * load * away[i];
-    }
-}
-
-/* Adds the stiffness of what acts at a point of T to the corners of both by their shares. */
-static inline void stiffen(const Triangle *T, const double on[3], double *const force[], const double *below, int n,
-                           double stiffness)
-{
-    for (int k = 0; k < 3; k++) T->force[k][3] += on[k] * stiffness;
-    for (int k = 0; k < n; k++) force[k][3] += below[k] * stiffness;
-}
-
-/* A face: its first corner, unit normal, and the gradients of the shares of its second and third corners. */
-typedef struct { double start[3], normal[3], gradient[2][3]; } Face;
-
-/* The face with these corners, in positive order as seen from outside. */
-static Face face_of(const double *const x[3])
-{
-    Face f;
-    double side1[3], side2[3];
-    less3(x[1], x[0], side1);
-    less3(x[2], x[0], side2);
-    cross3(side1, side2, f.normal);
-    const double square = dot3(f.normal, f.normal), length = sqrt(square);
-    cross3(side2, f.normal, f.gradient[0]);
-    cross3(f.normal, side1, f.gradient[1]);
-    for (int i = 0; i < 3; i++) {
-        f.start[i] = x[0][i] + SKEW[i];
-        f.normal[i] /= length;
-        f.gradient[0][i] /= square;
-        f.gradient[1][i] /= square;
+        f.at = fma4(splat(T->x[0][i] - start[i]), slope[i], f.at);
+        for (int k = 0; k < 2; k++) f.by[k] = fma4(splat(T->side[k][i]), slope[i], f.by[k]);
     }
     return f;
 }
 
-/* The part of T over a face, on its outer side.  Energy; *pierced is set where T goes through the face. */
-static double over_face(const Triangle *T, const Face *f, double *const force[3], int *pierced)
+static inline Four planes_on(const Triangle *T, const Planes *l) { return four_on(T, l->start, l->at, l->slope); }
+
+/* Their values at a point of T; the largest and the least ones on T. */
+static inline v4 value_at(const Four *f, v4 on)
 {
-    double from[3], gap[3], on[3][3], energy = 0;
-    int out = 0, behind = 0, before[3] = {0};
-    for (int k = 0; k < 3; k++) {
-        less3(T->x[k], f->start, from);
-        gap[k] = dot3(from, f->normal);
-        on[1][k] = dot3(from, f->gradient[0]);
-        on[2][k] = dot3(from, f->gradient[1]);
-        on[0][k] = 1 - on[1][k] - on[2][k];
-        out += gap[k] >= T->within;
-        behind += gap[k] <= 0;
-        for (int c = 0; c < 3; c++) before[c] += on[c][k] <= 0;
-    }
-    if (out == 3 || behind == 3 || before[0] == 3 || before[1] == 3 || before[2] == 3) return 0;
-    Polygon p;
-    whole(&p);
-    for (int k = 0; k < 3 && p.n > 2; k++) clip(&p, on[k], 1);
-    if (p.n < 3) return 0;
-    for (int k = 0; behind && k < p.n; k++)
-        if (dot3(p.at[k], gap) < 0) behind = -1;
-    if (behind < 0) {
-        clip(&p, gap, 1);
-        *pierced |= p.n > 2;
-    }
-    for (int k = 0; k + 2 < p.n; k++) {
-        const double *corner[3] = {p.at[0], p.at[k + 1], p.at[k + 2]};
-        const double g[3] = {dot3(corner[0], gap), dot3(corner[1], gap), dot3(corner[2], gap)};
-        double loads[3], stored[1];
-        contact_face(T->law, T->area * fan(&p, k), g[0], g[1], g[2], loads, stored);
-        const double stiffness = contact_face_stiffness(T->law, T->area * fan(&p, k), g[0], g[1], g[2]) / 3;
-        for (int c = 0; c < 3; c++) {
-            const double below[3] = {dot3(corner[c], on[0]), dot3(corner[c], on[1]), dot3(corner[c], on[2])};
-            pull(T, corner[c], force, below, 3, loads[c], f->normal);
-            stiffen(T, corner[c], force, below, 3, stiffness);
+    return fma4(splat(on[2]), f->by[1], fma4(splat(on[1]), f->by[0], f->at));
+}
+
+static inline v4 most_on(const Four *f) { return f->at + larger((v4){0}, larger(f->by[0], f->by[1])); }
+static inline v4 least_on(const Four *f) { return f->at + smaller((v4){0}, smaller(f->by[0], f->by[1])); }
+
+/* How far all corners of T and of a feature may move until a length beside the feature, now `room`, may be zero: it
+ * changes as these move and as the feature turns, which the distance from it makes longer. */
+static inline double rest_of(const Triangle *T, const Planes *l, double room)
+{
+    double from[3];
+    less3(T->x[0], l->start, from);
+    const double distance = sqrt(2 * (dot3(from, from) + T->longer));
+    return 0.25 * (room - SURE) * l->size / (l->size + 4 * (distance + room));
+}
+
+/* A convex polygon on T, in either of two places; the fourth place of a point is for what is linear on it. */
+typedef struct { int n; v4 *on, place[2][MOST_CORNERS]; } Polygon;
+
+/* All of T, with something linear. */
+static inline void whole(Polygon *p, const double value[3])
+{
+    p->n = 3;
+    p->on = p->place[0];
+    for (int k = 0; k < 3; k++) p->on[k] = (v4){k == 0, k == 1, k == 2, value[k]};
+}
+
+/* The point between two of which something linear has the values a and b where it is zero. */
+static inline v4 zero_between(v4 p, v4 q, double a, double b) { return fma4(splat(a / (a - b)), q - p, p); }
+
+/* The part of a convex polygon where something linear is not negative: a place of `value` at its corners, of which
+ * `out` has a bit where that is negative, but not of all.  Those that are left are in one run.  Number of corners. */
+static inline int cut(const v4 *on, int n, const v4 *value, int place, uint32_t out, v4 *part)
+{
+    const double *at = (const double *)value + place;
+    const uint32_t in = (((uint32_t)1 << n) - 1) & ~out;
+    int k = __builtin_ctz(in & (out << 1 | out >> (n - 1))), last = k ? k - 1 : n - 1, m = 1;
+    part[0] = zero_between(on[last], on[k], at[4 * last], at[4 * k]);
+    for (; in >> k & 1; k = k + 1 < n ? k + 1 : 0) part[m++] = on[last = k];
+    part[m] = zero_between(on[last], on[k], at[4 * last], at[4 * k]);
+    return m + 1;
+}
+
+/* Cuts a polygon to where some of four functions are not negative, of which there is a bit each; their values at its
+ * corners. */
+static inline void cut_by(Polygon *p, const Four *f, int some, v4 value[MOST_CORNERS])
+{
+    for (;;) {
+        int negative[MOST_CORNERS], any = 0, every = some;
+        for (int k = 0; k < p->n; k++) {
+            value[k] = value_at(f, p->on[k]);
+            any |= negative[k] = signs(value[k]);
+            every &= negative[k];
         }
-        energy += stored[0];
+        any &= some;
+        if (every) p->n = 0;
+        if (!any || every) return;
+        const int place = __builtin_ctz((unsigned)any);
+        uint32_t out = 0;
+        for (int k = 0; k < p->n; k++) out |= (uint32_t)(negative[k] >> place & 1) << k;
+        v4 *part = p->place[p->on == p->place[0]];
+        p->n = cut(p->on, p->n, value, place, out, part);
+        p->on = part;
+        some &= ~(1 << place);
     }
-    return energy;
+}
+
+/* Area between two vectors on T, over twice that of T. */
+static inline double crossed(v4 a, v4 b) { return a[1] * b[2] - a[2] * b[1]; }
+
+/* Share of T of the triangle k of the fan of a polygon. */
+static inline double fan(const v4 *on, int k) { return fabs(crossed(on[k + 1] - on[0], on[k + 2] - on[0])); }
+
+static const double NOTHING[3] = {0, 0, 0};
+
+static inline void add4(double *sum, v4 a) { store(sum, load(sum) + a); }
+
+/* A load on three corners by their shares, along a direction. */
+static inline void pull(double *const force[3], v4 shares, v4 along)
+{
+    for (int k = 0; k < 3; k++) add4(force[k], shares[k] * along);
+}
+
+/* A stiffness on three corners by their shares. */
+static inline void stiffen(double *const force[3], v4 shares, double stiffness)
+{
+    for (int k = 0; k < 3; k++) force[k][3] += shares[k] * stiffness;
+}
+
+/* A face: the shares of its corners and the gap from it as planes, its unit normal. */
+typedef struct { Planes planes; v4 normal; } Face;
+
+/* Sets the face with these corners, in positive order as seen from outside. */
+static void set_face(Face *f, const double *const x[3])
+{
+    double side1[3], side2[3], normal[3], second[3], third[3];
+    less3(x[1], x[0], side1);
+    less3(x[2], x[0], side2);
+    cross3(side1, side2, normal);
+    const double square = dot3(normal, normal), length = sqrt(square);
+    cross3(side2, normal, second);
+    cross3(normal, side1, third);
+    double slope[3] = {0};
+    for (int i = 0; i < 3; i++) {
+        const double b = second[i] / square, c = third[i] / square, n = normal[i] / length;
+        f->planes.start[i] = x[0][i] + SKEW[i];
+        f->planes.slope[i] = (v4){-(b + c), b, c, n};
+        slope[0] += (b + c) * (b + c);
+        slope[1] += b * b;
+        slope[2] += c * c;
+    }
+    f->normal = (v4){normal[0] / length, normal[1] / length, normal[2] / length, 0};
+    f->planes.at = (v4){1, 0, 0, 0};
+    f->planes.width = 1 / v4_sqrt((v4){slope[0], slope[1], slope[2], 1});
+    f->planes.size = d_minimum(f->planes.width[0], d_minimum(f->planes.width[1], f->planes.width[2]));
+}
+
+/* A piece over a face: its corners, as shares of those of T and of the face, the normal, and what it acts on. */
+typedef struct { v4 on[3], below[3], normal; double *on_T[3], *on_face[3], *energy; } FacePiece;
+
+/* Pieces of one law that wait for what acts on them; whether any triangle goes through a face. */
+typedef struct {
+    const double *law;
+    int n, pierced;
+    double area[MOST_PIECES], gap[3][MOST_PIECES];
+    FacePiece piece[MOST_PIECES];
+} FacePieces;
+
+/* What acts on the pieces that wait. */
+static void act_on_faces(FacePieces *found)
+{
+    for (int n = found->n; n % 4; n++) /* with others that do not count */
+        found->area[n] = 0, found->gap[0][n] = found->gap[1][n] = found->gap[2][n] = 1;
+    for (int m = 0; m < found->n; m += 4) {
+        v4 loads[3], stored[1], holds[1], stiff[1], stiffness[1] = {{0}}, gap[3];
+        const v4 area = load(found->area + m);
+        for (int c = 0; c < 3; c++) gap[c] = load(found->gap[c] + m);
+        contact_face_apart(found->law, area, gap[0], gap[1], gap[2], loads, stored, holds, stiff);
+        if (signs(-stiff[0])) contact_face_stiffness(found->law, area, gap[0], gap[1], gap[2], stiffness);
+        for (int i = 0; i < 4 && m + i < found->n; i++) {
+            const FacePiece *piece = found->piece + m + i;
+            double load[3] = {loads[0][i], loads[1][i], loads[2][i]}, energy[1] = {stored[0][i]};
+            if (holds[0][i] == 0)
+                contact_face(found->law, area[i], gap[0][i], gap[1][i], gap[2][i], load, energy);
+            v4 on = {0}, below = {0};
+            for (int c = 0; c < 3; c++) {
+                on = fma4(splat(load[c]), piece->on[c], on);
+                below = fma4(splat(load[c]), piece->below[c], below);
+            }
+            pull(piece->on_T, -on, piece->normal);
+            pull(piece->on_face, below, piece->normal);
+            *piece->energy += energy[0];
+            if (stiffness[0][i] == 0) continue;
+            stiffen(piece->on_T, piece->on[0] + piece->on[1] + piece->on[2], stiffness[0][i] / 3);
+            stiffen(piece->on_face, piece->below[0] + piece->below[1] + piece->below[2], stiffness[0][i] / 3);
+        }
+    }
+    found->n = 0;
+}
+
+/* Finds the part of T over a face, on its outer side.  How far corners may move until there is any. */
+static double over_face(const Triangle *T, const Face *f, double *const force[3], FacePieces *found)
+{
+    const Four four = planes_on(T, &f->planes);
+    const v4 most = most_on(&four), least = least_on(&four);
+    if (signs(most) || least[3] >= T->within)
+        return rest_of(T, &f->planes, d_maximum(least[3] - T->within, most_of(-most * f->planes.width)));
+    Polygon p;
+    v4 below[MOST_CORNERS];
+    whole(&p, NOTHING);
+    cut_by(&p, &four, 7 & signs(least), below);
+    if (p.n && least[3] < 0) {
+        int behind = 0;
+        for (int k = 0; k < p.n; k++) behind |= signs(below[k]) & 8;
+        cut_by(&p, &four, behind, below);
+        found->pierced |= behind && p.n;
+    }
+    if (!p.n) return 0;
+    if (found->law != T->law || found->n + p.n > MOST_PIECES) act_on_faces(found);
+    found->law = T->law;
+    for (int k = 0; k + 2 < p.n; k++) {
+        const int corner[3] = {0, k + 1, k + 2};
+        FacePiece *piece = found->piece + found->n;
+        double nearest = INFINITY;
+        for (int c = 0; c < 3; c++) {
+            piece->on[c] = p.on[corner[c]];
+            piece->below[c] = below[corner[c]];
+            nearest = d_minimum(nearest, found->gap[c][found->n] = below[corner[c]][3]);
+            piece->on_T[c] = T->force[c];
+            piece->on_face[c] = force[c];
+        }
+        if (nearest >= T->within) continue;
+        piece->normal = f->normal;
+        piece->energy = T->energy;
+        found->area[found->n++] = T->area * fan(p.on, k);
+    }
+    return 0;
 }

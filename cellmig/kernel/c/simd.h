@@ -1,4 +1,5 @@
-/* Vectors of four doubles and their functions, for any processor; with AVX2 and FMA where it has them. */
+/* Vectors of four doubles and their functions, for any processor; with AVX2 and FMA where it has them.  `signs` has a
+ * bit of each number that is negative. */
 
 #include <math.h>
 #include <stdint.h>
@@ -29,6 +30,8 @@ static inline v4 fnma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fnmadd_pd((__m256d)
 static inline v4 halves(v4 a, v4 b) { return (v4)_mm256_blend_pd((__m256d)a, (__m256d)b, 12); }
 static inline v4 smaller(v4 a, v4 b) { return (v4)_mm256_min_pd((__m256d)b, (__m256d)a); }
 static inline v4 larger(v4 a, v4 b) { return (v4)_mm256_max_pd((__m256d)b, (__m256d)a); }
+static inline int signs(v4 a) { return _mm256_movemask_pd((__m256d)a); }
+static inline v4 v4_sqrt(v4 a) { return (v4)_mm256_sqrt_pd((__m256d)a); }
 static inline v4 load_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_loadu_ps(a)); }
 static inline void store_single(float *a, v4 x) { _mm_storeu_ps(a, _mm256_cvtpd_ps((__m256d)x)); }
 static inline v4 even_single(const float *a) { return (v4)_mm256_cvtps_pd(_mm_moveldup_ps(_mm_loadu_ps(a))); }
@@ -41,6 +44,8 @@ static inline v4 fnma4(v4 a, v4 b, v4 c) { return c - a * b; }
 static inline v4 halves(v4 a, v4 b) { return (v4){a[0], a[1], b[2], b[3]}; }
 static inline v4 smaller(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] < a[i] ? b[i] : a[i]; return a; }
 static inline v4 larger(v4 a, v4 b) { for (int i = 0; i < 4; i++) a[i] = b[i] > a[i] ? b[i] : a[i]; return a; }
+static inline int signs(v4 a) { int s = 0; for (int i = 0; i < 4; i++) s |= !!signbit(a[i]) << i; return s; }
+static inline v4 v4_sqrt(v4 a) { return (v4){sqrt(a[0]), sqrt(a[1]), sqrt(a[2]), sqrt(a[3])}; }
 static inline v4 load_single(const float *a) { return (v4){a[0], a[1], a[2], a[3]}; }
 static inline void store_single(float *a, v4 x) { for (int i = 0; i < 4; i++) a[i] = (float)x[i]; }
 static inline v4 even_single(const float *a) { return (v4){a[0], a[0], a[2], a[2]}; }
@@ -125,7 +130,6 @@ static inline v4 v4_exp(v4 x)
 }
 
 static inline v4 v4_cbrt(v4 x) { return v4_exp(v4_log(x) * (1.0 / 3)); }
-static inline v4 v4_sqrt(v4 x) { return (v4){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}; }
 static inline v4 v4_where(i4 yes, v4 a, v4 b) { return (v4)(((i4)a & yes) | ((i4)b & ~yes)); }
 static inline v4 v4_minimum(v4 a, v4 b) { return v4_where(a < b, a, b); }
 static inline v4 v4_maximum(v4 a, v4 b) { return v4_where(a > b, a, b); }
