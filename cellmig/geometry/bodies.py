@@ -1,20 +1,21 @@
-"""Shapes of bodies in space, and the layout of their particles: ball, ellipsoid, cap, box, cylinder, any surface."""
+"""Shapes of bodies in space, and the layout of their particles: ball, ellipsoid, cap, box, cylinder."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..case.registry import law, quantity
 from . import base_surfaces
-from .closing import closed
 from .fill_body import fill
 from .surfaces import ClosedSurface
 from .triangles import lengths
+
+NUCLEI = ("nucleus_ratio", "nucleus_file", "nucleus_region")  # keys that give a nucleus, of which a shape has some
 
 
 class Layout3(NamedTuple):
@@ -37,13 +38,13 @@ class Layout3(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Body:
+class Body:
     """Base class of bodies, with a nucleus that is a smaller copy of the surface.
 
     Attributes
     ----------
     _surface : ClosedSurface -- fine triangles of the surface.
-    _names : tuple of str -- names of the parts of the surface.
+    _numbers : dict -- by name of a part of the surface, its numbers in `_surface.part`.
     """
 
     nucleus_ratio: float | None = quantity("", "size of the nucleus over that of the cell", None, above=0, maximum=0.95)
@@ -61,26 +62,34 @@ class _Body:
             raise ValueError("nucleus_offset: needs nucleus_ratio, the size of the nucleus, which is missing")
         surface, nucleus = self._surface, self._nucleus
         if nucleus is not None and not surface.inside(nucleus.vertices).all():
-            key = "nucleus_ratio" if self.nucleus_offset is None else "nucleus_offset"
-            raise ValueError(f"{key}: the nucleus does not lie within the body")
+            key = next(k for k in ("nucleus_offset", *NUCLEI) if getattr(self, k, None) is not None)
+            away = surface.distance(nucleus.vertices)
+            at = "({:.3g}, {:.3g}, {:.3g})".format(*nucleus.vertices[away.argmax()])
+            raise ValueError(f"{key}: the nucleus does not lie within the body: it is {max(away.max(), 0.0):.3g} um "
+                             f"out of it at {at} um from the cell's centre")
 
     @property
     def _surface(self) -> ClosedSurface:
         raise NotImplementedError
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return ()
+    def _numbers(self) -> dict[str, Any]:
+        return {}
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the parts of the surface: all of it, and those that the shape has."""
-        return ("surface", *self._names)
+        return ("surface", *self._numbers)
 
     @property
     def volume(self) -> float:
         """Volume [µm³]."""
         return self._surface.volume
+
+    @property
+    def surface_area(self) -> float:
+        """Area of the surface's triangles [µm²]."""
+        return self._surface.area
 
     @property
     def has_nucleus(self) -> bool:
@@ -89,8 +98,9 @@ class _Body:
 
     def outline(self, n: int = 64) -> np.ndarray:
         """At least n points (m, 3) [µm] of the surface, with the centre as origin."""
-        points, _ = self._surface.sampled(n) if n > len(self._surface.vertices) else (self._surface.vertices, None)
-        return points
+        points = self._surface.vertices  # the lowest one is among them
+        more = n - len(points)
+        return points if more <= 0 else np.concatenate([points, self._surface.sampled(more)[0]])
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Distances (n,) [µm] of points (n, 3) [µm] from the surface, negative inside."""
@@ -121,12 +131,12 @@ class _Body:
         X, nucleus, tet, triangles, origin = fill(surface, count, refinement, self._nucleus, self._exact)
         of = surface.part[origin]
         parts = {"surface": np.arange(len(triangles))}
-        parts |= {name: np.flatnonzero(of == k) for k, name in enumerate(self._names)}
+        parts |= {name: np.flatnonzero(np.isin(of, numbers)) for name, numbers in self._numbers.items()}
         return Layout3(X, nucleus, triangles, tet, parts)
 
 
 @law("shape", "ellipsoid")
-class Ellipsoid(_Body):
+class Ellipsoid(Body):
     """Ellipsoid with semi-axes a, b, c along x, y, z; its nucleus has the same ratios of axes."""
 
     a: float = quantity("um", "semi-axis a along x", above=0)
@@ -152,7 +162,7 @@ class Ellipsoid(_Body):
 
 
 @law("shape", "ball")
-class Ball(_Body):
+class Ball(Body):
     """Ball of radius R with a nucleus that is a ball."""
 
     radius: float = quantity("um", "radius R", above=0)
@@ -172,7 +182,7 @@ class Ball(_Body):
 
 
 @law("shape", "cap")
-class Cap(_Body):
+class Cap(Body):
     """Cap of a spheroid that rests with its flat base on a plane, as a spread cell does; the base has the origin.
 
     Without a contact angle it is the cap of a sphere.  Parts of its surface: base, cap.
@@ -196,8 +206,8 @@ class Cap(_Body):
         super().__post_init__()
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return ("base", "cap")
+    def _numbers(self) -> dict[str, Any]:
+        return {"base": 0, "cap": 1}
 
     @property
     def _centre(self) -> float:
@@ -234,7 +244,7 @@ class Cap(_Body):
 
 
 @law("shape", "box")
-class Box(_Body):
+class Box(Body):
     """Box whose centre is the cell's; parts of its surface: left, right, front, back, bottom, top."""
 
     a: float = quantity("um", "length along x", above=0)
@@ -242,8 +252,8 @@ class Box(_Body):
     c: float = quantity("um", "length along z", above=0)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return ("left", "right", "front", "back", "bottom", "top")
+    def _numbers(self) -> dict[str, Any]:
+        return {"left": 0, "right": 1, "front": 2, "back": 3, "bottom": 4, "top": 5}
 
     @cached_property
     def _surface(self) -> ClosedSurface:
@@ -251,15 +261,15 @@ class Box(_Body):
 
 
 @law("shape", "cylinder")
-class Cylinder(_Body):
+class Cylinder(Body):
     """Cylinder with its axis along z; parts of its surface: side, bottom, top."""
 
     radius: float = quantity("um", "radius R", above=0)
     length: float = quantity("um", "length L along z", above=0)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return ("side", "bottom", "top")
+    def _numbers(self) -> dict[str, Any]:
+        return {"side": 0, "bottom": 1, "top": 2}
 
     @cached_property
     def _surface(self) -> ClosedSurface:
@@ -276,57 +286,3 @@ class Cylinder(_Body):
         exact = points.copy()
         exact[side, :2] *= (self.radius / away[side])[:, None]
         return exact
-
-
-@dataclass(frozen=True, kw_only=True)
-class Surface(_Body):
-    """Body inside a closed triangulated surface; its centre is the centre of volume.
-
-    The nucleus is inside another closed surface, or a smaller copy of the surface about its centre of volume.
-
-    Attributes
-    ----------
-    vertices : tuple of (3,) -- positions of the vertices [µm].
-    triangles : tuple of (3,) int -- vertices of each triangle, from 0, in any sense.
-    nucleus_vertices : tuple of (3,) -- those around the nucleus [µm]; None if it has no surface of its own.
-    nucleus_triangles : tuple of (3,) int -- their triangles.
-    """
-
-    vertices: tuple[tuple[float, ...], ...]
-    triangles: tuple[tuple[int, ...], ...]
-    nucleus_vertices: tuple[tuple[float, ...], ...] | None = None
-    nucleus_triangles: tuple[tuple[int, ...], ...] | None = None
-
-    def __post_init__(self) -> None:
-        """Check both surfaces.
-
-        Raises ValueError for triangles that bound no volume or a nucleus outside; the message is for the user.
-        """
-        if (self.nucleus_vertices is None) != (self.nucleus_triangles is None):
-            raise ValueError("nucleus_vertices, nucleus_triangles: one is given without the other")
-        if self.nucleus_vertices is not None and self.nucleus_ratio is not None:
-            raise ValueError("nucleus_ratio: the nucleus has a surface already")
-        super().__post_init__()
-
-    @cached_property
-    def _given(self) -> ClosedSurface:
-        return _closed("triangles", self.vertices, self.triangles)
-
-    @cached_property
-    def _surface(self) -> ClosedSurface:
-        return self._given.moved(self._given.vertices - self._given.centroid)
-
-    @property
-    def _nucleus(self) -> ClosedSurface | None:
-        if self.nucleus_vertices is None or self.nucleus_triangles is None:
-            return super()._nucleus
-        nucleus = _closed("nucleus_triangles", self.nucleus_vertices, self.nucleus_triangles)
-        return nucleus.moved(nucleus.vertices - self._given.centroid)
-
-
-def _closed(key: str, vertices: tuple, triangles: tuple) -> ClosedSurface:
-    """A closed surface; raises ValueError with the key in front of the message."""
-    try:
-        return closed(np.array(vertices, float), np.array(triangles, int))
-    except ValueError as error:
-        raise ValueError(f"{key}: {error}") from None

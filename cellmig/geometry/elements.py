@@ -22,6 +22,12 @@ PIECES = 16  # edges of a parabola: together they miss 1/256 of the area between
 TINY = 1e-9  # lengths below this fraction of the size are rounding errors
 
 
+def dimensions(mesh: Any) -> np.ndarray:
+    """Dimension of each element of a mesh (elements,) int: 0 of vertices, 1 of lines, 2 of areas, 3 of all others."""
+    of = {"vertex": 0, **dict.fromkeys(ALONG, 1), **dict.fromkeys(AREAS, 2)}
+    return np.repeat([of.get(block.type, 3) for block in mesh.cells], [len(block.data) for block in mesh.cells])
+
+
 def refuse_others(mesh: Any, path: str) -> None:
     """Check that all elements of a mesh can be read, as those left out would be holes.
 
@@ -54,7 +60,7 @@ def rings(mesh: Any, path: str) -> tuple[list[tuple], list[tuple]]:
     lines: list[tuple] = []
     first = 0
     for block in mesh.cells:
-        data, number = _whole(block.data, len(mesh.points), path), first + np.arange(len(block.data))
+        data, number = whole(block.data, len(mesh.points), path), first + np.arange(len(block.data))
         first += len(block.data)
         kind, order = block.type, 2 if block.type in (*AROUND_SECOND, "line3") else 1
         if kind in AREAS and len(data):
@@ -65,8 +71,11 @@ def rings(mesh: Any, path: str) -> tuple[list[tuple], list[tuple]]:
     return areas, lines
 
 
-def _whole(data: Any, n_points: int, path: str) -> np.ndarray:
-    """Node numbers (k, m) int; files may hold them as floats."""
+def whole(data: Any, n_points: int, path: str) -> np.ndarray:
+    """Node numbers (k, m) int; files may hold them as floats.
+
+    Raises ValueError where they are no numbers of nodes; the message is for the user.
+    """
     data = np.asarray(data)
     if data.ndim != 2 or data.dtype.kind not in "iuf" or (data.dtype.kind == "f" and (data != np.rint(data)).any()):
         raise ValueError(f"'{path}' cannot be read: the points of its elements are no whole numbers")

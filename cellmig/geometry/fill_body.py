@@ -27,9 +27,6 @@ PASSES = 4  # in which flat tetrahedra are removed
 SLIVER = 0.3  # quality of a tetrahedron below which it is flat
 AWAY = 0.08  # by which one of its corners moves [distances of neighbours]
 ROUNDS, EXCESS = 6, 5e-3  # in which the lattice is fitted, until it has so many points too many, over the number
-# Densities along the surface that are tried: in a symmetric body four points at a corner may be in one plane, and leave
-# no tetrahedra that fill it, as in a tenth of all cubes.
-DENSITIES = (1.0, 1.02, 0.98, 1.04, 0.96)
 DIGITS = 40  # bits of coordinates that are kept: the last ones depend on the library
 
 
@@ -55,18 +52,6 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
 
     Raises ValueError if the particles are too few for the surface; the message is for the user.
     """
-    errors = []
-    for density in DENSITIES:
-        try:
-            return _filled(surface, count, density * refinement, nucleus, exact)
-        except ValueError as error:
-            errors.append(error)
-    raise errors[0]
-
-
-def _filled(surface: ClosedSurface, count: int, refinement: float, nucleus: ClosedSurface | None,
-            exact: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, ...]:
-    """What `fill` returns, for one density of particles along the surface."""
     h = _spacing(surface, count, refinement)
     samples = Samples(surface, round(SAMPLES * refinement**2 * surface.area / h**2))
     outer, fixed = surface_points(samples, refinement**2 * surface.area / h**2)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..case.messages import show
-from . import elements, polygons, wkt
+from . import elements, obj, polygons, wkt
 from .elements import TINY
 
 _SKIPPED = re.compile("cannot handle|not parse")  # in meshio's warnings about elements that it leaves out
@@ -71,7 +71,7 @@ def boundary(path: str) -> dict:
 
     Raises ValueError where the file cannot be read or its elements form no region; the message is for the user.
     """
-    mesh = _read(path)
+    mesh = read(path)
     elements.refuse_others(mesh, path)
     areas, lines = elements.rings(mesh, path)
     points = np.asarray(mesh.points, float)
@@ -93,10 +93,11 @@ def boundary(path: str) -> dict:
     place = {frozenset(pair): k for k, pair in enumerate(zip(starts.tolist(), ends.tolist(), strict=True))}
     regions: dict[str, list] = {}
     parts: dict[str, list[int]] = {}
-    for name, (wide, thin) in _groups(mesh).items():
-        inside = np.isin(of, first_of[wide])
+    wide = elements.dimensions(mesh) == 2
+    for name, members in groups(mesh).items():
+        inside = np.isin(of, first_of[members[wide[members]]])
         regions[name] = [_points(points, loop) for loop in _chain(_edges(around[inside], points, path))]
-        of_group = along[np.isin(line, thin)].tolist()
+        of_group = along[np.isin(line, members[~wide[members]])].tolist()
         at = sorted({place[pair] for pair in map(frozenset, of_group) if pair in place})
         parts |= {name: at} if at else {}
         if not inside.any() and at:
@@ -105,8 +106,12 @@ def boundary(path: str) -> dict:
     return Boundary(outlines, tuple(regions.items()), tuple(parts.items())).written()
 
 
-def _read(path: str) -> Any:
-    """The mesh of a file; meshio's messages become a ValueError, as does its attempt to end the program."""
+def read(path: str) -> Any:
+    """The mesh of a file, as meshio has it.
+
+    Raises ValueError where the file cannot be read, also where meshio would end the program; the message is for the
+    user.
+    """
     if not os.path.isfile(path):
         raise ValueError(f"'{path}': no such file")
     with contextlib.redirect_stdout(io.StringIO()) as output, contextlib.redirect_stderr(output):
@@ -114,14 +119,29 @@ def _read(path: str) -> Any:
 
         try:
             with np.errstate(over="ignore"):  # meshio overflows where it guesses whether an STL file is binary
-                mesh = wkt.read(path) if path.lower().endswith(".wkt") else meshio.read(path)
+                own = _OWN.get(os.path.splitext(path)[1].lower())
+                mesh = own(path) if own else meshio.read(path)
             warning = " ".join(output.getvalue().split())
             if not _SKIPPED.search(warning):
                 return mesh
             lines = [warning]
+        except UnicodeDecodeError:
+            lines = ["it is neither text nor a whole binary file"]
         except (Exception, SystemExit) as error:  # meshio's readers raise any exception on a broken file
             lines = [line.strip() for line in (*output.getvalue().splitlines(), str(error)) if line.strip(" .01")]
     raise ValueError(f"'{path}' cannot be read: {lines[0] if lines else 'meshio knows no reason'}") from None
+
+
+def _read_ply(path: str) -> Any:
+    """The mesh of a PLY file, whose faces may have the one of their two usual names that meshio does not know."""
+    import meshio
+
+    with open(path, "rb") as stream:
+        head, end, rest = stream.read().partition(b"end_header")
+    return meshio.read(io.BytesIO(re.sub(rb"\bvertex_index\b", b"vertex_indices", head) + end + rest), "ply")
+
+
+_OWN = {".obj": obj.read, ".ply": _read_ply, ".wkt": wkt.read}  # what meshio does not read, or not all of it
 
 
 def _representatives(mesh: Any, areas: list[tuple]) -> np.ndarray:
@@ -172,32 +192,31 @@ def _points(points: np.ndarray, loop: list[int]) -> tuple:
     return tuple(map(tuple, points[loop].tolist()))
 
 
-def _groups(mesh: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Elements of each named group: numbers of its area elements, and of all others.
+def groups(mesh: Any) -> dict[str, np.ndarray]:
+    """Numbers (k,) int of the elements of each named group of a mesh.
 
     A name is that of a cell set, such as a physical group of Gmsh; "ref=2" for the elements where the array `ref` of
     whole numbers is 2; or that of an array which is 1 in the group and 0 elsewhere.
     """
-    sizes = [len(block.data) for block in mesh.cells]
-    first = np.concatenate([[0], np.cumsum(sizes)])
-    wide = np.repeat([block.type in elements.AREAS for block in mesh.cells], sizes)
+    first = np.concatenate([[0], np.cumsum([len(block.data) for block in mesh.cells])])
     tags = np.concatenate([np.zeros(0, int), *mesh.cell_data.get("gmsh:physical", ())])
-    groups = {name: np.flatnonzero((tags == data[0]) & (wide == (data[1] == 2))) if len(tags) else np.zeros(0, int)
-              for name, data in mesh.field_data.items() if np.size(data) == 2}
+    of = elements.dimensions(mesh)
+    found = {name: np.flatnonzero((tags == data[0]) & (of == data[1])) if len(tags) else np.zeros(0, int)
+             for name, data in mesh.field_data.items() if np.size(data) == 2}
     for name, blocks in mesh.cell_sets.items():
         if not name.startswith("gmsh:"):
             members = [f + np.asarray(b, int) for f, b in zip(first, blocks, strict=False) if b is not None]
-            groups[name] = np.concatenate([np.zeros(0, int), *members])
+            found[name] = np.concatenate([np.zeros(0, int), *members])
     for name, data in mesh.cell_data.items():
-        if any(d.ndim != 1 or d.dtype.kind not in "biuf" for d in data):
+        if any(np.ndim(d) != 1 or d.dtype.kind not in "biuf" for d in data):
             continue
         values = np.concatenate([np.zeros(0), *data])
         if not (np.isfinite(values).all() and (values == np.rint(values)).all()):
             continue
         if len(known := np.unique(values)) <= MOST_VALUES:
-            named = {cells.tobytes() for cells in groups.values()}  # groups that have a name already
+            named = {cells.tobytes() for cells in found.values()}  # groups that have a name already
             of_value = {f"{name}={int(value)}": np.flatnonzero(values == value) for value in known}
-            groups |= {key: cells for key, cells in of_value.items() if cells.tobytes() not in named}
+            found |= {key: cells for key, cells in of_value.items() if cells.tobytes() not in named}
             if set(known.tolist()) == {0.0, 1.0}:
-                groups.setdefault(name, np.flatnonzero(values == 1))
-    return {name: (cells[wide[cells]], cells[~wide[cells]]) for name, cells in groups.items()}
+                found.setdefault(name, np.flatnonzero(values == 1))
+    return found

@@ -11,6 +11,7 @@ from .triangles import area_vectors, cross, dot, edges_of, unit, volume
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # opposite to each corner, seen from outside
 FAR = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
 FLAT = 0.25  # quality of a tetrahedron below which it is a sliver
+COPLANAR = 1e-6  # the same of one whose corners are in one plane, but for rounding
 SMOOTH = np.cos(np.radians(40.0))  # of the angle between two outer faces of a sliver on a surface without an edge
 DEFECT = 0.2  # largest difference of the volume from that inside the surface, over the latter
 PASSES = 8  # in which slivers are taken off the surface
@@ -93,7 +94,7 @@ def filled(X: np.ndarray, m: int, fixed: int, surface: ClosedSurface) -> tuple[n
 
     Raises ValueError if the points are too few for the surface; the message is for the user.
     """
-    tet = delaunay(X)
+    tet = _flipped(X, delaunay(X), m)
     outer = np.flatnonzero((tet < m).all(axis=1))
     spherical, central = (surface.inside(p) for p in (circumcentres(X, tet[outer]), X[tet[outer]].mean(axis=1)))
     within = np.ones(len(tet), bool)
@@ -103,7 +104,42 @@ def filled(X: np.ndarray, m: int, fixed: int, surface: ClosedSurface) -> tuple[n
         triangles = boundary(inside)[0]
         if _faithful(triangles, m, surface) and abs(volume(X, triangles) / surface.volume - 1.0) < DEFECT:
             return inside, triangles
-    raise ValueError(f"{len(X)} particles are too few for such a surface")
+    raise ValueError(f"{len(X)} particles are too few for such a surface{_misfit(X, triangles, m)}")
+
+
+def _misfit(X: np.ndarray, triangles: np.ndarray, m: int) -> str:
+    """End of a message: where triangles (t, 3) of the points X (n, 3) are no closed surface of the first m points."""
+    edges, edge = edges_of(triangles)
+    lone = edges[np.bincount(edge.ravel()) != 2].ravel()
+    wrong = np.concatenate([np.setdiff1d(np.arange(m), triangles), lone, triangles[triangles >= m]])
+    if len(wrong) == 0:
+        return ""
+    at = "({:.3g}, {:.3g}, {:.3g})".format(*X[wrong[0]])
+    return f": near {at} um from the cell's centre it is thinner or rougher than their spacing"
+
+
+def _flipped(X: np.ndarray, tet: np.ndarray, m: int) -> np.ndarray:
+    """Tetrahedra without those of four points of the surface in one plane through the body, as across an edge of a box.
+
+    Such a one has its two diagonals on its two sides; if the two tetrahedra on one side have the same fourth corner,
+    they are exchanged for the two that have the other diagonal, so that it leaves no gap.
+    """
+    for flat in tet[(tet < m).all(axis=1) & (quality(X, tet) < COPLANAR)]:
+        beside = np.flatnonzero(np.isin(tet, flat).sum(axis=1) == 3)
+        apex = tet[beside][~np.isin(tet[beside], flat)]
+        for e in np.unique(apex):
+            one = beside[apex == e]
+            ends = [c for c in flat if np.isin(tet[one], c).sum() == 1]  # of the other diagonal
+            if len(one) != 2 or len(ends) != 2:
+                continue
+            fresh = np.array([[*ends, c, e] for c in flat if c not in ends])
+            negative = volumes(X, fresh) < 0.0
+            fresh[negative] = fresh[negative][:, [1, 0, 2, 3]]
+            if quality(X, fresh).min() > COPLANAR:
+                itself = np.flatnonzero((np.sort(tet, axis=1) == np.sort(flat)).all(axis=1))
+                tet = np.concatenate([np.delete(tet, [*one, *itself], axis=0), fresh])
+                break
+    return tet
 
 
 def _faithful(triangles: np.ndarray, m: int, surface: ClosedSurface) -> bool:

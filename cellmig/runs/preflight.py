@@ -19,7 +19,14 @@ from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
 
-from .summary import describe_contacts, describe_load_steps, describe_scene, describe_skipped, describe_step
+from .summary import (
+    describe_bodies,
+    describe_contacts,
+    describe_load_steps,
+    describe_scene,
+    describe_skipped,
+    describe_step,
+)
 from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # largest number of particles of a timed scene
@@ -38,7 +45,8 @@ class Cost(NamedTuple):
 
     spacing : the largest [um];  stable : stable step by mechanism, step : that taken, both at rest [us];  per_step :
     time per particle-step on this core [s];  memory : total [B], besides RANK_BYTES on each rank;  coarse : whether the
-    timed cells had fewer particles, whose coefficients stay in the caches;  skipped : absent terms and the reasons.
+    timed cells had fewer particles, whose coefficients stay in the caches;  skipped : absent terms and the reasons;
+    left_out : for the first cell of each kind in space, by index, its volume beyond the particles' triangles [-].
     """
 
     particles: int
@@ -50,6 +58,7 @@ class Cost(NamedTuple):
     memory: float
     coarse: bool
     skipped: dict[str, str]
+    left_out: dict[int, float]
 
     @property
     def seconds(self) -> float:
@@ -62,6 +71,9 @@ def cost(case: Case) -> Cost:
     size, terms = _size(case), find_terms(case)
     part, ratio = _part(case, PROBE)
     scene = discretise(part)
+    first = {int(k): n for n, k in reversed([*enumerate(scene.kind)])} if case.dimension == 3 else {}
+    left_out = {n: ratio**2 * (1.0 - float(scene.templates[k].V.sum()) / part.cells[n].shape.volume)
+                for k, n in sorted(first.items())}
     scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
     stable = StepControl(scene, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
@@ -69,7 +81,7 @@ def cost(case: Case) -> Cost:
     kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
     memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
     return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                memory, ratio < 1.0, terms.skipped)
+                memory, ratio < 1.0, terms.skipped, left_out)
 
 
 def _size(case: Case) -> int:
@@ -116,7 +128,8 @@ def report(case: Case) -> str:
     fixed = None if case.time.step == "auto" else case.time.step
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
-        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
+        _particles(case, c.particles, c.spacing), *describe_bodies(case, c.left_out),
+        *describe_scene(case, case.time.end), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
         ("time step", describe_step(c.stable, case.time.step_factor, fixed)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),

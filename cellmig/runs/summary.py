@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+import numpy as np
+
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
 from cellmig.meshfree.terms import Terms
@@ -16,7 +18,8 @@ from cellmig.solve.step import binding
 from .estimates import expected
 
 FLOATING = 5  # largest number of cells that a warning names
-LISTED = 4  # the same of a pair
+LISTED = 4  # the same of a pair, and of kinds of cells in space
+COARSE = 0.05  # share of a body's volume that its particles may leave out
 CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
@@ -42,6 +45,21 @@ def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
     names = {why: [name for name, reason in skipped.items() if reason == why] for why in skipped.values()}
     rows = [f"{', '.join(those)}: {why}" for why, those in names.items()] or ["nothing"]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
+
+
+def describe_bodies(case: Case, left_out: dict[int, float]) -> list[tuple[str, str]]:
+    """Rows about the first cell of each kind in space; `left_out` : by its index, the volume beyond its triangles."""
+    rows = []
+    for n, share in list(left_out.items())[:LISTED]:
+        cell = case.cells[n]
+        size = " × ".join(f"{side:.3g}" for side in np.ptp(cell.shape.outline(720), axis=0))
+        rows.append(("" if rows else "bodies", f"{cell.name}: {cell.shape.volume:.4g} µm³ within "
+                     f"{cell.shape.surface_area:.4g} µm², {size} µm; its particles hold {100.0 * (1.0 - share):.3g} % "
+                     "of that volume"))
+        if abs(share) > COARSE:
+            rows.append(("WARNING", f"the particles are too few for the shape of {cell.name}: more of them, or a "
+                                    "smaller spacing, hold more of its volume"))
+    return rows
 
 
 def describe_scene(case: Case, end: float) -> list[tuple[str, str]]:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from cellmig.geometry import base_surfaces, bodies
-from cellmig.geometry.bodies import Ball, Box, Cap, Cylinder, Ellipsoid, Layout3, Surface
+from cellmig.geometry.bodies import Ball, Box, Cap, Cylinder, Ellipsoid, Layout3
 from cellmig.geometry.closing import closed
+from cellmig.geometry.file_body import Surface
+from cellmig.geometry.surface_file import Shells
 from cellmig.geometry.surface_points import SAMPLES, Samples, surface_points
 from cellmig.geometry.surfaces import ClosedSurface
 from cellmig.geometry.tetrahedra import boundary, quality, volumes
@@ -22,12 +24,12 @@ TETRAHEDRON = (np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]),
 SPHERE = base_surfaces.ball()
 
 
-def rows(a: np.ndarray) -> tuple:
-    return tuple(map(tuple, a.tolist()))
+def shells(vertices: np.ndarray, triangles: np.ndarray) -> Shells:
+    return Shells.of({"vertices": vertices, "triangles": triangles})
 
 
 def surface(vertices: np.ndarray, triangles: np.ndarray, **keys) -> Surface:
-    return Surface(vertices=rows(vertices), triangles=rows(triangles), **keys)
+    return Surface(file=shells(vertices, triangles), unit=1.0, centred=True, **keys)
 
 
 def bumpy(x: np.ndarray) -> np.ndarray:
@@ -59,8 +61,8 @@ SHAPES = {
     "high cap": Cap(contact_radius=4.0, height=9.0),
     "box": Box(a=10.0, b=8.0, c=6.0, nucleus_ratio=0.4),
     "cylinder": Cylinder(radius=4.0, length=12.0, nucleus_ratio=0.4, nucleus_offset=(0.0, 0.0, 2.0)),
-    "bumpy": surface(bumpy(SPHERE.vertices), SPHERE.triangles, nucleus_vertices=rows(2.0 * SPHERE.vertices),
-                     nucleus_triangles=rows(SPHERE.triangles)),
+    "bumpy": surface(bumpy(SPHERE.vertices), SPHERE.triangles,
+                     nucleus_file=shells(2.0 * SPHERE.vertices, SPHERE.triangles)),
     "peanut": surface(peanut(SPHERE.vertices), SPHERE.triangles),
     "angle": surface(*angle()),
 }
@@ -220,7 +222,7 @@ def test_the_lowest_particle_is_as_low_as_the_shape(name: str) -> None:
 @pytest.mark.parametrize("name", ["bumpy", "angle"])
 def test_the_order_of_a_list_of_triangles_is_all_one(name: str) -> None:
     shape, draw = SHAPES[name], np.random.default_rng(1)
-    vertices, triangles = np.array(shape.vertices), np.array(shape.triangles)
+    vertices, triangles = shape.file._points, shape.file._all
     place = draw.permutation(len(vertices))
     moved = np.empty_like(vertices)
     moved[place] = vertices
@@ -342,23 +344,25 @@ TWO = (np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5.0]), np.concatenate([T
 
 
 @pytest.mark.parametrize(("vertices", "triangles", "message"), [
-    (angle()[0], angle()[1][:-1], r"triangle 8 has no neighbour at its edge from \(0, 0, 4\) um to \(0, 9, 4\) um"),
-    (angle()[0], np.concatenate([angle()[1], [(1, 0, 8), (0, 1, 8)]]), "triangle 1 shares with more than"),
-    (moved(1, (0.0, 0.0, 0.0)), angle()[1], "triangle 1 has no area"),
+    (angle()[0], angle()[1][:-1], r"the surface is not closed: triangle 8 has no neighbour at its edge from "
+     r"\(0, 0, 4\) to \(0, 9, 4\), and 2 more"),
+    (angle()[0], np.concatenate([angle()[1], [(1, 0, 8), (0, 1, 8)]]), r"the surface is not closed: .*; the surface "
+     "branches: triangle 1 shares with more than one other"),
+    (moved(1, (4.5, 1.5, 0.0)), angle()[1], "triangle 1 has no area"),
     (np.concatenate([angle()[0][:1] * np.nan, angle()[0][1:]]), angle()[1], "triangle 1 has a coordinate that is no"),
     (angle()[0], angle()[1] + 1, "triangle 8 has a vertex that is not there"),
-    (moved(9, (-2.0, -2.0, 2.0)), angle()[1], r"triangles \d+ and \d+ cross each other"),
-    (*TWO, "the triangles are 2 pieces, not one"),
+    (moved(9, (-2.0, -2.0, 2.0)), angle()[1], r"triangle 6 and triangle 15 cross each other, about \(2.667, "),
+    (*TWO, "the triangles are 2 pieces, not one; a nucleus has a file of its own, nucleus_file"),
     (TETRAHEDRON[0], TETRAHEDRON[1][:3], "a closed surface has at least four triangles")])
 def test_triangles_that_bound_no_volume_are_refused(vertices: np.ndarray, triangles: np.ndarray, message: str) -> None:
-    with pytest.raises(ValueError, match=f"triangles: {message}"):
+    with pytest.raises(ValueError, match=f"^file: {message}"):
         surface(vertices, triangles)
 
 
 def test_a_surface_that_touches_itself_in_a_vertex_is_refused() -> None:
     vertices = SPHERE.vertices.copy()
     vertices[vertices[:, 2].argmax()] = (0.0, 0.0, -1.0)
-    with pytest.raises(ValueError, match=r"touches others in a vertex only, at \(0, 0, -1\) um"):
+    with pytest.raises(ValueError, match=r"touches others in a vertex only, at \(0, 0, -1\)"):
         closed(vertices, SPHERE.triangles)
 
 
@@ -367,7 +371,6 @@ def test_a_surface_that_touches_itself_in_a_vertex_is_refused() -> None:
     (lambda: Ball(radius=1.0, nucleus_ratio=0.5, nucleus_offset=(0.6, 0.0, 0.0)), "nucleus_offset: the nucleus does"),
     (lambda: surface(*angle(), nucleus_ratio=0.9), "nucleus_ratio: the nucleus does not lie within the body"),
     (lambda: Cap(contact_radius=5.0, height=3.0, contact_angle=0.8), "contact_angle: a spheroid of this height has"),
-    (lambda: surface(*angle(), nucleus_vertices=((0.0, 0.0, 0.0),)), "nucleus_vertices, nucleus_triangles: one is"),
     (lambda: Ball(radius=1.0).particles(20), "20 particles are too few for such a surface")])
 def test_shapes_that_cannot_be_are_refused(make, message: str) -> None:
     with pytest.raises(ValueError, match=message):
@@ -376,7 +379,7 @@ def test_shapes_that_cannot_be_are_refused(make, message: str) -> None:
 
 @pytest.mark.parametrize("count", [120, 200, 380, 520, 540, 560])
 def test_a_cube_is_filled_though_points_at_its_corners_are_in_one_plane(count: int) -> None:
-    """Counts for which the first density along the surface leaves no tetrahedra that fill it."""
+    """Counts for which Delaunay's tetrahedra have flat ones across an edge, with a gap in their place."""
     layout = Box(a=4.0, b=4.0, c=4.0).particles(count)
     assert len(layout.X) == count
     assert volumes(layout.X, layout.tetrahedra).sum() == pytest.approx(64.0, rel=1e-12)

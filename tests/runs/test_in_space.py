@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -54,6 +55,22 @@ def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, t
         assert [len(step.findall("Grid")) for step in steps] == [2, 1], index
 
 
+def test_a_body_from_a_file_has_the_same_bits_on_other_ranks_and_is_resumed_without_the_file(cellmig, tmp_path) -> None:
+    for name in ("surface.toml", "cell_surface.stl"):
+        shutil.copy(CASES["surface"].parent / name, tmp_path)
+    words = (tmp_path / "surface.toml", *COARSE, "--until", "1 us")
+    assert cellmig(1, *words, "--out", tmp_path / "one").returncode == 0
+    stopped = ("--out", tmp_path / "three", "--wall-time", "1 s")
+    assert cellmig(3, *words, *stopped).returncode == 75
+    file = tmp_path / "cell_surface.stl"
+    file.write_text(file.read_text().replace("vertex 0 0 ", "vertex 0 0.001 "))
+    other = cellmig(3, *words, *stopped, "--resume", "auto")
+    assert other.returncode == 2 and "file.vertices: is not what it was in the run that is there" in other.stderr, other
+    file.unlink()
+    assert cellmig(2, "resume", tmp_path / "three", "--quiet").returncode == 0
+    assert state_hash(tmp_path / "three") == state_hash(tmp_path / "one")
+
+
 def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
     history, ledger = (read_table(row / f"{name}.csv") for name in ("history", "ledger"))
     assert tuple(history) == (*HISTORY[3], *MOTION[3], "name") and tuple(ledger) == LEDGER[3]
@@ -85,7 +102,8 @@ def test_pictures_and_films_show_surfaces(row: Path, tmp_path: Path, monkeypatch
 
 def test_validate_tells_what_a_case_in_space_takes() -> None:
     text = report(load(CASES["three_balls"], ["particles.per_cell=200"]))
-    for part in ("z from 0.01 to 10.01 µm", "averages of finite elements", "10 nm between cells", "pN a cell"):
+    for part in ("z from 0.01 to 10.01 µm", "averages of finite elements", "10 nm between cells", "pN a cell",
+                 "bodies", "Cell-1: 523.6 µm³ within 313.8 µm², 10 × 10 × 10 µm; its particles hold 95.7 % of that"):
         assert part in text, text
 
 
