@@ -67,7 +67,7 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
     rows = sorted({_before(samples, time) for time in times})
     top, most = usual_peak(normal[rows]), np.linalg.norm(along[:, rows], axis=0).max()
     width, wide, high = x[1] - x[0], np.ptp(x), np.ptp(y)
-    stacked = wide > 1.3 * high
+    stacked = len(rows) == 1 or wide > 1.3 * high
     size = (6.4, 0.6 + len(rows) * (0.25 + 5.0 * high / wide)) if stacked else (1.2 + 2.6 * len(rows),
                                                                                    1.0 + 2.6 * high / wide)
     figure = Figure(figsize=size, layout="constrained")

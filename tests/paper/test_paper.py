@@ -64,6 +64,18 @@ def discs(stress, factor):
             "surface": np.tile([*range(60), *[-1] * 120], 3), "material": np.tile(np.repeat([1, 1, 0], 60), 3)}
 
 
+def in_space(end=10.0, factor=1.0, sphericity=0.99):
+    """Three balls that move by `end` [um] in 200 us, `factor` higher than wide."""
+    flat = outcome(end, pictures=False)
+    history = {name.replace("contact_um", "contact_um2"): values for name, values in flat.history.items()}
+    history |= {"time_us": 0.5 * history["time_us"], "z_um": np.full(4 * 401, 5.0),
+                "sphericity": np.full(4 * 401, sphericity)}
+    points = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, factor], [0, 0, -factor]])
+    fields = {"X": 5.0 * np.tile(points, (3, 1)), "u": np.zeros((18, 3)), "cell": np.repeat([1, 2, 3], 6)}
+    manifest = RUN | {"protrusion_impulse_pN_us": 2e3}
+    return Outcome(history, manifest, [Picture(t, fields) for t in (0.0, 20.0, 200.0)])
+
+
 def everything(ends):
     """Results of all cases, displacement [um] by configuration and seed."""
     return {name: {seed: outcome(end) for seed, end in zip(SEEDS, row, strict=False)} for name, row in ends.items()}
@@ -111,6 +123,18 @@ def test_the_follower_is_least_stressed_and_apart_or_not(stress, touch, verdict)
     assert gap(outcome(), 24.0, 1.0) == pytest.approx(4.0, abs=0.05)
 
 
+def test_balls_are_judged_by_areas_and_sphericity_at_the_same_shares_of_their_time():
+    claim = CLAIMS["R1"]({"all_protrude": {1: in_space()}})
+    assert claim.verdict == HOLDS
+    told = " ".join(part.text for part in claim.parts)
+    assert "least sphericity of a cell at 20 us" in told and "134 us less 102 us [um2]" in told
+    assert CLAIMS["R1"]({"all_protrude": {1: in_space(factor=1.3)}}).verdict == FAILS
+    assert CLAIMS["R1"]({"all_protrude": {1: in_space(sphericity=0.9)}}).verdict == FAILS
+    moves = CLAIMS["R3"]({name: {1: in_space(ends[0])} for name, ends in ORDER.items()})
+    assert moves.verdict == HOLDS and moves.parts[0].what.startswith("displacement at 200 us")
+    assert "impulse of 2 nN us; contact at 200 us 7 um2 with the substrate" in moves.notes[0]
+
+
 @pytest.mark.parametrize(("key", "what", "factors"), [("R5", "adhesion", (0.5, 2, 4)), ("R6", "protrusion", (0.5, 2))])
 def test_a_study_holds_where_every_step_up_is_faster(key, what, factors):
     ends = {"all_protrude": [10, 10]} | {f"{what}_x{f:g}": [10 * f, 10 * f] for f in factors}
@@ -136,6 +160,32 @@ def test_every_claim_has_its_runs_and_every_run_is_a_case_that_loads(tmp_path):
     assert cases["adhesion_x4", 2020].contact.well_depth == pytest.approx(4 * base.contact.well_depth)
     assert cases["protrusion_x0.5", 2020].protrusion.protrusion_ratio == pytest.approx(0.5 * ratio)
     assert cases["adhesion_x4", 2020].seed == 2020 and cases["alone", 2019].protrusion.cells == ("Cell-1",)
+
+
+def test_in_space_the_same_cells_of_three_balls_protrude(tmp_path):
+    jobs = plan(tmp_path, 2, quick=True, dimension=3)
+    cases = {key: job.load() for key, job in jobs.items()}
+    assert len(jobs) == 2 * 9 and "alone" not in {name for name, _ in jobs}
+    who = {name: ",".join(cell[-1] for cell in cases[name, 2019].protrusion.cells) for name in CASES}
+    assert who == {name: cells.strip("{}") for name, cells in CASES.items()}
+    assert all((case.dimension, case.time.end, case.particles.per_cell) == (3, 200.0, 300) for case in cases.values())
+    base = cases["all_protrude", 2019]
+    assert cases["adhesion_x2", 2020].contact.well_depth == pytest.approx(2 * base.contact.well_depth)
+    assert {job.load().time.end for job in plan(tmp_path, 1, quick=False, dimension=3).values()} == {400.0}
+
+
+def test_the_study_in_space_leaves_figures_and_numbers(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(study_paper, "_QUICK", {3: ("particles.per_cell=60", "time.samples=4", "time.end=2 us")})
+    assert paper(tmp_path, 1, 2, quick=True, only=["R6"], dimension=3) == 0
+    text = capsys.readouterr().out
+    assert "3 to go" in text and "displacement at 2 us of x 2" in text
+    assert {path.name for path in tmp_path.glob("*.png")} == {"fig2.png", "protrusion.png"}
+    rows = {name: list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
+            for name in ("claims", "runs")}
+    assert {row["claim"] for row in rows["claims"]} == {"R1", "R3", "R5", "R6"}
+    assert all(float(row["impulse_pn_us"]) > 0.0 for row in rows["runs"])
+    monkeypatch.setattr(batch.Job, "start", lambda *_: pytest.fail("a run that is there was started again"))
+    assert paper(tmp_path, 1, 2, quick=True, only=["R6"], dimension=3) == 0
 
 
 def test_what_is_set_is_set_in_every_run_and_the_strengths_are_multiples_of_it(tmp_path):
@@ -214,3 +264,5 @@ def test_the_cases_with_tension_are_the_papers_but_for_that():
 def test_a_claim_that_there_is_not_is_refused():
     with pytest.raises(UsageError, match="no claim 'R9'; there are R1"):
         command(parse(["paper", "--only", "R3,R9"]))
+    with pytest.raises(UsageError, match="'R4' is judged in two dimensions; in three there are R1, R3, R5, R6"):
+        command(parse(["paper", "--dimension", "3", "--only", "R3,R4"]))
