@@ -53,10 +53,13 @@ class Simulation:
         self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
         owner, state, boundary, probes, protruding = others
         own = np.arange(self.scene.size)[comm.rank :: comm.size]
-        begun = {} if start is None else self._begun(start, own)
-        self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()} | begun)
+        state |= self._begun(start) if start is not None else {}
+        begun = state.pop("begun", None)
+        self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()})
         self.swarm.migrate(owner[comm.rank :: comm.size])
         self.mechanics = Mechanics(self.scene, self.terms, boundary, protruding, owner, self.swarm)
+        if self.mechanics.director is not None and begun is not None:
+            self.mechanics.director.set(begun[self.mechanics.ids])  # anchors keep their angles at the case's start
         fixed = None if isinstance(case.time.step, str) else case.time.step
         kind = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
         self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
@@ -82,8 +85,10 @@ class Simulation:
         return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
                 protruding)
 
-    def _begun(self, arrays: dict[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
-        """Initial state of the particles `ids` (n,) from arrays of a checkpoint; collective.  Raises CaseError."""
+    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Initial u, v of all particles, and if the case has one their director as `begun`, from arrays of a
+        checkpoint; collective.  Raises CaseError.
+        """
         why = "a static case is solved from rest" if self.case.static else ""
         if not same_places(arrays, self.scene, self.comm):
             why = ("the run to start from has other particles: shapes, places, nuclei and [particles] have to be the "
@@ -91,11 +96,10 @@ class Simulation:
         if why:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
         found = broadcast(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
-                                      if name in ("particle state", "particle theta")})
-        d = self.scene.dimension
-        begun = {"u": found["state"][ids, :d], "v": found["state"][ids, d:]}
-        if self.case.director is not None and "theta" in found:
-            begun["theta"] = found["theta"][ids].ravel()
+                                      if name in ("particle state", "particle director")})
+        begun = dict(zip("uv", np.split(found["state"], 2, axis=1), strict=True))
+        if self.case.director is not None and "director" in found:
+            begun["begun"] = np.split(found["director"], 2, axis=1)[0]
         return begun
 
     def go(self, stop: float) -> float:

@@ -38,6 +38,16 @@ def vectors(n: int = 200, d: int = 2) -> np.ndarray:
     return np.random.default_rng(4).standard_normal((d, n))
 
 
+def gradients(n: int = 200, d: int = 2) -> np.ndarray:
+    """Of the numbers of a director (m, d, n)."""
+    return np.random.default_rng(4).standard_normal((1 if d == 2 else 3, d, n))
+
+
+def directions(n: int = 200, d: int = 2) -> np.ndarray:
+    """Unit vectors (d, n)."""
+    return rotations(n, 6, d)[0]
+
+
 def distances(law: Any) -> np.ndarray:
     """Through cap and well to past the cutoff, without those two points."""
     eps = law.equilibrium_distance

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from cellmig.meshfree.body import Scene, Template, template
 from cellmig.meshfree.boundary import Boundary, Probes
 from cellmig.meshfree.terms import Terms
+from cellmig.model.director import initial
 from cellmig.output.sample import Sampler
 from cellmig.parallel.collect import gathered
 from cellmig.parallel.partition import partition
@@ -39,6 +40,13 @@ def bar(law: Any, shape: tuple = (6, 2, 2)) -> Scene:
     return scene_of(blocks(np.array([*np.ndindex(*shape)]), shake=0.1), (law, None))
 
 
+def smooth(X: np.ndarray, size: float, seed: int = 5) -> np.ndarray:
+    """A field (n, 3) of a few waves of 5 µm and more, with values of about `size`."""
+    rng = np.random.default_rng(seed)
+    waves = [(rng.uniform(-1, 1, 3) * 2 * np.pi / 5, rng.standard_normal(3), rng.uniform(0, 6)) for _ in range(3)]
+    return size * sum(a * np.sin(X @ k + phase)[:, None] for k, a, phase in waves)
+
+
 def scene_of(body: Body, laws: tuple, cells: int = 1, pitch: float = 0.0, height: float = 0.0) -> Scene:
     """Copies of a body, a `pitch` apart along x, whose lowest points are at a height [µm]."""
     inner = laws[1] or laws[0]
@@ -60,7 +68,7 @@ class Space:
         self.scene, self.comm, self.size = scene, comm, n
         owner, own = partition(scene.X, scene.cell, scene.material, comm.size), np.arange(n)[comm.rank :: comm.size]
         fields = {"id": np.arange(n), "X": scene.X, "u": u + np.zeros((n, 3)), "v": v + np.zeros((n, 3)),
-                  "theta": np.zeros(n), "loss": np.zeros((n, 5))}
+                  "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]), "loss": np.zeros((n, 5))}
         self.swarm = Swarm(comm, {name: values[own] for name, values in fields.items()})
         self.swarm.migrate(owner[own])
         boundary = Boundary((), (), some.reshape(0, 2), none, some, some, some, none.reshape(0, 3), some,

@@ -17,7 +17,6 @@ from .source import Source
 from .values import declared, default_in
 
 MOST_PARTICLES = 1e9
-FLAT = ("director",)  # what is known in two dimensions only
 NOT_YET = "is not there in three dimensions yet"
 NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported
@@ -72,10 +71,9 @@ def _in_space(source: Source, found: dict[str, Any]) -> None:
                       "finite elements: leave it out")
     if found["time"] is not None and found["time"].integrator != "leapfrog":
         source.reject(("time", "integrator"), f"{NOT_YET}: the only one is \"leapfrog\"")
-    for name, law in (found["materials"] or {}).items():
-        for key in ("eta", "zeta"):
-            if getattr(law, key, 0.0):
-                source.reject(("materials", name, key), f"{NOT_YET}, as the director")
+    if getattr(found["director"], "angle", 0.0):
+        source.reject(("director", "angle"), "has no meaning in three dimensions: give three numbers, such as "
+                      "direction = [1, 0, 0]")
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:

@@ -24,7 +24,7 @@ _FORMULA = re.compile(_PLACE + r"|^[-+\s]*[\d.]+([eE][-+]?\d+)?\s*\*")
 class Expression:
     """A formula of x, y, z and the distance r [µm] from the centre of the cell, followed by the unit of its values.
 
-    In two dimensions there is no z.
+    In two dimensions there is no z; pure numbers have no unit.
 
     Attributes
     ----------
@@ -55,13 +55,14 @@ class Expression:
     def _split(self) -> tuple[ast.expr, float]:
         """The formula and the factor of its unit: the text is split at the first blank that leaves both valid."""
         text = units.plain(self.text).strip()
-        for blank in [m.start() for m in re.finditer(r"\s", text)]:
+        for blank in [*(m.start() for m in re.finditer(r"\s", text)), len(text)]:
             formula, unit = text[:blank], text[blank:].strip()
             try:
                 return ast.parse(formula, mode="eval").body, units.number(f"1 {unit}", self.unit)
             except (SyntaxError, units.UnitError):
                 continue
-        raise ValueError(f"'{self.text}' is not a formula with a unit, such as '0.1*x {self.unit}'")
+        kind = "formula with a unit" if self.unit else "formula"
+        raise ValueError(f"'{self.text}' is not a {kind}, such as '{units.written('0.1*x', self.unit)}'")
 
     def _value(self, node: ast.expr, names: dict[str, Any]) -> Any:
         match node:

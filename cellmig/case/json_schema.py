@@ -97,6 +97,8 @@ def _value(f: Any) -> dict:
         leaf["enum"] = list(meta["choices"])
     if meta.get("scaled"):
         leaf = {"anyOf": [leaf, {"type": "number"}]}
+    elif meta.get("formula") and not unit:
+        leaf = {"anyOf": [leaf, {"type": "string"}]}
     for n in reversed(meta.get("shape") or {"pair": (2,)}.get(meta.get("items"), (None,) if "items" in meta else ())):
         least, most = (2, 3) if n == "d" else (n, n)
         sizes = {"minItems": meta.get("least", least), "maxItems": most} if n else {}

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from . import accuracy, registry, values
-from .checks import FLAT, NOT_YET, check, ordered, resolution
+from .checks import check, ordered, resolution
 from .copies import copy_names, expand, named
 from .expression import Expression
 from .messages import CaseError, show, suggest
@@ -99,6 +99,7 @@ class _Reader:
         for name in [name for name, f in fields.items() if "items_of" in f.metadata]:
             self.note_formulas(name, found[name])
             found[name] = tuple(item for item, _ in found[name])
+        self.note_formulas("director", [(law, ("director",)) for law in [found["director"]] if law is not None])
         return found
 
     def note_formulas(self, kind: str, items: list[tuple[Any, tuple]]) -> None:
@@ -108,7 +109,8 @@ class _Reader:
                 given = getattr(item, key)
                 if any(isinstance(v, Expression) for v in (given if isinstance(given, tuple) else (given,))):
                     where = (*path, key)
-                    self.formulas[kind, item.name, key] = (*self.source.place(where), ".".join(map(str, where)))
+                    named = kind, getattr(item, "name", ""), key
+                    self.formulas[named] = (*self.source.place(where), ".".join(map(str, where)))
 
     def find(self, path: tuple) -> Any:
         """Value at a path of tables; None if there is none."""
@@ -133,9 +135,6 @@ class _Reader:
     def part(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one field of the case."""
         meta = f.metadata
-        if self.dimension == 3 and f.name in FLAT and value not in (None, []):
-            self.reject(path, NOT_YET)
-            value = None
         if "section" in meta:
             return self.record(meta["section"], {} if value is None else value, path)
         if meta.get("items_of") is Cell:

@@ -11,9 +11,11 @@ import inspect
 from operator import attrgetter
 from typing import Any
 
+from ..model.director import numbers
 from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
 
-RANKS = {"F": 2, "Fdot": 2, "gradient": 1, "director": 1, "bend": 1, "bend_rate": 1}  # of tensors, by their names
+# Shapes of tensors by their names, in d dimensions with m numbers of a director.
+TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d"}
 ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
 
 
@@ -176,9 +178,9 @@ def _needed(values: tuple) -> list[Symbol]:
 
 def shapes_of(method: Any, dimension: int = 2) -> dict[str, tuple]:
     """Shapes of the arguments of a pointwise method."""
-    arguments = list(inspect.signature(method).parameters.values())[1:]
-    return {a.name: (dimension,) * RANKS[a.name] if a.name in RANKS else ANNOTATED.get(a.annotation, ())
-            for a in arguments}
+    size = {"d": dimension, "m": numbers(dimension)}
+    return {a.name: ANNOTATED.get(a.annotation) or tuple(size[n] for n in TENSORS.get(a.name, ""))
+            for a in list(inspect.signature(method).parameters.values())[1:]}
 
 
 def _brackets(shape: tuple) -> str:

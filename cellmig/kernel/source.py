@@ -13,14 +13,14 @@ import numpy as np
 from ..meshfree.terms import Terms
 from .codegen import Translator
 from .fields import Field, step_memory
-from .terms import FORMULAS, PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, sizes
+from .terms import PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, formulas, sizes
 
 FOLDER = Path(__file__).parent / "c"
 # Stresses of materials, method by method: the quantities that they take, and the shape of the result.
 STRESSES = {"stress": ("F", "[D][D]"), "viscous_stress": ("F, Fdot", "[D][D]"),
             "director_stress": ("F, gradient", "[D][D]"), "active_stress": ("F, director", "[D][D]"),
-            "director_flux": ("F, gradient", "[D]")}
-_ARGUMENTS = {"F": "const v4 F[D][D]", "Fdot": "const v4 Fdot[D][D]", "gradient": "const v4 gradient[D]",
+            "director_flux": ("F, gradient", "[M][D]")}
+_ARGUMENTS = {"F": "const v4 F[D][D]", "Fdot": "const v4 Fdot[D][D]", "gradient": "const v4 gradient[M][D]",
               "director": "const v4 director[D]"}
 
 
@@ -76,7 +76,7 @@ def _kernel_data(fields: Sequence[Field]) -> str:
 def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
     """Functions of the surface terms that a scene has, and of formulas without parameters."""
     functions = [Translator(formula, number, terms.dimension).function(method, name, results)
-                 for formula, number, method, name, results in FORMULAS]
+                 for formula, number, method, name, results in formulas(terms)]
     for term in SURFACE_TERMS:
         found = term.formula(terms)
         if isinstance(found, tuple):

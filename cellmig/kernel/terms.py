@@ -11,7 +11,7 @@ from ..meshfree.terms import Terms
 from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
 from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
-from ..model.director import Couple
+from ..model.director import Anchor, Couple, numbers
 from ..model.friction import FrictionForce
 from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from ..model.polyhedra import PolyhedronAdhesion
@@ -82,8 +82,10 @@ SURFACE_TERMS = (
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
             (Continuum(), "v4", "shear_stress", "shear_stress", ()),
-            (Continuum(), "v4", "volume_ratio", "volume_ratio", ()),
-            (Couple(), "double", "force", "couple_force", ()))
+            (Continuum(), "v4", "volume_ratio", "volume_ratio", ()))
+ANCHORS = {2: ((Couple(), "double", "force", "couple_force", ()),),
+           3: ((Anchor(), "double", "direction", "anchor_direction", ()),
+               (Anchor(), "double", "reaction", "anchor_reaction", ("by_normal", "by_tangent")))}
 
 # What the step calls at its stages, by the arguments that are there.
 STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces": "const KernelData *s, "
@@ -112,9 +114,11 @@ def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
     yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call})
 
 
+WHERE = {2: "plane", 3: "space"}
 # In the order of the C source, the stages behind them and step.c at the end.
 PARTS = (
-    Part("layout.h", _always), Part("plane.h", lambda t: t.dimension == 2), Part("space.h", lambda t: t.dimension == 3),
+    Part("layout.h", _always),
+    *(Part(f"{where}.h", lambda t, d=d: t.dimension == d) for d, where in WHERE.items()),
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
@@ -122,14 +126,22 @@ PARTS = (
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
         "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
-    Part("director.c", lambda t: t.has_director),
+    *(Part(f"director_{where}.c", lambda t, d=d: t.has_director and t.dimension == d) for d, where in WHERE.items()),
+    *(Part(f"director_turns_{where}.c", lambda t, d=d: t.director == "relaxing" and t.dimension == d)
+      for d, where in WHERE.items()),
     Part("director_relaxes.c", lambda t: t.director == "relaxing", {
         "before_stress": "if (director_ready(s)) return 1;", "after_forces": "if (director_step(s, dt)) return 1;"}),
 )
 
 
+def formulas(terms: Terms) -> tuple[tuple, ...]:
+    """Those of FORMULAS, and of anchors where a director relaxes."""
+    return FORMULAS + (ANCHORS[terms.dimension] if terms.director == "relaxing" else ())
+
+
 def sizes(terms: Terms) -> dict[str, int]:
     """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
-    return {"D": terms.dimension, "STABILISED": terms.stabilised, "STIFFENED": terms.stiffened,
-            "BENDS": terms.stabilised or terms.stiffened, "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active,
-            "DIRECTOR": terms.has_director, "CONSTRAINED": terms.load_curves is not None}
+    return {"D": terms.dimension, "M": numbers(terms.dimension), "STABILISED": terms.stabilised,
+            "STIFFENED": terms.stiffened, "BENDS": terms.stabilised or terms.stiffened,
+            "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
+            "CONSTRAINED": terms.load_curves is not None}

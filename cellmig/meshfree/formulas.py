@@ -32,7 +32,8 @@ def check(case: Case, scene: Scene) -> None:
             if isinstance(value, Expression) and (place := _undefined(value, X)) is not None:
                 at, found = place
                 spot = ", ".join(f"{x:.4g}" for x in at)
-                where = case.formulas.get((kind, item.name, key), (case.path, None, f"{kind}.{item.name}.{key}"))
+                named = getattr(item, "name", "")
+                where = case.formulas.get((kind, named, key), (case.path, None, f"{kind}.{named}.{key}"))
                 file, line, name = where
                 wrong.setdefault((where, value.text), Mistake(
                     file, line, name, f"'{value.text}' has no value that can be computed with at ({spot}) um "
@@ -55,6 +56,8 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
             if (one := (int(scene.kind[number]), getattr(cell, key))) not in seen:
                 seen.add(one)
                 yield "cells", cell, key, number, scene.templates[one[0]].X
+        if case.director is not None:
+            yield "director", case.director, "direction", number, scene.templates[scene.kind[number]].X
     for kind in ("supports", "loads"):
         for item in getattr(case, kind):
             for number in (n for n, cell in enumerate(case.cells) if cell.name in item.cells or not item.cells):

@@ -134,7 +134,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                             (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
                             (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
-    uniform = law is None or (law.start == "uniform" and law.anchoring == "none")
+    uniform = law is None or law.uniform
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
     active = unless(None if zeta else "zeta is zero", ZETA, True, False)

@@ -6,7 +6,7 @@ from numpy import log, sqrt
 
 from ..case.registry import law, quantity
 from .continuum import Continuum
-from .tensors import cofactors, combined, dot, outer
+from .tensors import cofactors, combined, contracted, outer, product, transposed
 
 
 @law("material", "nematic")
@@ -15,8 +15,8 @@ class Nematic(Continuum):
 
     d is the rate of deformation [1/µs] and h the director [-].  The pressure is that of a slightly compressible fluid,
     p = -k (J - 1/J) / 2, for J > 0.  A run uses the reduced modulus for k, on which flow and shape depend as little as
-    J departs from 1.  With h = (cos θ, sin θ) and the current gradient g of θ, the η term is -(η/J) g⊗g, the stress of
-    the energy η |g|² / 2 per reference volume.
+    J departs from 1.  With the current gradients g of the angle of h, in space of its three components, the η term is
+    -(η/J) Σ g⊗g, the stress of the energy η Σ |g|² / 2 per reference volume.
     Source: equation (7) of Bai, Lin & Zeng (2019), after Lin & Liu (2000); the pressure is Simo & Hughes's (1998).
     """
 
@@ -69,17 +69,22 @@ class Nematic(Continuum):
         return self.shear_stress(self.viscosity, F, Fdot)
 
     def director_energy(self, F, gradient):
-        """Energy of the director field η |g|² / 2, per reference volume [Pa]."""
-        g = self.pushed_forward(F, gradient)
-        return 0.5 * self.eta * dot(g, g)
+        """Energy of the director field η g : g / 2, per reference volume [Pa]."""
+        g = self.current_gradient(F, gradient)
+        return 0.5 * self.eta * contracted(g, g)
 
     def director_flux(self, F, gradient):
-        """Derivative of the energy of the director field by the reference gradient, η F⁻¹ g [pN/µm]."""
-        return tuple(self.eta * k for k in self.pulled_back(F, self.pushed_forward(F, gradient)))
+        """Derivative of the energy of the director field by the reference gradient, a row η F⁻¹ g for each [pN/µm]."""
+        return tuple(tuple(self.eta * k for k in self.pulled_back(F, g)) for g in self.current_gradient(F, gradient))
 
     def director_stress(self, F, gradient):
-        """Derivative of the energy of the director field by F, P = -g⊗(η F⁻¹ g) [Pa]."""
-        return combined((-1.0, outer(self.pushed_forward(F, gradient), self.director_flux(F, gradient))))
+        """Derivative of the energy of the director field by F, the sum of P = -g⊗(η F⁻¹ g) over its numbers [Pa]."""
+        g = self.current_gradient(F, gradient)
+        return combined((-1.0, product(transposed(g), self.director_flux(F, gradient))))
+
+    def current_gradient(self, F, gradient):
+        """Current gradients F⁻ᵀ g [1/µm] of a director's numbers, from those in the reference configuration [1/µm]."""
+        return tuple(self.pushed_forward(F, g) for g in gradient)
 
     def active_stress(self, F, director):
         """First Piola-Kirchhoff stress of -ζ h⊗h, P = -ζ J h⊗(F⁻¹ h) [Pa]; the `director` h is a unit vector [-]."""

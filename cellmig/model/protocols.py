@@ -174,11 +174,16 @@ class DirectorLaw(Law, Protocol):
     """How the director begins and moves."""
 
     start: str
+    direction: tuple | None
     anchoring: str
 
     @property
+    def uniform(self) -> bool:
+        """Whether the field is uniform and stays so."""
+
+    @property
     def angle(self) -> float:
-        """Angle of a uniform start [rad]."""
+        """Angle of a uniform start in two dimensions [rad]."""
 
     @property
     def mobility(self) -> float:

@@ -131,7 +131,7 @@ class View(Protocol):
         """Accounts of energy and impulses."""
 
     def director_fields(self) -> dict[str, np.ndarray]:
-        """Gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each; empty without a director."""
+        """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows; empty without a director."""
 
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
         """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term."""

@@ -10,21 +10,19 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-WIDTH = {"id": 1, "theta": 1, "loss": 5}  # numbers of a particle; others have one for each dimension
-
 
 class Swarm:
     """Particles of this rank, with their fields.
 
-    These are id; positions X and displacements u (n, d) [µm], velocities v (n, d) [µm/µs], angles of the director
-    (n,) [rad], and the losses and impulses accumulated so far (n, 5).
+    These are id; positions X and displacements u (n, d) [µm], velocities v (n, d) [µm/µs], directors (n,) [rad] or
+    (n, 3) [-], and the losses and impulses accumulated so far (n, 5).
     """
 
     def __init__(self, comm: MPI.Intracomm, fields: dict[str, np.ndarray]):
         """Swarm of the particles whose `fields`, by name, this rank has, whichever rank is to own them; collective."""
         self.comm = comm
         self.dm = PETSc.DMSwarm().create(comm=comm)
-        self._width = {name: WIDTH.get(name, fields["X"].shape[1]) for name in fields}
+        self._width = {name: int(np.prod(values.shape[1:])) for name, values in fields.items()}
         self.dm.setDimension(self._width["X"])
         self.dm.setType(PETSc.DMSwarm.Type.BASIC)
         self.dm.initializeFieldRegister()
@@ -47,7 +45,7 @@ class Swarm:
 
     def __setitem__(self, name: str, values: np.ndarray) -> None:
         with self.field(name) as f:
-            f[:] = values
+            f[:] = values.reshape(f.shape)
 
     def __getitem__(self, name: str) -> np.ndarray:
         with self.field(name) as f:

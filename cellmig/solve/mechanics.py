@@ -90,7 +90,7 @@ class Mechanics:
         for i, name in enumerate(ACCOUNTS):
             self.accounts.of_particles[name][:] = swarm["loss"][at, i]
         if self.director is not None:
-            self.director.start(swarm["theta"][at])
+            self.director.start(swarm["director"][at])
         self.state.exchange()
 
     def store(self, swarm: Swarm) -> None:
@@ -99,7 +99,7 @@ class Mechanics:
         swarm["u"], swarm["v"] = self.state.u[inverse], self.state.v[inverse]
         swarm["loss"] = np.column_stack(list(self.accounts.of_particles.values()))[inverse]
         if self.director is not None:
-            swarm["theta"] = self.director.owned[inverse, 0]
+            swarm["director"] = self.director.values[inverse]
 
     def renew_lists(self) -> None:
         """Make search lists, and ghosts of cells within reach, for the current positions; collective."""
@@ -241,7 +241,7 @@ class Mechanics:
         return out
 
     def director_fields(self) -> dict[str, np.ndarray]:
-        """Reference gradient of θ [1/µm] and axis h [-] of the rows, (2, n_rows) each, if they matter."""
+        """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows, if they matter: see `Director`."""
         return self.director.of_rows() if self.director is not None else {}
 
     def destroy(self) -> None:

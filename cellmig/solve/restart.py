@@ -81,7 +81,7 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
     """Writable values (n_owned, k) of the owned particles."""
     found = {"state": m.state.owned, "modes": m.modes.owned, **m.accounts.of_particles}
     if m.director is not None:
-        found["theta"] = m.director.owned
+        found["director"] = m.director.owned
     if m.loads.there:
         found["load_before"] = m.loads.changing["load_before"][: m.n_owned]
     return found

@@ -10,7 +10,7 @@ from ..case.schema import Case, particle_count
 from ..meshfree import formulas
 from ..meshfree.body import Scene, template
 from ..meshfree.rkpm import factorised
-from ..model.director import start_angle
+from ..model.director import initial, numbers
 from ..parallel.direct import solve_positive
 
 LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in the setup
@@ -19,18 +19,18 @@ LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
     """Initial fields of all particles, by their names in the swarm.
 
-    These are X, u (size, d) [µm], v (size, d) [µm/µs], angles of the director (size,) [rad], accounts (size, 5), zero.
+    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, 5),
+    zero.
     """
     n, X = scene.size, scene.X
-    u, v, theta = np.zeros(X.shape), np.zeros(X.shape), np.zeros(n)
+    u, v, director = np.zeros(X.shape), np.zeros(X.shape), np.zeros((n, numbers(case.dimension)))
     for i, c in enumerate(case.cells):
         on, place = slice(*scene.offset[i : i + 2]), scene.templates[scene.kind[i]].X
         u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
         v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
         v[on] += place @ np.array(c.velocity_gradient).T
-        if case.director is not None:
-            theta[on] = start_angle(case.director.start, case.director.angle, X[on], np.array(c.centre))
-    return {"id": np.arange(n), "X": X, "u": u, "v": v, "theta": theta, "loss": np.zeros((n, 5))}
+        director[on] = initial(case.director, X[on] - np.array(c.centre))
+    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, 5))}
 
 
 def discretise(case: Case) -> Scene:

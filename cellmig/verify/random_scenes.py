@@ -144,7 +144,7 @@ def softness(case: Case) -> float:
         loads.append(push.protrusion_ratio * floor.work / push.height)
     if case.cortex is not None:
         loads.append((d - 1) * case.cortex.line_tension / spacing)  # at a corner
-    if turned is not None and (turned.start != "uniform" or turned.anchoring != "none"):
+    if turned is not None and not turned.uniform:
         loads += [law.eta / spacing**2 for law in used if hasattr(law, "eta")]  # in the core of a defect
     if case.body_force is not None:
         tall = max(float(np.ptp(cell.shape.outline(64), axis=0).max()) for cell in case.cells)

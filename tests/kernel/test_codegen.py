@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy import arctan, cbrt, cos, cosh, exp, log, maximum, minimum, sin, sinh, sqrt, tan, tanh, where
-from samples import assert_close, deformations, distances, rates, slope, vectors
+from samples import assert_close, deformations, directions, distances, gradients, rates, slope
 from scenes import example
 
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import either
 from cellmig.case.registry import laws
-from cellmig.kernel.codegen import RANKS, Translator, shapes_of
+from cellmig.kernel.codegen import TENSORS, Translator, shapes_of
 from cellmig.kernel.source import text_of
 from cellmig.kernel.symbols import LawError
-from cellmig.kernel.terms import FORMULAS, SURFACE_TERMS
+from cellmig.kernel.terms import ANCHORS, FORMULAS, SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
 from cellmig.meshfree.terms import Contacts, Terms
 from cellmig.model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
@@ -36,11 +36,13 @@ def stacked(value: Any, n: int) -> np.ndarray:
     return np.array([stacked(v, n) for v in value]) if isinstance(value, tuple) else np.broadcast_to(value, n)
 
 
-def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray], *results: str) -> tuple[np.ndarray, ...]:
+def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray], *results: str,
+         d: int = 2) -> tuple[np.ndarray, ...]:
     """What the C function of a method gives, for arguments (..., n) with n a multiple of four: one array, or one for
     each of the results that have names.
     """
-    translator, n, lanes = Translator(law, number), next(iter(arguments.values())).shape[-1], 4 if number == "v4" else 1
+    translator, lanes = Translator(law, number, d), 4 if number == "v4" else 1
+    n = next(iter(arguments.values())).shape[-1]
     value = getattr(law, method)(*arguments.values())
     parts = [stacked(v, n) for v in (value if results else (value,))]
     call, lines, passed, out = ["p"], [], [], []
@@ -48,7 +50,7 @@ def in_c(law: Any, method: str, number: str, arguments: dict[str, np.ndarray], *
         shape = values.shape[:-1]
         lines.append(f"{number} {name}{''.join(f'[{k}]' for k in shape)};")
         lines.append(f"memcpy(&{name}, in_{name} + i * {int(np.prod(shape))}, sizeof {name});")
-        call.append(f"(const {number} (*)[2]){name}" if len(shape) == 2 else name)
+        call.append(f"(const {number} (*)[{shape[1]}]){name}" if len(shape) == 2 else name)
         # groups of four (or one) values, component by component
         passed.append(np.ascontiguousarray(np.moveaxis(values.reshape(*shape, -1, lanes), -2, 0)))
     for name, part in zip(results or ("result",), parts, strict=True):
@@ -190,19 +192,21 @@ def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(meth
 
 def pointwise_methods(kind: str) -> list[tuple[str, str]]:
     """(law, method) for all methods of formulas: those with arguments that the translator knows."""
-    known = {"material": set(RANKS), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
+    known = {"material": set(TENSORS), "adhesion": {"r"}, "protrusion": {"g"}}[kind]
     functions = [(name, method, set(inspect.signature(f).parameters) - {"self"}) for name, cls in laws(kind).items()
                  for method, f in inspect.getmembers(cls, inspect.isfunction) if not method.startswith(("_", "pair"))]
     return [(name, method) for name, method, arguments in functions if arguments and arguments <= known]
 
 
+@pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("name", "method"), pointwise_methods("material"))
-def test_material_is_the_same_in_c(name: str, method: str) -> None:
-    law, F, a = example("material", name), deformations(), np.linspace(0, 3, 200)
-    given = {"F": F, "Fdot": rates(), "gradient": vectors(), "director": np.array([np.cos(a), np.sin(a)])}
+def test_material_is_the_same_in_c(name: str, method: str, d: int) -> None:
+    law = example("material", name)
+    given = {"F": deformations(d=d), "Fdot": rates(d=d), "gradient": gradients(d=d), "director": directions(d=d)}
     arguments = {k: given[k] for k in list(inspect.signature(getattr(type(law), method)).parameters)[1:]}
     expected = np.asarray(getattr(law, method)(*arguments.values()))
-    assert_close(*in_c(law, method, "v4", arguments), expected, 1e-13)  # measured 0; log and cbrt may round otherwise
+    found = in_c(law, method, "v4", arguments, d=d)
+    assert_close(*found, expected, 1e-13)  # measured 0; log and cbrt may round otherwise
 
 
 @pytest.mark.parametrize(("name", "method"), pointwise_methods("adhesion"))
@@ -236,7 +240,7 @@ def formulas() -> Iterator[tuple[Any, str, str, tuple]]:
             for method, results in term.methods.items() if formula is not None else ():  # of two dimensions
                 number = "v4" if method in term.in_fours else "double"
                 yield pytest.param(formula, number, method, results, id=f"{term.name}-{name}-{method}")
-    for formula, number, method, name, results in FORMULAS:
+    for formula, number, method, name, results in FORMULAS + ANCHORS[2]:
         yield pytest.param(formula, number, method, results, id=name)
 
 
@@ -281,6 +285,7 @@ def triangles() -> Iterator[tuple[Any, str, tuple]]:
     yield SlidingFriction(example("friction", "bonds"), bonds), "force", ()
     yield ProtrusionPush(example("protrusion", "edge"), bonds), "grip", ()
     yield ProtrusionPush(example("protrusion", "edge"), bonds), "force", ()
+    yield from ((anchor, method, results) for anchor, _, method, _, results in ANCHORS[3])
 
 
 @pytest.mark.parametrize(("formula", "method", "results"), triangles())

@@ -10,14 +10,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import assert_close, deformations, determinant, distances, rates, rotations, slope, spin, vectors
+from samples import (
+    assert_close,
+    deformations,
+    determinant,
+    directions,
+    distances,
+    gradients,
+    rates,
+    rotations,
+    slope,
+    spin,
+)
 from scenes import ROOT, example
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from cellmig.case.expression import Expression
 from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
-from cellmig.model.director import STARTS, start_angle
+from cellmig.model.director import STARTS, Anchor, initial
 
 pytestmark = pytest.mark.serial
 
@@ -168,37 +180,67 @@ def test_rigid_rotation_meets_no_viscosity(name: str, d: int) -> None:
     assert np.abs(viscous(law, F, turning)).max() <= 1e-13 * np.abs(viscous(law, F, F)).max()  # measured 4e-16
 
 
+@DIMENSIONS
 @pytest.mark.parametrize("name", with_method("director_stress"))
-def test_director_stress_is_the_gradient_of_its_energy(name: str) -> None:
-    law, F, g = example("material", name), deformations(), vectors()
+def test_director_stress_is_the_gradient_of_its_energy(name: str, d: int) -> None:
+    law, F, g = example("material", name), deformations(d=d), gradients(d=d)
     energy, P = (lambda A: law.director_energy(A, g)), np.array(law.director_stress(F, g))
-    assert_close(gradient(energy, F), P, 1e-10)  # measured 7e-12
+    assert_close(gradient(energy, F), P, 1e-10)  # measured 2e-11
 
 
+@DIMENSIONS
 @pytest.mark.parametrize("name", with_method("director_flux"))
-def test_director_flux_is_the_derivative_by_the_gradient(name: str) -> None:
-    law, F, g = example("material", name), deformations(), vectors()
+def test_director_flux_is_the_derivative_by_the_gradient(name: str, d: int) -> None:
+    law, F, g = example("material", name), deformations(d=d), gradients(d=d)
     energy, flux = (lambda a: law.director_energy(F, a)), np.array(law.director_flux(F, g))
-    assert_close(gradient(energy, g), flux, 1e-10)  # measured 4e-13
+    assert_close(gradient(energy, g), flux, 1e-10)  # measured 1e-12
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("name", with_method("director_stress"))
+def test_director_stress_is_equation_7(name: str, d: int) -> None:
+    law, F, g = example("material", name), deformations(d=d), gradients(d=d)
+    inverse = np.linalg.inv(np.moveaxis(F, 2, 0))
+    dh = np.einsum("nji,kjn->kin", inverse, g)  # ∂h_k/∂x_i, in the plane ∂θ/∂x_i
+    if d == 2:
+        dh = np.array([-np.sin(0.3), np.cos(0.3)])[:, None, None] * dh  # for θ = 0.3
+    expected = -law.eta / determinant(F) * np.einsum("kin,kjn->ijn", dh, dh)
+    assert_close(cauchy(np.array(law.director_stress(F, g)), F), expected, 1e-13)  # measured 3e-16
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("name", with_method("active_stress"))
+def test_active_stress_pulls_along_the_director(name: str, d: int) -> None:
+    law, F, h = example("material", name), deformations(d=d), directions(d=d)
+    s = cauchy(np.array(law.active_stress(F, h)), F)
+    assert_close(s, -law.zeta * h[:, None] * h[None], 1e-13)  # measured 6e-16
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("name", with_method("director_stress"))
+def test_a_director_field_that_turns_with_its_body_has_the_same_energy_and_stress(name: str, d: int) -> None:
+    """So does one that does not turn, as its energy has one constant."""
+    law, F, g, h = example("material", name), deformations(d=d), gradients(d=d), directions(d=d)
+    Q = rotations(F.shape[2], 5, d)
+    turned, qg = np.einsum("ijn,jkn->ikn", Q, F), g if d == 2 else np.einsum("ijn,jkn->ikn", Q, g)
+    for now in (g, qg):
+        assert_close(law.director_energy(turned, now), law.director_energy(F, g), 1e-13)  # measured 7e-16
+        stress = np.einsum("ijn,jkn->ikn", Q, np.array(law.director_stress(F, g)))
+        assert_close(np.array(law.director_stress(turned, now)), stress, 1e-13)  # measured 1e-15
+    active = np.einsum("ijn,jkn->ikn", Q, np.array(law.active_stress(F, h)))
+    assert_close(np.array(law.active_stress(turned, np.einsum("ijn,jn->in", Q, h))), active, 1e-13)  # measured 5e-16
 
 
 @pytest.mark.parametrize("name", with_method("director_stress"))
-def test_director_stress_is_equation_7(name: str) -> None:
-    law, F, g = example("material", name), deformations(), vectors()
-    inverse = np.linalg.inv(np.moveaxis(F, 2, 0))
-    now = np.einsum("nji,jn->in", inverse, g)  # current gradient of θ
-    h = np.array([np.cos(0.3), np.sin(0.3)]), np.array([-np.sin(0.3), np.cos(0.3)])
-    dh = np.einsum("k,jn->kjn", h[1], now)  # ∂h_k/∂x_j for θ = 0.3
-    expected = -law.eta / determinant(F) * np.einsum("kin,kjn->ijn", dh, dh)
-    assert_close(cauchy(np.array(law.director_stress(F, g)), F), expected, 1e-13)  # measured 5e-16
-
-
-@pytest.mark.parametrize("name", with_method("active_stress"))
-def test_active_stress_pulls_along_the_director(name: str) -> None:
-    law, F, a = example("material", name), deformations(), np.linspace(0, 3, 200)
-    h = np.array([np.cos(a), np.sin(a)])
-    s = cauchy(np.array(law.active_stress(F, h)), F)
-    assert_close(s, -law.zeta * h[:, None] * h[None], 1e-13)  # measured 3e-16
+def test_a_director_in_the_plane_is_one_in_space(name: str) -> None:
+    law, F, g, h = example("material", name), deformations(), gradients()[0], directions()
+    G, slopes, H = np.zeros((3, 3, 200)), np.zeros((3, 3, 200)), np.zeros((3, 200))
+    G[:2, :2], G[2, 2], H[:2] = F, 1.0, h
+    slopes[:2, :2] = np.array([-h[1], h[0]])[:, None] * g[None]  # ∂h of ∂θ
+    assert_close(law.director_energy(G, slopes), law.director_energy(F, g[None]), 1e-13)  # measured 3e-16
+    for method, space, plane in (("director_stress", slopes, g[None]), ("active_stress", H, h)):
+        expected = np.array(getattr(law, method)(F, plane))
+        assert_close(np.array(getattr(law, method)(G, space))[:2, :2], expected, 1e-13)  # measured 6e-16
 
 
 # --------------------------------------------------------------------------------------------- the paper's nucleus
@@ -354,11 +396,55 @@ def test_push_is_the_slope_of_its_ramp_and_acts_at_the_edge_only(name: str) -> N
 # ------------------------------------------------------------------------------------------------------- director
 
 
-@pytest.mark.parametrize("start", STARTS)
-def test_director_starts_as_its_name_says(start: str) -> None:
-    X, centre = np.random.default_rng(6).standard_normal((50, 2)), np.array([0.3, -0.2])
-    theta = start_angle(start, 0.7, X, centre)
-    h, r = np.array([np.cos(theta), np.sin(theta)]), (X - centre).T / np.linalg.norm(X - centre, axis=1)
-    along, across = (h * r).sum(axis=0), h[1] * r[0] - h[0] * r[1]
-    expected = {"radial": along - 1.0, "tangential": across - 1.0, "uniform": theta - 0.7}[start]
-    assert np.abs(expected).max() < 1e-14
+BEGINS = [pytest.param(law, start, id=f"{law}-{start}") for law in laws("director") for start in STARTS]
+
+
+@DIMENSIONS
+@pytest.mark.parametrize(("law", "start"), BEGINS)
+def test_a_director_starts_as_its_name_says(law: str, start: str, d: int) -> None:
+    X = np.random.default_rng(6).standard_normal((50, d))
+    given = {"angle": 0.7} if d == 2 else {"direction": (1.0, -2.0, 2.0)}
+    h = initial(laws("director")[law](start=start, **(given if start == "uniform" else {})), X)
+    if d == 2:
+        h = np.column_stack([np.cos(h[:, 0]), np.sin(h[:, 0])])
+        uniform, around = np.array([np.cos(0.7), np.sin(0.7)]), X[:, ::-1] * [-1.0, 1.0]
+    else:
+        uniform, around = np.array([1.0, -2.0, 2.0]) / 3.0, X[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
+    along = {"radial": X, "tangential": around, "uniform": uniform + 0.0 * X}[start]
+    assert np.abs(h - along / np.linalg.norm(along, axis=1, keepdims=True)).max() < 1e-14  # measured 2e-16
+
+
+@DIMENSIONS
+def test_a_director_may_start_as_formulas_say(d: int) -> None:
+    X = np.random.default_rng(6).standard_normal((50, d))
+    formulas = tuple(Expression(text, "", d) for text in ("2*cos(x)", "2*sin(x)", "0*x")[:d])
+    law = laws("director")["frozen"](direction=formulas)
+    h = initial(law, X)
+    h = np.column_stack([np.cos(h[:, 0]), np.sin(h[:, 0])]) if d == 2 else h
+    assert np.abs(h[:, :2] - np.column_stack([np.cos(X[:, 0]), np.sin(X[:, 0])])).max() < 1e-14  # measured 3e-16
+    assert not law.uniform and laws("director")["frozen"](direction=(1.0, 2.0)).uniform
+
+
+def test_a_director_without_a_direction_is_along_x() -> None:
+    """As in the middle of a radial field."""
+    radial, X = laws("director")["relaxing"](), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+    assert np.array_equal(initial(radial, X), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert np.array_equal(initial(None, X), [[1.0, 0.0, 0.0]] * 2)
+    assert np.array_equal(initial(None, X[:, :2]), [[0.0]] * 2)
+
+
+def test_an_anchor_keeps_its_angles_and_reacts_by_the_derivative_of_its_director() -> None:
+    rng, anchor = np.random.default_rng(3), Anchor()
+    normal, tangent, torque = rng.standard_normal((3, 3, 100))
+    across, along = np.cos(0.4), np.sin(0.4)
+    h = np.array(anchor.direction(normal, tangent, across, along))
+    assert np.abs((h * h).sum(axis=0) - 1.0).max() < 1e-14  # measured 4e-16
+    assert_close((h * normal).sum(axis=0) / np.linalg.norm(normal, axis=0), across + 0.0 * h[0], 1e-13)
+    # measured 7e-16
+
+    def work(normal: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        return (np.array(anchor.direction(normal, tangent, across, along)) * torque).sum(axis=0)
+
+    found = anchor.reaction(normal, tangent, h, torque)
+    assert_close(np.array(found[0]), gradient(lambda n: work(n, tangent), normal, 1e-4), 1e-8)  # measured 7e-12
+    assert_close(np.array(found[1]), gradient(lambda t: work(normal, t), tangent, 1e-4), 1e-8)  # measured 1e-10

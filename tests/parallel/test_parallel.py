@@ -168,7 +168,7 @@ def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
     n = 101
     rng = np.random.default_rng(3)
     whole = {name: rng.standard_normal((n, width)) if width > 1 else rng.standard_normal(n)
-             for name, width in {"X": 2, "u": 2, "v": 2, "theta": 1, "loss": 5}.items()} | {"id": np.arange(n)}
+             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": 5}.items()} | {"id": np.arange(n)}
     mine = rng.integers(0, comm.size, n) == comm.rank
     owner = rng.integers(0, comm.size, n)
     swarm = Swarm(comm, {name: values[mine] for name, values in whole.items()})
@@ -360,5 +360,5 @@ def test_the_swarm_holds_the_particles_as_they_were_looked_at(comm: MPI.Comm) ->
         m, at = sim.mechanics, np.argsort(sim.mechanics.ids)
         assert np.array_equal(sim.swarm["id"], m.ids[at]) and np.array_equal(sim.swarm["X"], sim.scene.X[m.ids[at]])
         assert np.array_equal(np.hstack([sim.swarm["u"], sim.swarm["v"]]), m.state.owned[at])
-        assert np.array_equal(sim.swarm["theta"], m.director.owned[at, 0])
+        assert np.array_equal(sim.swarm["director"], m.director.values[at, 0])
         assert np.array_equal(sim.swarm["loss"][:, 0], m.kernel["viscous_loss"][at])

@@ -21,6 +21,7 @@ from cellmig.output.xdmf import frames
 from cellmig.plot.plot import plot
 from cellmig.runs.preflight import report
 from cellmig.runs.record import Record
+from cellmig.simulation import Simulation
 
 pytestmark = pytest.mark.serial
 
@@ -128,12 +129,42 @@ def test_a_sweep_draws_what_cells_in_space_have(cellmig, tmp_path: Path) -> None
     (['cells.0.centre=["0 um", "0 um"]'], "centre: expects a list such as"),
     (["cells.0.rest=false", 'cells.0.centre=["0 um", "0 um", "4 um"]'], "reaches 1 um below the substrate z = 0"),
     (['cells.0.pitch=[["8 um", "0 um", "0 um"]]'], "overlaps 'Cell-1' by 1.998 um"),
-    (["director.law=relaxing"], "director: is not there in three dimensions yet"),
-    (["materials.cytoplasm.zeta=5 Pa"], "zeta: is not there in three dimensions yet")])
+    (["director.law=frozen", "director.angle=1 rad"], "angle: has no meaning in three dimensions: give three numbers"),
+    (["director.law=frozen", "director.direction=[1, 0]"], "direction: expects a list such as [1, 1, 1]"),
+    (["director.law=frozen", "director.direction=[0, 0, 0]"], "direction: expects a direction, not zero"),
+    (["director.law=relaxing", "director.direction=[0, 0, 1]"], "direction: is that of a uniform field"),
+    (["director.law=frozen", 'director.direction=["cos(q)", 0, 1]'], "'q' is not known"),
+    (["director.law=frozen", 'director.direction=["x um", 0, 1]'], "'x um' is not a formula, such as '0.1*x'")])
 def test_what_is_not_there_is_refused(sets: list[str], told: str) -> None:
     with pytest.raises(CaseError) as error:
         load(CASES["three_balls"], ["particles.per_cell=200", *sets])
     assert told in str(error.value), str(error.value)
+
+
+def test_a_formula_of_the_director_without_a_value_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(f"extends = '{CASES['ball']}'\n[director]\nlaw = 'frozen'\n"
+                                        "direction = ['log(x)', 1, 0]\n")
+    with pytest.raises(CaseError) as error, Simulation(load(tmp_path / "case.toml", ["particles.per_cell=100"])):
+        pass
+    assert "case.toml:4: director.direction: 'log(x)' has no value" in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("ball_director", "_um"), ("director_radial", "")])
+def test_a_case_with_a_director_has_the_same_bits_on_ranks_and_is_a_start_for_others(
+        cellmig, tmp_path: Path, name: str, unit: str) -> None:
+    some = (*COARSE, "--until", "1 us", "--out")
+    for ranks in (1, 3):
+        done = cellmig(ranks, CASES[name], *some, tmp_path / f"{ranks}")
+        assert done.returncode == 0, done
+    assert state_hash(tmp_path / "1") == state_hash(tmp_path / "3")
+    last = Record(tmp_path / "3").frame(1.0)
+    assert np.abs(np.linalg.norm(last["director"], axis=1) - 1.0).max() < 1e-15
+    done = cellmig(2, CASES[name], "--from", tmp_path / "1", *some, tmp_path / "on")
+    assert done.returncode == 0, done
+    first = Record(tmp_path / "on").frame(0.0)
+    assert np.array_equal(first["director"], last["director"])
+    begun, ended = (read_table(tmp_path / name / "ledger.csv")["director_pn" + unit] for name in ("on", "1"))
+    assert begun[0] == pytest.approx(ended[-1], rel=1e-12)  # measured 0
 
 
 def test_a_wrong_dimension_is_the_only_mistake_told() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import example
-from space import Space, balls, bar, layout, scene_of
+from space import Space, balls, bar, layout, scene_of, smooth
 
 from mpi4py import MPI
 
@@ -50,13 +50,6 @@ def touching(terms: Terms, cells: int) -> Terms:
 def row(count: int = 2, size: int = 200) -> Scene:
     """Balls that nearly touch each other."""
     return scene_of(layout(size, 5.0), (FLUID, None), count, 10.0, 0.011)
-
-
-def smooth(X: np.ndarray, size: float, seed: int = SEED) -> np.ndarray:
-    """A field (n, 3) of a few waves of 5 µm and more, with values of about `size`."""
-    rng = np.random.default_rng(seed)
-    waves = [(rng.uniform(-1, 1, 3) * 2 * np.pi / 5, rng.standard_normal(3), rng.uniform(0, 6)) for _ in range(3)]
-    return size * sum(a * np.sin(X @ k + phase)[:, None] for k, a, phase in waves)
 
 
 def energy(scene: Scene, u: np.ndarray) -> float:

@@ -67,15 +67,15 @@ def assembled(sim: Simulation, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray
     """Internal forces and the part of the stabilisation, from the templates and the laws as Python has them."""
     scene, terms = sim.scene, sim.terms
     total, stabilisation = np.zeros_like(u), np.zeros_like(u)
-    theta = None if sim.mechanics.director is None else everywhere(sim, sim.mechanics.director.owned[:, 0])
+    theta = None if sim.mechanics.director is None else everywhere(sim, sim.mechanics.director.values[:, 0])
     for c, kind in enumerate(scene.kind):
         t, part = scene.templates[kind], slice(scene.offset[c], scene.offset[c + 1])
         F, rate = (np.array([[g @ a[part, i] for g in t.G] for i in range(2)]) for a in (u, v))
         F = F + np.eye(2)[:, :, None]
         given = {"F": F, "Fdot": rate}
         if theta is not None:
-            given["gradient"] = np.zeros((2, len(t.X)))
-            for slope, G in zip(given["gradient"], (g.tocoo() for g in t.G), strict=True):
+            given["gradient"] = np.zeros((1, 2, len(t.X)))
+            for slope, G in zip(given["gradient"][0], (g.tocoo() for g in t.G), strict=True):
                 difference = theta[part][G.col] - theta[part][G.row]
                 difference -= 2 * np.pi * np.rint(difference / (2 * np.pi))
                 np.add.at(slope, G.row, G.data * difference)

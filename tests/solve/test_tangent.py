@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import assert_close, deformations, rates, slope, vectors
+from samples import assert_close, deformations, directions, gradients, rates, slope, vectors
 from scenes import DISC, built, case, everywhere, example, forces, set_motion, smooth
 from test_forces import NO_ETA, SCENES, SOFT, approach, deform
 
@@ -35,7 +35,7 @@ MATERIALS = [(name, method, by) for name, law in laws("material").items() for me
 @pytest.mark.parametrize(("name", "method", "by"), MATERIALS)
 def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method: str, by: str) -> None:
     law = example("material", name)
-    given = {"F": deformations(), "Fdot": rates(), "gradient": vectors(), "director": vectors()}
+    given = {"F": deformations(), "Fdot": rates(), "gradient": gradients(), "director": directions()}
     found = tangent(law, method, given, by)
     expected = np.zeros_like(found)
     for k, l in np.ndindex(2, 2):

@@ -1,10 +1,10 @@
 /* What step control and tables ask for. */
 
-/* What limits the step at one particle: J, and largest eigenvalue of V J F⁻ᵀ K F⁻¹, |F⁻ᵀ g|²/J of a reference gradient
- * g, |d|² of d = sym(Ḟ F⁻¹). */
+/* What limits the step at one particle: J, and largest eigenvalue of V J F⁻ᵀ K F⁻¹, Σ |F⁻ᵀ g|²/J of reference
+ * gradients g, |d|² of d = sym(Ḟ F⁻¹). */
 typedef struct { double J, bound, gradient2, strain2; } Limits;
 
-/* From K, the components 00, 11 … 01 … of a symmetric matrix times V; lanes of F and Ḟ, entries by columns; and g. */
+/* From K, the components 00, 11 … 01 … of a symmetric matrix times V; lanes of F and Ḟ, entries by columns; and g, if any. */
 static inline Limits limits_of(const double *F, const double *R, const double *K, double V, const double *g)
 {
     double C[D][D], A[D][D], L[D][D], S[D][D], gradient2 = 0, strain2 = 0;
@@ -14,9 +14,11 @@ static inline Limits limits_of(const double *F, const double *R, const double *K
         for (int j = i + 1; j < D; j++) S[i][j] = S[j][i] = K[k++];
     }
     for (int i = 0; i < D; i++) {
-        double now = 0;
-        for (int k = 0; k < D && g; k++) now += C[i][k] * g[4 * k];
-        gradient2 += now * now;
+        for (int m = 0; m < M && g; m++) {
+            double now = 0;
+            for (int k = 0; k < D; k++) now += C[i][k] * g[4 * (D * m + k)];
+            gradient2 += now * now;
+        }
         for (int j = 0; j < D; j++) {
             A[i][j] = L[i][j] = 0;
             for (int k = 0; k < D; k++) {
@@ -43,7 +45,7 @@ void limits(const KernelData *s, double out[6])
         for (int k = 0; k < D * D; k++) store(R + 4 * k, rates[0][k]);
         for (int lane = 0; lane < block.lanes; lane++) {
             const long i = block.row + lane;
-            const double *g = DIRECTOR ? s->director_gradient + 4 * D * b + lane : 0;
+            const double *g = DIRECTOR ? s->director_gradient + 4 * M * D * b + lane : 0;
             const Limits now = limits_of(s->F + 4 * D * D * b + lane, R + lane, s->bound + D * (D + 1) / 2 * i,
                                          s->volume[4L * block.stencil + lane], g);
             double weight = s->elastic_weight[i], v2 = 0;

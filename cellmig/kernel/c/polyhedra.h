@@ -5,13 +5,6 @@ enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 8, MOST_PIECES = 32 };
 static const double SKEW[3] = {0.9e-12, 1.3e-12, 1.7e-12}; /* [µm] moves features off triangles on their borders */
 static const double SURE = 1e-9; /* [µm] far above what rounding changes */
 
-static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static inline void cross3(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
-
 static inline void less3(const double a[3], const double b[3], double out[3])
 {
     for (int i = 0; i < 3; i++) out[i] = a[i] - b[i];

@@ -11,6 +11,13 @@ enum { FORCES = 4 }; /* vectors for the forces on a block, one for each particle
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i][c]; }
 
+static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static inline void cross3(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
 /* Particles of a block at a time, whose sums fill the registers. */
 #define LANES(n) ((n) == 1 ? 4 : 2)
 
@@ -48,11 +55,11 @@ INLINED void gather_both(const KernelData *s, const Block *block, const int n, c
         }
 }
 
-/* Rows of block b: of s->Q (V P_c0, V P_c1, V P_c2, what resists Laplacians of c), c after c; lanes that the block
- * lacks have no volume. */
-static inline void store_stress(const KernelData *s, const Block *block, const v4 P[D][D], const v4 q[D])
+/* Rows of block b: of Q (V P_c0, V P_c1, V P_c2, what resists Laplacians of c), c after c; lanes that the block lacks
+ * have no volume. */
+static inline void store_rows(double *Q, const Block *block, const v4 P[D][D], const v4 q[D])
 {
-    double *Q = s->Q + 12L * block->row;
+    Q += 12L * block->row;
     for (int c = 0; c < D; c++) {
         const v4 lanes[4] = {P[c][0], P[c][1], P[c][2], q[c]};
         v4 rows[4];
@@ -61,9 +68,15 @@ static inline void store_stress(const KernelData *s, const Block *block, const v
     }
 }
 
-/* Forces of s->Q on n blocks of one stencil, particle by particle: Σ V P x H, the adjoint of the gradient, and in the
- * same sums that of the Laplacian, where there is one. */
-INLINED void gather_stress(const KernelData *s, const Block *block, const int n, const int laplacians, v4 f[][FORCES])
+static inline void store_stress(const KernelData *s, const Block *block, const v4 P[D][D], const v4 q[D])
+{
+    store_rows(s->Q, block, P, q);
+}
+
+/* Forces of Q on n blocks of one stencil, particle by particle: Σ V P x H, the adjoint of the gradient, and in the same
+ * sums that of the Laplacian, where there is one. */
+INLINED void gather_rows(const KernelData *s, const double *rows, const Block *block, const int n, const int laplacians,
+                         v4 f[][FORCES])
 {
     for (int from = 0; from < 4; from += LANES(n)) {
         v4 acc[MOST][4][D] = {{{{0}}}};
@@ -75,7 +88,7 @@ INLINED void gather_stress(const KernelData *s, const Block *block, const int n,
             for (int i = 0; i < LANES(n); i++) {
                 const v4 a = four_of(h + 4 * i);
                 for (int m = 0; m < n; m++) {
-                    const double *Q = s->Q + 12L * block[m].shift + 2 * at[from + i];
+                    const double *Q = rows + 12L * block[m].shift + 2 * at[from + i];
                     for (int c = 0; c < D; c++) acc[m][i][c] = fma4(load(Q + 4 * c), a, acc[m][i][c]);
                 }
             }
@@ -89,6 +102,11 @@ INLINED void gather_stress(const KernelData *s, const Block *block, const int n,
                 if (laplacians) f[m][from + i] += by_entry[3];
             }
     }
+}
+
+INLINED void gather_stress(const KernelData *s, const Block *block, const int n, const int laplacians, v4 f[][FORCES])
+{
+    gather_rows(s, s->Q, block, n, laplacians, f);
 }
 
 /* Adds forces (lanes, D) to those on a block. */

@@ -52,9 +52,8 @@ INLINED void elastic(const KernelData *s, long b, const int material, const v4 F
 {
     stress(s, material, F, P);
     if (has_director_stress(material)) {
-        const double *gradient = s->director_gradient + 4 * D * b;
-        v4 g[D], T[D][D];
-        for (int c = 0; c < D; c++) g[c] = load(gradient + 4 * c);
+        v4 g[M][D], T[D][D];
+        load_director_gradient(s, b, g);
         director_stress(s, material, F, g, T);
         add_stress(P, T);
     }

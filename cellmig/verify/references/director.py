@@ -25,12 +25,12 @@ def director_relaxation(count: int) -> Measured:
         X, V, m = sim.scene.X, sim.scene.field("V"), sim.mechanics
         r = np.maximum(np.hypot(*X.T), 1e-9)
         mode = jv(1, k * r) * X[:, 0] / r
-        m.director.start(0.1 * mode[m.ids])
+        m.director.set(0.1 * mode[m.ids])
         dt = 0.5 * sim.control.director
         steps = int(np.ceil(1.0 / dt))
         for _ in range(steps):
             m.relax_director(1.0 / steps)
-        left = (V * mode) @ by_id(sim, m.director.owned[:, 0]) / (0.1 * (V * mode) @ mode)
+        left = (V * mode) @ by_id(sim, m.director.values[:, 0]) / (0.1 * (V * mode) @ mode)
         return Measured(sim.scene.templates[0].spacing, {"rate": abs(-np.log(left) / k**2 - 1.0)}, count)
 
 
@@ -40,8 +40,8 @@ def director_uniform(count: int) -> Measured:
     """Angles change by rounding alone."""
     with built(drop(count, ETA, director=RELAXING)) as sim:
         m = sim.mechanics
-        m.director.start(np.full(count, 0.3))
+        m.director.set(np.full(count, 0.3))
         for _ in range(100):
             m.relax_director(0.5 * sim.control.director)
         return Measured(sim.scene.templates[0].spacing,
-                        {"uniform, anywhere": float(np.abs(m.director.owned[:, 0] - 0.3).max())}, count)
+                        {"uniform, anywhere": float(np.abs(m.director.values - 0.3).max())}, count)

@@ -1,4 +1,4 @@
-/* The director of the particles: its axis h, and the gradient of its angle. */
+/* The director in two dimensions: its angle, its axis h, and the gradient of the angle. */
 
 static inline double wrapped(double a) { return a - 2 * M_PI * rint(a / (2 * M_PI)); }
 
