@@ -107,6 +107,12 @@ def _always(terms: Terms) -> bool:
     return True
 
 
+def _of_dimensions(file: str, needed: Callable[[Terms], bool]) -> Iterator[Part]:
+    """The files whose names have the place where they are needed."""
+    yield Part(file.format("plane"), lambda t: t.dimension == 2 and needed(t))
+    yield Part(file.format("space"), lambda t: t.dimension == 3 and needed(t))
+
+
 def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
     *others, file = term.files or (f"{term.name}.c",)
     yield from (Part(name, lambda t: term.formula(t) is not None) for name in others)
@@ -114,11 +120,10 @@ def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
     yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call})
 
 
-WHERE = {2: "plane", 3: "space"}
 # In the order of the C source, the stages behind them and step.c at the end.
 PARTS = (
     Part("layout.h", _always),
-    *(Part(f"{where}.h", lambda t, d=d: t.dimension == d) for d, where in WHERE.items()),
+    *_of_dimensions("{}.h", _always),
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
@@ -126,9 +131,8 @@ PARTS = (
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
         "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
-    *(Part(f"director_{where}.c", lambda t, d=d: t.has_director and t.dimension == d) for d, where in WHERE.items()),
-    *(Part(f"director_turns_{where}.c", lambda t, d=d: t.director == "relaxing" and t.dimension == d)
-      for d, where in WHERE.items()),
+    *_of_dimensions("director_{}.c", lambda t: t.has_director),
+    *_of_dimensions("director_turns_{}.c", lambda t: t.director == "relaxing"),
     Part("director_relaxes.c", lambda t: t.director == "relaxing", {
         "before_stress": "if (director_ready(s)) return 1;", "after_forces": "if (director_step(s, dt)) return 1;"}),
 )

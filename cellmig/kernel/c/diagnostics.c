@@ -4,7 +4,8 @@
  * gradients g, |d|² of d = sym(Ḟ F⁻¹). */
 typedef struct { double J, bound, gradient2, strain2; } Limits;
 
-/* From K, the components 00, 11 … 01 … of a symmetric matrix times V; lanes of F and Ḟ, entries by columns; and g, if any. */
+/* From K, the components 00, 11 … 01 … of a symmetric matrix times V; lanes of F and Ḟ, entries by columns; and g,
+ * if there are any. */
 static inline Limits limits_of(const double *F, const double *R, const double *K, double V, const double *g)
 {
     double C[D][D], A[D][D], L[D][D], S[D][D], gradient2 = 0, strain2 = 0;
