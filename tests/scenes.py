@@ -66,17 +66,17 @@ def everywhere(sim: Simulation, owned: np.ndarray) -> np.ndarray:
 
 
 def forces(sim: Simulation) -> np.ndarray:
-    """M a of all particles (size, 2) [pN/µm] for the state as it is; collective."""
-    return sim.scene.field("mass")[:, None] * everywhere(sim, sim.mechanics.rate()[:, 2:])
+    """M a of all particles (size, d) [pN/µm] for the state as it is; collective."""
+    return sim.scene.field("mass")[:, None] * everywhere(sim, sim.mechanics.rate()[:, sim.scene.dimension :])
 
 
 def smooth(X: np.ndarray, seed: int, size: float, waves: int = 3, shortest: float = 4.0) -> np.ndarray:
-    """A smooth random field (n, 2) with values of about `size`."""
-    rng = np.random.default_rng(seed)
+    """A smooth random field (n, d) with values of about `size`."""
+    rng, d = np.random.default_rng(seed), X.shape[1]
     field = np.zeros_like(X)
     for _ in range(waves):
-        k = rng.uniform(-1, 1, 2) * 2 * np.pi / shortest
-        field += rng.standard_normal(2) * np.sin(X @ k + rng.uniform(0, 6))[:, None]
+        k = rng.uniform(-1, 1, d) * 2 * np.pi / shortest
+        field += rng.standard_normal(d) * np.sin(X @ k + rng.uniform(0, 6))[:, None]
     return size * field / np.sqrt(0.5 * waves)
 
 
@@ -84,6 +84,11 @@ LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 u
 BAR = {"name": "Bar", "shape": "polygon", "material": "nucleus", "centre": ["0 um", "0 um"],
        "corners": [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]}
 DISC = {"name": "Disc", "shape": "disc", "radius": "1.415 um"}
+ORIGIN = ["0 um", "0 um", "0 um"]
+BALL = {"name": "Ball", "shape": "ball", "radius": "1.415 um", "centre": ORIGIN}
+POLES = {"lowest": [["-0.3 um", "-0.3 um", "-1.5 um"], ["0.3 um", "0.3 um", "-1.2 um"]],
+         "highest": [["-0.3 um", "-0.3 um", "1.2 um"], ["0.3 um", "0.3 um", "1.5 um"]]}
+BEAM = {"name": "Beam", "shape": "box", "a": "4 um", "b": "2 um", "c": "2 um", "centre": ORIGIN}
 
 
 def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", integrator: str = "leapfrog",
@@ -97,20 +102,28 @@ def piece(*, per_cell: int = 200, shape: str = "polygon", end: str = "2 us", int
                         material={"volumetric_modulus": "17 kPa"}, **sections)
 
 
-def plate(name: str, height: float, normal: float, moves: float) -> dict:
+def plate(name: str, height: float, normal: float, moves: float, dimension: int = 2) -> dict:
     """A level plate at a height, that moves [µm]."""
-    return {"name": name, "point": ["0 um", f"{height} um"], "normal": [0, normal],
-            "displacement": ["0 um", f"{moves} um"], "load_curve": specimens.RAMP}
+    level = ["0 um"] * (dimension - 1)
+    return {"name": name, "point": [*level, f"{height} um"], "normal": [0] * (dimension - 1) + [normal],
+            "displacement": [*level, f"{moves} um"], "load_curve": specimens.RAMP}
 
 
-def squeezed(count: int, by: float = 0.2, samples: int = 2, **more: Any) -> Case:
-    """The disc between two plates, its diameter reduced by a share."""
-    move = 1.415 * by
-    plates = [plate("top", 1.415, -1.0, -move), plate("bottom", -1.415, 1.0, move)]
-    return specimens.piece(DISC, count, samples, plates=plates, **more)
+def squeezed(count: int, by: float = 0.2, samples: int = 2, dimension: int = 2, **more: Any) -> Case:
+    """The disc or the ball, whose axis is held, between two plates, its diameter reduced by a share."""
+    move, body = 1.415 * by, DISC if dimension == 2 else BALL
+    if dimension == 3:
+        more = {"supports": [{"name": name, "box": box, "displacement": ["0 um", "0 um", "free"]}
+                             for name, box in POLES.items()]} | more
+    plates = [plate("top", 1.415, -1.0, -move, dimension), plate("bottom", -1.415, 1.0, move, dimension)]
+    return specimens.piece(body, count, samples, plates=plates, dimension=dimension, **more)
 
 
-def bent(count: int, pull: float = 200.0, samples: int = 2, **more: Any) -> Case:
+def bent(count: int, pull: float = 200.0, samples: int = 2, dimension: int = 2, **more: Any) -> Case:
     """The bar, held on the left and pulled up on the right by a traction [Pa]."""
-    load = {"name": "up", "box": RIGHT, "traction": ["0 Pa", f"{pull} Pa"], "load_curve": specimens.RAMP}
-    return specimens.piece(BAR, count, samples, supports=[{"name": "left", "box": LEFT}], loads=[load], **more)
+    body, left, right = (BAR, {"box": LEFT}, {"box": RIGHT}) if dimension == 2 else (
+        BEAM, {"parts": ["left"]}, {"parts": ["right"]})
+    load = {"name": "up", **right, "traction": ["0 Pa"] * (dimension - 1) + [f"{pull} Pa"],
+            "load_curve": specimens.RAMP}
+    return specimens.piece(body, count, samples, supports=[{"name": "left", **left}], loads=[load],
+                           dimension=dimension, **more)

@@ -69,8 +69,6 @@ def _in_space(source: Source, found: dict[str, Any]) -> None:
     if found["particles"] is not None and found["particles"].dilation != default:
         source.reject(("particles", "dilation"), "has no meaning in three dimensions, where gradients are averages of "
                       "finite elements: leave it out")
-    if found["time"] is not None and found["time"].integrator != "leapfrog":
-        source.reject(("time", "integrator"), f"{NOT_YET}: the only one is \"leapfrog\"")
     if getattr(found["director"], "angle", 0.0):
         source.reject(("director", "angle"), "has no meaning in three dimensions: give three numbers, such as "
                       "direction = [1, 0, 0]")

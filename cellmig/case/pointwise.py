@@ -21,8 +21,7 @@ def either(yes: Any, one: tuple, other: tuple) -> tuple:
 
 def between(start: Vector, end: Vector) -> Vector:
     """The vector from one place to another."""
-    (x1, y1), (x2, y2) = start, end
-    return x2 - x1, y2 - y1
+    return tuple(b - a for a, b in zip(start, end, strict=True))
 
 
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:

@@ -31,6 +31,10 @@ class TriangleAdhesion:
         pulls = [size * slope for slope in by_gaps]
         return tuple((0.0, 0.0, -pull) for pull in pulls), size * mean, tuple(-(dt * pull) for pull in pulls)
 
+    def force(self, area, gap1, gap2, gap3):
+        """Forces on three corners [pN]."""
+        return self.facet(area, gap1, gap2, gap3, 0.0)[0]
+
     def stiffness(self, area, gap1, gap2, gap3):
         """Bound of the row sums of the tangent where levers are 1 [pN/µm]."""
         return self.bonds.law.bond_density * area * self.bonds.curvature(gap1, gap2, gap3)

@@ -36,6 +36,9 @@ LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take 
 LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
 RANK_BYTES = 115e6  # memory of Python, PETSc and MPI on a rank (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # time of a Newton step [s], memory [B], per particle (measured at 5,000)
+# In space, of balls of 1,000 to 8,000 particles: memory but for factors [B] per particle, time [s] and memory [B] of
+# factors over powers of the particles of a cell, 2 and 1.45.
+SPACE_BYTES, FACTOR, FACTOR_BYTES = 30_000, 9e-8, 1_660
 SCENE_BYTES = 1100  # memory per particle besides the kernel's arrays (measured: 1,070 to 1,110)
 KIND_BYTES = 10_000  # the same per particle of a kind of cell (measured: 5,500 at 5,000 to 10,400 at 1e6)
 
@@ -86,9 +89,7 @@ def cost(case: Case) -> Cost:
 
 def _size(case: Case) -> int:
     """Particles of a case."""
-    shapes = {c.shape: 0 for c in case.cells}
-    shapes = {shape: particle_count(case, shape) for shape in shapes}
-    return sum(shapes[c.shape] for c in case.cells)
+    return sum(_of_cells(case))
 
 
 def _part(case: Case, most: int) -> tuple[Case, float]:
@@ -122,7 +123,7 @@ def report(case: Case) -> str:
         part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
-    if requested_integrator(case.time.integrator) in IMPLICIT and case.dimension == 2:
+    if requested_integrator(case.time.integrator) in IMPLICIT:
         return _implicit_report(case, chosen)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
@@ -149,12 +150,31 @@ def _static_report(case: Case) -> str:
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         _particles(case, size, spacing), *describe_scene(case, case.time.end),
         ("load steps", describe_load_steps(case)),
-        ("time", f"about {duration(NEWTON * size)} for each step of Newton on one core, 4 to 8 to a load step, "
+        ("time", f"about {duration(newton_seconds(case))} for each step of Newton on one core, 4 to 8 to a load step, "
                  "as measured elsewhere with a direct solver"),
-        ("memory", f"about {bytes_text(STATIC_BYTES * size)} in all and {bytes_text(RANK_BYTES)} on each rank"),
+        ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, size),
         *describe_skipped(find_terms(case).skipped),
     ])
+
+
+def newton_seconds(case: Case) -> float:
+    """Time of a Newton step with a direct solver on one core [s]."""
+    in_space = FACTOR * sum(n**2 for n in _of_cells(case)) if case.dimension > 2 else 0.0
+    return NEWTON * _size(case) + in_space
+
+
+def solver_bytes(case: Case) -> float:
+    """Memory of the tangent and its factors [B]: in space those of a cell grow faster than its particles."""
+    if case.dimension == 2:
+        return STATIC_BYTES * _size(case)
+    return sum(SPACE_BYTES * n + FACTOR_BYTES * n**1.45 for n in _of_cells(case))
+
+
+def _of_cells(case: Case) -> list[int]:
+    """Particles of each cell."""
+    known = {shape: particle_count(case, shape) for shape in {c.shape for c in case.cells}}
+    return [known[c.shape] for c in case.cells]
 
 
 def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
@@ -173,7 +193,7 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
         ("steps", count), ("time", f"{duration(steps * one)} on one core"),
         ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
-        ("memory", f"about {bytes_text(STATIC_BYTES * c.particles)} in all and {bytes_text(RANK_BYTES)} on each rank"),
+        ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
@@ -184,12 +204,13 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
     part, ratio = _part(case, TRIED)
     with Simulation(part, MPI.COMM_SELF) as s:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
-        return trial, size / s.scene.size / ratio, s.integrator.step_description  # factors of n particles cost n^1.5
+        larger = ratio ** (-1 if case.dimension == 2 else -3)  # factors of n particles cost n^1.5, in space n²
+        return trial, size / s.scene.size * larger, s.integrator.step_description
 
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about the time of implicit steps, where explicit ones take days."""
-    if c.seconds < LONG or case.plates or case.dimension > 2:
+    if c.seconds < LONG or case.plates or (case.dimension > 2 and len(case.cells) > 1):
         return []
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
     try:

@@ -13,8 +13,9 @@ from mpi4py import MPI
 from cellmig.case.schema import Case, particle_count
 from cellmig.output.directory import together
 from cellmig.output.manifest import memory_sizes
+from cellmig.parallel.options import IMPLICIT, requested_integrator
 
-from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes
+from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes, solver_bytes
 
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
@@ -41,6 +42,8 @@ def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
     counts = [particle_count(case, c.shape) for c in case.cells]
     kinds = {(c.shape, c.material, c.nucleus): n for c, n in zip(case.cells, counts, strict=True)}
     needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
+    if requested_integrator(case.time.integrator) in ("static", *IMPLICIT):
+        needed += solver_bytes(case)
     if needed > (free := free_memory()):
         yield f"it takes {bytes_text(needed)} of memory at least, of which {bytes_text(free)} are free"
     existing = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)

@@ -8,7 +8,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..model.tensors import determinant
+from ..model.tensors import cofactors, contracted, determinant
 from ..parallel.reduce import global_maximum
 from .mechanics import Mechanics
 from .stiffness import Stiffness, fill
@@ -39,13 +39,17 @@ class Equations:
         self.mass = m.state.mass[:, None]
         self.matrix = self.stiffness.matrix()
         self.evaluated = self.assembled = 0
-        self.free = np.ones((m.n_owned, 2))
+        self.free = np.ones(m.state.u.shape)
         self.free[m.loads.held] = 0.0
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
-        self._start, self._last = np.zeros(0), np.zeros((0, 4))  # J at the start of the step, F of the last tangent
+        self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
+
+    def halves(self, x: PETSc.Vec) -> list[np.ndarray]:
+        """Both halves (n_owned, d) of a Vec of (n_owned, 2 d), such as u [µm] and v [µm/µs] of (u, v)."""
+        return np.split(x.getArray(readonly=True).reshape(len(self.free), -1), 2, axis=1)
 
     def acceleration(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Acceleration f/M for displacements u and velocities v at the time t; sets the state; collective.
@@ -53,17 +57,17 @@ class Equations:
         Parameters
         ----------
         t : float -- time [µs].
-        u, v : (n_owned, 2) float -- displacements [µm], velocities [µm/µs].
+        u, v : (n_owned, d) float -- displacements [µm], velocities [µm/µs].
 
         Returns
         -------
-        (n_owned, 2) float -- [µm/µs²]; nan where a particle is inverted, surfaces cross or are beyond the search lists.
+        (n_owned, d) float -- [µm/µs²]; nan where a particle is inverted, surfaces cross or are beyond the search lists.
         """
         m = self.mechanics
         m.loads.set_clock(t)
         m.state.u[:], m.state.v[:] = u, v
         m.state.forget_contacts()
-        a = m.rate()[:, 2:].copy()
+        a = m.rate()[:, m.scene.dimension :].copy()
         self.evaluated += 1
         late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
         if (m.state.J_of_rows <= 0.0).any() or late:
@@ -71,7 +75,7 @@ class Equations:
         return a
 
     def residual(self, t: float, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, 2); collective."""
+        """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, d); collective."""
         return self.mass * (a - self.acceleration(t, u, v))
 
     def begin(self) -> None:
@@ -81,9 +85,13 @@ class Equations:
 
     def _error_of_J(self, first: bool) -> np.ndarray:
         """What J of the rows has (n_rows,) [-] beyond its linear change, or beyond the start of the step at `first`."""
-        F = self.mechanics.state.F_of_rows.copy()
-        change, self._last = F - self._last if not first else F, F
-        return self.mechanics.state.J_of_rows - self._start if first else determinant(change.reshape(-1, 2, 2).T)
+        F = self.mechanics.state.tensors()[0]
+        last, self._last = self._last, F
+        if first:
+            return self.mechanics.state.J_of_rows - self._start
+        change = F - last
+        of_second_order = contracted(last, cofactors(change)) if len(F) == 3 else 0.0
+        return of_second_order + determinant(change)
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:
@@ -97,7 +105,7 @@ class Equations:
         Parameters
         ----------
         t : float -- time [µs].
-        u, v : (n_owned, 2) float -- displacements [µm], velocities [µm/µs].
+        u, v : (n_owned, d) float -- displacements [µm], velocities [µm/µs].
         by_v, by_a : float -- ∂v/∂u [1/µs] and ∂a/∂u [1/µs²] of the time integrator.
         ksp : KSP -- that of the last solve.
         pc : PC -- the preconditioner, which may have factors of the matrix.
@@ -121,12 +129,12 @@ class Equations:
         for K in (bodies, surfaces):
             K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
         bodies.data -= geometric.data
-        bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(2)
+        bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(self.free.shape[1])
         self.stiffness.store(bodies, surfaces, self.matrix, pc)
         self.assembled, self._by_v = self.assembled + 1, by_v
 
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, 2); collective."""
+        """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, d); collective."""
         t, u0, v0, _, _, a0 = self.at
         longest = global_maximum(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
         step = DIFFERENCE * self.spacing / max(longest, 1e-300)
@@ -134,18 +142,18 @@ class Equations:
         x.setArray(u.ravel())
         self.geometric.mult(x, y)
         change = self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
-        change -= y.getArray().reshape(-1, 2)
+        change -= y.getArray().reshape(u.shape)
         x.destroy()
         y.destroy()
         return change
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the tangent times x, by a finite difference of forces, for a Mat of type python; collective."""
-        u, by_v, by_a = x.getArray(readonly=True).reshape(-1, 2), *self.at[3:5]
+        u, by_v, by_a = x.getArray(readonly=True).reshape(self.free.shape), *self.at[3:5]
         y.setArray(self.apply(u, by_v * u, by_a * u).ravel())
 
     def damp(self, r: np.ndarray) -> np.ndarray:
-        """(by_v M - ∂f/∂v) r (n_owned, 2) [pN/µm] for r (n_owned, 2) [µm/µs], exact if f is linear in v; collective."""
+        """(by_v M - ∂f/∂v) r (n_owned, d) [pN/µm] for r (n_owned, d) [µm/µs], exact if f is linear in v; collective."""
         t, u, v, by_v, _, a = self.at
         return self.mass * (by_v * r + self.free * (a - self.acceleration(t, u, v + r)))
 

@@ -62,7 +62,7 @@ class Implicit(Integrator):
 
     def _connect(self) -> None:
         """Give TS the equations, and SNES its solvers."""
-        m, ts = self.mechanics, self.ts
+        m, ts, d = self.mechanics, self.ts, self.mechanics.scene.dimension
         self.whole_step = None
         m.segments.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
@@ -74,7 +74,7 @@ class Implicit(Integrator):
         self._piece = float(eps.min()) if len(eps) else FINE * self.equations.spacing
         self._clipped, self.second_order = False, ts.getType() == PETSc.TS.Type.ALPHA2
         if self.second_order:
-            self._x, self._v = (PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm) for _ in range(2))
+            self._x, self._v = (PETSc.Vec().createMPI((d * m.n_owned, None), bsize=d, comm=m.comm) for _ in range(2))
             ts.setI2Function(self._residual2, self._x.duplicate())
             applied = self.equations.matrix
             if self.equations.matrix_free:
@@ -97,7 +97,8 @@ class Implicit(Integrator):
         m = self.mechanics
         ts.setType(PETSc.Options().getString("ts_type", ts.getType()))
         modulus = max(max(l.shear_modulus, STIFF * l.density * l.sound_speed**2) for l in m.scene.materials)
-        force = modulus * max(t.spacing for t in m.scene.templates) * np.sqrt(m.scene.size)
+        size = max(t.spacing for t in m.scene.templates) ** (m.scene.dimension - 1)
+        force = modulus * size * np.sqrt(m.scene.size)
         balance = LOOSE if self.adaptive else BALANCE
         ts.getSNES().setTolerances(rtol=balance, atol=balance * force, stol=0.0)
         ts.getSNES().setConvergenceTest(self._converged)
@@ -154,7 +155,7 @@ class Implicit(Integrator):
 
         Returns whether it was shortened.  Source: step limits of incremental potential contact, Li et al. (2020).
         """
-        move = step.getArray(readonly=True).reshape(-1, 2 if self.second_order else 4)[:, :2]
+        move = self._vectors(step) if self.second_order else self.equations.halves(step)[0]
         longest = global_maximum(self.mechanics.comm, np.array([np.abs(move).max(initial=0.0)]))[0]
         share = min(1.0, LONGEST * self.equations.spacing / max(longest, 1e-300))
         trial, out = x.duplicate(), x.duplicate()
@@ -172,25 +173,28 @@ class Implicit(Integrator):
     # ------------------------------------------------------------ equations
 
     def _residual2(self, ts: PETSc.TS, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, out: PETSc.Vec) -> None:
-        u, v, a = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v, a))
+        u, v, a = (self._vectors(x) for x in (u, v, a))
         out.setArray(self.equations.residual(t, u, v, a).ravel())
 
     def _tangent2(self, ts: PETSc.TS, t: float, u: PETSc.Vec, v: PETSc.Vec, a: PETSc.Vec, by_v: float, by_a: float,
                   J: PETSc.Mat, P: PETSc.Mat) -> None:
-        u, v = (x.getArray(readonly=True).reshape(-1, 2) for x in (u, v))
+        u, v = (self._vectors(x) for x in (u, v))
         ksp = ts.getSNES().getKSP()
         self.equations.linearise(t, u, v, by_v, by_a, ksp, ksp.getPC(), self._first_iteration)
         J.assemble()
 
     def _residual(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
-        x, rate = (y.getArray(readonly=True).reshape(-1, 4) for y in (x, rate))
-        second = self.equations.residual(t, x[:, :2], x[:, 2:], rate[:, 2:])
-        out.setArray(np.hstack([rate[:, :2] - x[:, 2:], second]).ravel())
+        (u, v), (rate_of_u, a) = (self.equations.halves(y) for y in (x, rate))
+        out.setArray(np.hstack([rate_of_u - v, self.equations.residual(t, u, v, a)]).ravel())
 
     def _tangent(self, ts: PETSc.TS, t: float, x: PETSc.Vec, rate: PETSc.Vec, shift: float, J: PETSc.Mat,
                  P: PETSc.Mat) -> None:
-        x = x.getArray(readonly=True).reshape(-1, 4)
-        self.reduction.linearise(t, x[:, :2], x[:, 2:], shift, self._first_iteration)
+        u, v = self.equations.halves(x)
+        self.reduction.linearise(t, u, v, shift, self._first_iteration)
+
+    def _vectors(self, x: PETSc.Vec) -> np.ndarray:
+        """Vectors (n_owned, d) of a Vec."""
+        return x.getArray(readonly=True).reshape(self.equations.free.shape)
 
     @property
     def _first_iteration(self) -> bool:
@@ -282,20 +286,19 @@ class Implicit(Integrator):
         """Copy the state from TS."""
         m = self.mechanics
         if self.second_order:
-            u, v = self.ts.getSolution2()
-            m.state.owned[:] = np.hstack([x.getArray(readonly=True).reshape(-1, 2) for x in (u, v)])
+            m.state.owned[:] = np.hstack([self._vectors(x) for x in self.ts.getSolution2()])
         else:
-            m.state.owned[:] = self.ts.getSolution().getArray(readonly=True).reshape(-1, 4)
+            m.state.owned[:] = self.ts.getSolution().getArray(readonly=True).reshape(m.state.owned.shape)
         m.state.exchange()
 
     def _to_petsc(self) -> None:
         """Copy the state to TS."""
-        owned = self.mechanics.state.owned
+        state = self.mechanics.state
         if self.second_order:
-            for vec, columns in zip(self.ts.getSolution2(), (owned[:, :2], owned[:, 2:]), strict=True):
+            for vec, columns in zip(self.ts.getSolution2(), (state.u, state.v), strict=True):
                 vec.setArray(columns.ravel())
         else:
-            self.ts.getSolution().setArray(owned.ravel())
+            self.ts.getSolution().setArray(state.owned.ravel())
 
     def _account_path(self, before: np.ndarray, start: float, dt: float) -> None:
         """Add dissipation and work along the straight path of the step, by Gauss quadrature; collective.
@@ -303,19 +306,20 @@ class Implicit(Integrator):
         The work of all forces exceeds the gain of kinetic energy by the dissipation of the scheme.
         """
         m = self.mechanics
-        after, mass = m.state.owned.copy(), self.equations.mass
-        moved, work = after[:, :2] - before[:, :2], np.zeros(m.n_owned)
+        after, mass, work = m.state.owned.copy(), self.equations.mass, np.zeros(m.n_owned)
+        (u, v_before), (u_after, v) = (np.split(state, 2, axis=1) for state in (before, after))
+        moved = u_after - u
         longest = global_maximum(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
         parts = int(min(max(1.0, np.ceil(longest / self._piece)), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts
-            a = self.equations.acceleration(start + at * dt, before[:, :2] + at * moved, moved / dt)
+            a = self.equations.acceleration(start + at * dt, u + at * moved, moved / dt)
             work += share * (mass * a * moved).sum(axis=1)
             m.accounts.add(share * dt)
         m.loads.set_clock(start + dt)
         m.state.owned[:] = after
         m.rate()
-        motion = 0.5 * (mass * (after[:, 2:] ** 2 - before[:, 2:] ** 2)).sum(axis=1)
+        motion = 0.5 * (mass * (v**2 - v_before**2)).sum(axis=1)
         self.scheme_loss += work - motion
         m.accounts.of_particles["artificial_dissipation"] += work - motion
 

@@ -25,8 +25,8 @@ class Reduction:
     def __init__(self, equations: Equations, ksp: PETSc.KSP):
         """`ksp` : the linear solver of the SNES, whose preconditioner becomes this elimination; collective."""
         self.equations, m = equations, equations.mechanics
-        n = m.n_owned
-        self.matrix = PETSc.Mat().createPython(((4 * n, None), (4 * n, None)), self, comm=m.comm)
+        n = 2 * m.scene.dimension * m.n_owned
+        self.matrix = PETSc.Mat().createPython(((n, None), (n, None)), self, comm=m.comm)
         self.solver = PETSc.KSP().create(m.comm)
         self.solver.setOperators(equations.matrix)
         self.solver.setFromOptions()
@@ -37,7 +37,7 @@ class Reduction:
         ksp.getPC().setPythonContext(_Elimination(self))
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, shift: float, first: bool) -> None:
-        """Set J for u and v (n_owned, 2) [µm, µm/µs] at the time t [µs], with the shift σ [1/µs]; collective.
+        """Set J for u and v (n_owned, d) [µm, µm/µs] at the time t [µs], with the shift σ [1/µs]; collective.
 
         first : whether a solve begins.
         """
@@ -47,22 +47,22 @@ class Reduction:
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to J x, for line searches and Krylov methods; collective."""
-        a, b = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
+        a, b = self.equations.halves(x)
         first, e = self._shift * a - b, self.equations
         if e.matrix_free:
             second = e.apply(a, b, self._shift * b)
         else:
             self._a.setArray(a.ravel())
             e.matrix.mult(self._a, self._r)
-            second = self._r.getArray().reshape(-1, 2) - e.damp(first)
+            second = self._r.getArray().reshape(a.shape) - e.damp(first)
         y.setArray(np.hstack([first, second]).ravel())
 
     def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to J⁻¹ x, to the accuracy of the KSP of S; collective."""
-        r1, r2 = np.split(x.getArray(readonly=True).reshape(-1, 4), 2, axis=1)
+        r1, r2 = self.equations.halves(x)
         self._r.setArray((r2 + self.equations.damp(r1)).ravel())
         self.solver.solve(self._r, self._a)
-        a = self._a.getArray().reshape(-1, 2)
+        a = self._a.getArray().reshape(r1.shape)
         y.setArray(np.hstack([a, self._shift * a - r1]).ravel())
 
     def close(self) -> None:

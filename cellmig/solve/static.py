@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import deepcopy
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ class Static:
     ----------
     time, dt : float -- time reached, and last load step [µs].
     steps, redone : int -- load steps taken, and load steps that failed.
-    newton : list -- time of each load step [µs], and norm of the residual in each iteration [pN/µm].
+    newton : list -- time of each load step [µs], and norm of the residual in each iteration [pN/µm, in space
+        pN].
     extremes : dict -- smallest and largest J [-] and load step [µs].
     """
 
@@ -67,16 +69,16 @@ class Static:
 
     def _snes(self) -> None:
         """Create the SNES from its options, by default full Newton steps and a direct solver."""
-        m = self.mechanics
+        m, d = self.mechanics, self.mechanics.scene.dimension
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         self.snes = snes = PETSc.SNES().create(comm=m.comm)
-        self._x = PETSc.Vec().createMPI((2 * m.n_owned, None), bsize=2, comm=m.comm)
+        self._x = PETSc.Vec().createMPI((d * m.n_owned, None), bsize=d, comm=m.comm)
         self._r = self._x.duplicate()
         self._matrix = self.stiffness.matrix()
         snes.setFunction(self._residual, self._r)
         snes.setJacobian(self._tangent, self._matrix)
         t, law = m.scene.templates, m.scene.materials
-        force = max(l.shear_modulus for l in law) * max(b.spacing for b in t) * math.sqrt(m.scene.size)
+        force = max(l.shear_modulus for l in law) * max(b.spacing for b in t) ** (d - 1) * math.sqrt(m.scene.size)
         snes.setTolerances(rtol=TOLERANCE, atol=TOLERANCE * force, stol=0.0)
         snes.setConvergenceHistory(reset=True)
         with default_options({k: v for k, v in DEFAULTS.items() if direct or k != "pc_factor_mat_solver_type"}):
@@ -102,8 +104,8 @@ class Static:
         self.halted = True
 
     def rate(self) -> np.ndarray:
-        """(v, a) of the owned particles (n_owned, 4) [µm/µs], [µm/µs²]: zero; updates F and reactions; collective."""
-        return np.zeros((len(self._forces()), 4))
+        """(v, a) of the owned particles (n_owned, 2 d) [µm/µs, µm/µs²]: zero; updates F and reactions; collective."""
+        return np.zeros((len(self._forces()), 2 * self.mechanics.scene.dimension))
 
     def saved(self) -> dict[str, Any]:
         """State for a checkpoint at a sample: time, last load step and all counts."""
@@ -119,15 +121,15 @@ class Static:
     # ------------------------------------------------------------ equations
 
     def _forces(self) -> np.ndarray:
-        """Forces (n_owned, 2) [pN/µm] without reactions of supports and plates; sets those of supports; collective."""
+        """Forces (n_owned, d) [pN/µm] without reactions of supports and plates; sets those of supports; collective."""
         m = self.mechanics
-        f = m.state.mass[:, None] * m.rate()[:, 2:]
+        f = m.state.mass[:, None] * m.rate()[:, m.scene.dimension :]
         f[m.loads.held] -= m.loads.reaction  # which the kernel chose such that accelerations are those of supports
         m.loads.reaction[:] = -f[m.loads.held]
         return f
 
     def _set_displacements(self, x: PETSc.Vec) -> None:
-        self.mechanics.state.u[:] = x.getArray(readonly=True).reshape(-1, 2)
+        self.mechanics.state.u[:] = x.getArray(readonly=True).reshape(self.mechanics.state.u.shape)
 
     def _residual(self, snes: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f; for a held component, to stiffness times the distance from its prescribed displacement."""
@@ -153,7 +155,7 @@ class Static:
         factor[i, c], diagonal[i, c] = 0.0, 0.0
         diagonal[i, c, c] = self._scale
         if self._free_bodies:
-            diagonal += WEAK * self._scale * np.eye(2)
+            diagonal += WEAK * self._scale * np.eye(diagonal.shape[-1])
         row = np.repeat(np.arange(n), np.diff(K.indptr))
         K = sparse.bsr_matrix((np.einsum("eij,ejk->eik", factor[row], K.data), K.indices, K.indptr), K.shape)
         own = np.arange(n)
@@ -209,7 +211,7 @@ class Static:
         return good
 
     def _external_forces(self) -> np.ndarray:
-        """Forces of supports, loads and plates on the owned particles (n_owned, 2) [pN/µm]."""
+        """Forces of supports, loads and plates on the owned particles (n_owned, d) [pN/µm]."""
         return self.mechanics.loads.add_to(self.plates.force())
 
     def _accept(self, time: float) -> None:
@@ -227,7 +229,7 @@ class Static:
         norms = self.newton[-1][1]
         if self.steps <= REPORTED:
             self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
-                        + ", ".join(f"{n:.2g}" for n in norms) + " pN/µm")
+                        + ", ".join(f"{n:.2g}" for n in norms) + " pN" + "/µm" * (m.scene.dimension == 2))
         self.after_batch(time)
 
     def _reason(self) -> str:
@@ -256,14 +258,22 @@ class Static:
             thing.destroy()
 
 
+def rigid_motions(x: np.ndarray) -> np.ndarray:
+    """Translations [-] and rotations [µm] (d (d + 1)/2, n, d) of particles at x (n, d) [µm]."""
+    n, d = x.shape
+    turns = np.zeros((d * (d - 1) // 2, n, d))
+    for turn, (i, j) in zip(turns, combinations(range(d), 2), strict=True):
+        turn[:, i], turn[:, j] = -x[:, j], x[:, i]
+    return np.concatenate([np.repeat(np.eye(d)[:, None], n, axis=1), turns])
+
+
 def _rigid_motions_are_held(m: Mechanics) -> bool:
-    """Whether supports hold the translations and the rotation of every cell."""
-    held = m.loads.boundary.held
+    """Whether supports hold the translations and rotations of every cell."""
+    held, d = m.loads.boundary.held, m.scene.dimension
     for cell in range(len(m.scene.kind)):
-        on = held[m.scene.cell[held[:, 0]] == cell]
-        x = m.scene.X[on[:, 0]] - m.scene.centre[cell]
-        motion = np.where(on[:, 1] == 0, [np.ones(len(on)), np.zeros(len(on)), -x[:, 1]],
-                          [np.zeros(len(on)), np.ones(len(on)), x[:, 0]])
-        if len(on) < 3 or np.linalg.matrix_rank(motion, tol=1e-9 * max(1.0, np.abs(x).max())) < 3:
+        particle, component = held[m.scene.cell[held[:, 0]] == cell].T
+        x = m.scene.X[particle] - m.scene.centre[cell]
+        motion = rigid_motions(x)[:, np.arange(len(x)), component]
+        if np.linalg.matrix_rank(motion, tol=1e-9 * np.abs(x).max(initial=1.0)) < d * (d + 1) // 2:
             return False
     return True

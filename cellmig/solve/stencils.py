@@ -23,7 +23,7 @@ class Stencil:
     """A term: many groups of k particles, and the formula of the forces on the particles of a group.
 
     name : of the term;  nodes : (k, n) int -- local numbers;  force : takes positions x [µm] and velocities v [µm/µs],
-    k pairs of numbers each, and returns k pairs of forces [pN/µm].
+    k vectors each, and returns k vectors of forces [pN/µm].
     """
 
     name: str
@@ -31,13 +31,14 @@ class Stencil:
     force: Callable[..., tuple]
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local rows and columns (b,) int, and blocks (b, 2, 2) [Pa], of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
-        x, v = (a.transpose(0, 2, 1) for a in (m.state.x(self.nodes), m.state.memory[self.nodes, 2:]))
+        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
+        d = m.state.dimension
+        x, v = (a.transpose(0, 2, 1) for a in (m.state.x(self.nodes), m.state.memory[self.nodes, d:]))
         blocks = -mixed(self.force, {"x": (x, by_u), "v": (v, by_v)}).transpose(0, 2, 4, 1, 3)
         k, n = self.nodes.shape
         rows = np.broadcast_to(self.nodes[:, None], (k, k, n))
         columns = np.broadcast_to(self.nodes[None], (k, k, n))
-        return rows.ravel(), columns.ravel(), blocks.reshape(-1, 2, 2)
+        return rows.ravel(), columns.ravel(), blocks.reshape(-1, d, d)
 
 
 def stencils(m: Mechanics) -> Iterator[Stencil | Push]:
@@ -50,33 +51,36 @@ def stencils(m: Mechanics) -> Iterator[Stencil | Push]:
             yield from OWN_STENCILS[term.name](m, formula)
         else:
             on = k["near"] if "gap1" in _arguments(formula) else np.arange(len(k["facet"]))
-            yield _of_segments(term.name, formula, k["facet"][on].T, length=k["facet_size"][on])
-    if m.terms.director_law is not None and m.terms.director_law.anchoring == "surface" and m.director is not None:
+            yield _of_facets(term.name, formula, k["facet"][on].T, k["facet_size"][on])
+    law = m.terms.director_law
+    if law is not None and law.anchoring == "surface" and m.director is not None and m.state.dimension == 2:
         anchor, torque = m.director.anchored()
-        yield _of_segments("anchors", Couple(), anchor[:, [0, 2]].T, torque=torque)
+        yield _of_facets("anchors", Couple(), anchor[:, [0, 2]].T, torque=torque)
 
 
 def _arguments(formula: Any) -> list[str]:
     return list(inspect.signature(formula.force).parameters)
 
 
-def _of_segments(name: str, formula: Any, ends: np.ndarray, **given: np.ndarray) -> Stencil:
-    """A formula of segments or pairs of particles, whose arguments are found by name."""
-    arguments = _arguments(formula)
+def _of_facets(name: str, formula: Any, corners: np.ndarray, size: Any = None, **given: np.ndarray) -> Stencil:
+    """A formula of facets or pairs of particles, whose arguments are found by name; `size` : at rest [µm, µm²]."""
+    arguments, given = _arguments(formula), given | {"length": size, "area": size}
 
     def force(x: tuple, v: tuple) -> tuple:
-        motion = {"edge": (x[1][0] - x[0][0], x[1][1] - x[0][1]), "gap1": x[0][1], "gap2": x[1][1],
-                  "speed1": v[0][0], "speed2": v[1][0]}
+        motion = {"edge": between(x[0], x[1])}
+        for i, (at, speed) in enumerate(zip(x, v, strict=True)):
+            motion |= {f"edge{i}": between(x[0], at), f"gap{i + 1}": at[-1], f"speed{i + 1}": speed[0],
+                       f"velocity{i + 1}": speed[:-1]}
         return formula.force(**{a: given[a] if a in given else motion[a] for a in arguments})
 
-    return Stencil(name, ends, force)
+    return Stencil(name, corners, force)
 
 
 def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
-    """Segments under pressure; other loads are constant."""
-    ends, pressure = m.loads.pressures()
-    if len(ends):
-        yield _of_segments("pressure", formula, ends.T, pressure=pressure)
+    """Facets under pressure; other loads are constant."""
+    corners, pressure = m.loads.pressures()
+    if len(corners):
+        yield _of_facets("pressure", formula, corners.T, pressure=pressure)
 
 
 def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
@@ -97,9 +101,10 @@ def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
 class Push:
     """The push of a cell, whose derivatives go by the mean of its surface and by its closed bonds.
 
-    name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce;  weight : (k,) float -- of the
-    particles in the mean [-];  ends : (2, n) int -- of the segments near the substrate, among the nodes;
-    length : (n,) float -- of these [µm];  push : (2, n) float -- on their ends [pN/µm].
+    name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce or ProtrusionPush;
+    weight : (k,) float -- of the particles in the mean [-];  ends : (d, n) int -- corners of the facets near the
+    substrate, among the nodes;  size : (n,) float -- of these [µm, µm²];  push : (d, n) float -- on their corners
+    [pN/µm].
     """
 
     name: str
@@ -107,41 +112,47 @@ class Push:
     formula: Any
     weight: np.ndarray
     ends: np.ndarray
-    length: np.ndarray
+    size: np.ndarray
     push: np.ndarray
 
     def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Forces (k, 2, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
-        middle, gaps = self._places(*x[..., 0].T)
-        bonded, out = self._closed(middle[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
-        for end, along in zip(self.ends, self._along(bonded, *middle[self.ends], *gaps), strict=True):
+        """Forces (k, d, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
+        ahead, gaps = self._places(x[..., 0])
+        bonded, out = self._closed(ahead[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
+        for end, along in zip(self.ends, self._along(bonded, *ahead[self.ends], *gaps), strict=True):
             np.add.at(out[:, 0, 0], end, along)
         return out
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local rows and columns (b,) int, and blocks (b, 2, 2) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
-        ahead, gaps = self._places(*m.state.x(self.nodes[:, 0]).T)
-        k, (i, j), unit = len(ahead), self.ends, np.eye(len(ahead))
+        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
+        ahead, gaps = self._places(m.state.x(self.nodes[:, 0]))
+        d, k, unit = len(gaps), len(ahead), np.eye(len(ahead))
         by_x = unit - self.weight  # of `ahead`, by x of all
         closed, slope = derivative(self._closed, ahead[self.ends].mean(axis=0), *gaps)
-        by_all = 0.5 * slope[0] @ (by_x[i] + by_x[j]), slope[1] @ unit[i] + slope[2] @ unit[j]
+        by_all = (slope[0] @ by_x[self.ends].mean(axis=0),
+                  sum(by_gap @ unit[end] for by_gap, end in zip(slope[1:], self.ends, strict=True)))
         slopes = derivative(self._along, np.full(len(closed), closed.sum()), *ahead[self.ends], *gaps)[1]
-        blocks = np.zeros((k, k, 2, 2))
-        for end, (bonded, ahead1, ahead2, gap1, gap2) in zip(self.ends, slopes[..., None], strict=True):
-            np.subtract.at(blocks[:, :, 0, 0], end, by_u * (bonded * by_all[0] + ahead1 * by_x[i] + ahead2 * by_x[j]))
-            np.subtract.at(blocks[:, :, 0, 1], end, by_u * (bonded * by_all[1] + gap1 * unit[i] + gap2 * unit[j]))
-        return np.repeat(self.nodes[:, 0], k), np.tile(self.nodes[:, 0], k), blocks.reshape(-1, 2, 2)
+        row, at = np.unique(self.ends, return_inverse=True)
+        blocks = np.zeros((len(row), k, d, d))
+        for on, (bonded, *by) in zip(at.reshape(self.ends.shape), slopes[..., None], strict=True):
+            of_x, of_gap = (bonded * mean + sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
+                            for mean, part, place in zip(by_all, (by[:d], by[d:]), (by_x, unit), strict=True))
+            np.subtract.at(blocks[:, :, 0, 0], on, by_u * of_x)
+            np.subtract.at(blocks[:, :, 0, -1], on, by_u * of_gap)
+        node = self.nodes[:, 0]
+        return np.repeat(node[row], k), np.tile(node, len(row)), blocks.reshape(-1, d, d)
 
-    def _places(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the nodes what they are ahead of the mean (k,), of the ends the gaps (2, n) [µm]."""
-        return x - self.weight @ x, y[self.ends]
+    def _places(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the nodes at x (k, d) [µm] what they are ahead of the mean (k,), of the ends the gaps (d, n) [µm]."""
+        return x[:, 0] - self.weight @ x[:, 0], x[self.ends, -1]
 
-    def _closed(self, ahead: Any, gap1: Any, gap2: Any) -> Any:
-        return self.formula.grip(self.length, ahead, gap1, gap2)
+    def _closed(self, ahead: Any, *gaps: Any) -> Any:
+        return self.formula.grip(self.size, ahead, *gaps)
 
     def _along(self, bonded: Any, *places: Any) -> tuple:
-        ends = self.formula.force(self.push, self.formula.hold(bonded), self.length, places[:2], places[2:])
-        return tuple(along for along, _ in ends)
+        d = len(self.ends)
+        ends = self.formula.force(self.push, self.formula.hold(bonded), self.size, places[:d], places[d:])
+        return tuple(along for along, *_ in ends)
 
 
 def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
@@ -189,6 +200,6 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-# Others have stencils of segments.
+# Others have stencils of facets.
 OWN_STENCILS: dict[str, Callable[..., Iterator[Stencil | Push]]] = {"contact": _contact, "protrusion": _protrusion,
                                                                    "loads": _loads}

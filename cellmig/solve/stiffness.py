@@ -1,4 +1,4 @@
-"""The tangent of a scene: derivatives of the forces on its particles, as a matrix of 2×2 blocks."""
+"""The tangent of a scene: derivatives of the forces on its particles, as a matrix of d × d blocks."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from ..case.pointwise import pointwise
 from ..kernel.kernel import assemble
 from ..kernel.layout import csr_rows
 from ..meshfree.stabilisation import BulkDamping, Stabilisation
+from ..model.tensors import cofactors
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
 
 
 class Stiffness:
-    """Derivatives -∂f/∂u [Pa] and -∂f/∂v [Pa µs] of the forces of a Mechanics, a 2×2 block for each two particles.
+    """Derivatives -∂f/∂u [Pa] and -∂f/∂v [Pa µs] of the forces of a Mechanics, a d × d block for each two particles.
 
-    Arguments by_u [-] and by_v [1/µs] are the factors of both in a sum.
+    Arguments by_u [-] and by_v [1/µs] are the factors of both in a sum.  Units are those of d = 2 dimensions, where
+    forces are per µm of thickness; in space all are those times µm.
 
     Columns are in the order of PETSc's particles of all ranks.  Terms are all stresses, in first Piola-Kirchhoff form
     with the geometric part included, bulk damping, both stabilisations, and all surface terms, at constant director.
@@ -32,10 +34,11 @@ class Stiffness:
         """Compute the pattern of the matrix."""
         self.mechanics = m = mechanics
         base, scene, n = m.part.numbering, m.scene, m.n_owned
+        self.dimension = d = scene.dimension
         self._column = m.part.in_petsc[base.ids]
         self.start = int(self._column[0]) if n else 0
-        self.shape = 2 * n, 2 * scene.size
-        wide = [self._wide([t.G[k] for t in scene.templates], base.n_rows) for k in range(2)]
+        self.shape = d * n, d * scene.size
+        wide = [self._wide([t.G[k] for t in scene.templates], base.n_rows) for k in range(d)]
         self._G = wide[0]
         owned = (self._G.indices >= self.start) & (self._G.indices < self.start + n)
         self._row = np.repeat(np.arange(base.n_rows), np.diff(self._G.indptr))
@@ -53,7 +56,7 @@ class Stiffness:
             columns.append(bending)
             self._laplacian = csr_rows(scene, base, C, base.n_rows, len(base.ids))
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
-        self._lists = len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
+        self._lists = d, len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
         self._volume = scene.field("V")[m.part.row_ids]
         self._damping = scene.field("damping")[m.part.row_ids] if m.terms.bulk_damped else None
@@ -71,14 +74,14 @@ class Stiffness:
         return wide
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
-        """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (2, d, 2, d, n_rows) [pN] of the rows.
+        """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (d, k, d, k, n_rows) [pN] of the rows.
 
-        With stabilisation d is 3 instead of 2: the third columns of F and P are C u and its conjugate.
+        k is d, with stabilisation d + 1: the last columns of F and P are C u and its conjugate.
         """
-        m, terms = self.mechanics, self.mechanics.terms
+        m, terms, d = self.mechanics, self.mechanics.terms, self.dimension
         F, rate = m.state.tensors()
         given = {"F": F, "Fdot": rate, **m.director_fields()}
-        A = np.zeros((2, 2, 2, 2, F.shape[-1]))
+        A = np.zeros((d, d, d, d, F.shape[-1]))
         present = {"stress": True, "viscous_stress": True, "director_stress": terms.director != "none",
                    "active_stress": terms.active}
         for i, law in enumerate(m.scene.materials):
@@ -95,16 +98,16 @@ class Stiffness:
             return A
         bend = (self._laplacian @ m.state.memory[: self._laplacian.shape[1]]).T
         wider = _of_both(self._bent, {name: np.concatenate([a, b[:, None]], axis=1) for name, a, b in (
-            ("F", F, bend[:2]), ("Fdot", rate, bend[2:]))}, by_u, by_v)
-        wider[:, :2, :, :2] += A
+            ("F", F, bend[:d]), ("Fdot", rate, bend[d:]))}, by_u, by_v)
+        wider[:, :d, :, :d] += A
         return wider
 
     def _bent(self, F: Any, Fdot: Any) -> tuple:
-        """Stress of the stabilisations with its conjugate to C u as a third column, for such F and Ḟ."""
+        """Stress of the stabilisations with its conjugate to C u as a last column, for such F and Ḟ."""
         weight, modulus = self._bending
-        q, P = Stabilisation().stress(weight, *([row[:2] for row in a] for a in (F, Fdot)),
-                                      *([row[2] for row in a] for a in (F, Fdot)))
-        return tuple((*p, b + modulus * row[2]) for p, b, row in zip(P, q, F, strict=True))
+        q, P = Stabilisation().stress(weight, *([row[:-1] for row in a] for a in (F, Fdot)),
+                                      *([row[-1] for row in a] for a in (F, Fdot)))
+        return tuple((*p, b + modulus * row[-1]) for p, b, row in zip(P, q, F, strict=True))
 
     def internal(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
         """The part [Pa] of stresses and stabilisations."""
@@ -112,16 +115,18 @@ class Stiffness:
 
     def of_dilation(self, dilation: np.ndarray) -> sparse.bsr_matrix:
         """The geometric part [Pa] of the pressure that a `dilation` J - 1 (n_rows,) [-] makes."""
-        A = np.zeros((2, self._lists[0], 2, self._lists[0], len(dilation)))
-        A[0, 0, 1, 1] = A[1, 1, 0, 0] = self._volume * self._modulus * dilation
-        A[0, 1, 1, 0] = A[1, 0, 0, 1] = -A[0, 0, 1, 1]
+        d, k = self.dimension, self._lists[1]
+        A = np.zeros((d, k, d, k, len(dilation)))
+        F = self.mechanics.state.tensors()[0]
+        A[:, :d, :, :d] = self._volume * self._modulus * dilation * mixed(cofactors, {"A": (F, 1.0)})
         return self._of_rows(A)
 
     def _of_rows(self, moduli: np.ndarray) -> sparse.bsr_matrix:
-        """The matrix [Pa] for moduli (2, d, 2, d, n_rows) [pN] of the rows."""
-        A = np.ascontiguousarray(moduli.reshape(4 * self._lists[0] ** 2, -1).T)
-        blocks = np.zeros((self.pattern.nnz, 2, 2))
-        assemble(self.mechanics.n_owned, *self._lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
+        """The matrix [Pa] for moduli (d, k, d, k, n_rows) [pN] of the rows."""
+        A = np.ascontiguousarray(moduli.reshape(-1, moduli.shape[-1]).T)
+        d, k, *lists = self._lists
+        blocks = np.zeros((self.pattern.nnz, d, d))
+        assemble(d, k, self.mechanics.n_owned, *lists, A, np.zeros(self.pattern.shape[1], np.int64), *self._blocks,
                  blocks)
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
@@ -130,7 +135,7 @@ class Stiffness:
         parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics)
                  if s.nodes.size and (not names or s.name in names)]
         if not parts:
-            return sparse.bsr_matrix(self.shape, blocksize=(2, 2))
+            return sparse.bsr_matrix(self.shape, blocksize=(self.dimension,) * 2)
         rows, columns, blocks = (np.concatenate(a) for a in zip(*parts, strict=True))
         own = (rows < self.mechanics.n_owned) & blocks.any(axis=(1, 2))
         return self._of_blocks(rows[own], columns[own], blocks[own])
@@ -138,7 +143,7 @@ class Stiffness:
     def _of_blocks(self, rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> sparse.bsr_matrix:
         """Matrix of blocks at local rows and columns; blocks at one place are added."""
         order = np.argsort(rows, kind="stable")
-        ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.shape[0] // 2))])
+        ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.mechanics.n_owned))])
         m = self.mechanics  # contacts change the ghosts
         wide = m.part.in_petsc[m.state.numbering.ids[columns[order]]]
         out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
@@ -151,8 +156,8 @@ class Stiffness:
 
     def matrix(self) -> PETSc.Mat:
         """A Mat with memory for all entries of bodies, those of neighbours of neighbours; collective."""
-        n = self.mechanics.n_owned
-        mat = PETSc.Mat().createBAIJ(((2 * n, None), (2 * n, None)), 2, comm=self.mechanics.comm)
+        n, d = self.mechanics.n_owned, self.dimension
+        mat = PETSc.Mat().createBAIJ(((d * n, None), (d * n, None)), d, comm=self.mechanics.comm)
         self._allocate(mat, self.pattern)
         return mat
 
@@ -161,7 +166,7 @@ class Stiffness:
         pattern.sort_indices()
         self._room = _places(pattern)
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
-                                 np.zeros((pattern.nnz, 2, 2))))
+                                 np.zeros((pattern.nnz, self.dimension, self.dimension))))
 
     def store(self, bodies: sparse.bsr_matrix, surfaces: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
         """Set a Mat to the sum of both parts, after allocation of entries for new contacts; collective.
@@ -193,7 +198,7 @@ def _places(pattern: sparse.csr_matrix) -> np.ndarray:
 
 
 def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float) -> np.ndarray:
-    """Derivative by_u ∂/∂F + by_v ∂/∂Ḟ (2, 2, 2, 2, n) [Pa] of a stress."""
+    """Derivative by_u ∂/∂F + by_v ∂/∂Ḟ (d, d, d, d, n) [Pa] of a stress."""
     return mixed(stress, {"F": (given["F"], by_u), "Fdot": (given["Fdot"], by_v)})
 
 
@@ -208,7 +213,7 @@ def fill(mat: PETSc.Mat, *parts: sparse.bsr_matrix) -> None:
 
 def typical(K: sparse.bsr_matrix, start: int, comm: Any) -> float:
     """Mean of the diagonal of K over all ranks [Pa]; `start` : first column of this rank; collective."""
-    rows = np.repeat(np.arange(K.shape[0] // 2), np.diff(K.indptr))
+    rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
     on = K.indices == rows + start
     found = np.array([np.trace(K.data[on].sum(axis=0)) if on.any() else 0.0, K.shape[0]])
     total = sum(comm.allgather(found))

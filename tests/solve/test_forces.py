@@ -39,7 +39,7 @@ ELASTIC = ("nucleus", "not stiffened", "stiff")  # scenes where elastic forces o
 
 
 def deform(sim: Simulation, size: float = 0.02, speed: float = 0.1, lifted: bool = True) -> tuple[np.ndarray, ...]:
-    """Give the scene a smooth random deformation with noise, and velocities: u, v (size, 2).
+    """Give the scene a smooth random deformation with noise, and velocities: u, v (size, d).
 
     Lifted cells touch nothing: huge contact forces would leave their rounding behind.
     """
@@ -49,7 +49,8 @@ def deform(sim: Simulation, size: float = 0.02, speed: float = 0.1, lifted: bool
     u = smooth(X, 5, size * R, shortest=R) + 0.002 * R * noise[0]
     v = smooth(X, 6, speed, shortest=R) + 0.1 * speed * noise[1]
     if lifted:
-        u += np.column_stack([-3.0 * sim.scene.cell, np.full(sim.scene.size, 3.0)])
+        u[:, 0] -= 3.0 * sim.scene.cell
+        u[:, -1] += 3.0
     set_motion(sim, u, v)
     return u, v
 
@@ -151,8 +152,8 @@ def test_internal_forces_turn_nothing(name: str) -> None:
 
 
 def approach(sim: Simulation, seed: int) -> np.ndarray:
-    """Press the cells together a little, unevenly, and return the positions (size, 2)."""
-    u = 0.004 * np.random.default_rng(seed).standard_normal((sim.scene.size, 2))
+    """Press the cells together a little, unevenly, and return the positions (size, d)."""
+    u = 0.004 * np.random.default_rng(seed).standard_normal(sim.scene.X.shape)
     set_motion(sim, u)
     return sim.scene.X + u
 

@@ -77,6 +77,8 @@ AT_SAMPLES = {
     "rk with a relaxing director": lambda: case("director_radial", *TURNING, 'time.integrator="rk"'),
     "supports under euler": lambda: piece(supports=[WALL], loads=[PRESS], integrator="euler", step="1 ns"),
     "static, bent": lambda: bent(200),
+    "static, bent in space": lambda: bent(100, 50.0, dimension=3),
+    "static, a ball between plates": lambda: squeezed(60, 0.1, dimension=3),
     "static, between plates": lambda: squeezed(200, supports=[{"name": "axis", "box": MIDDLE}]),
 }
 MIDDLE = [["-0.2 um", "-0.2 um"], ["0.2 um", "1.5 um"]]

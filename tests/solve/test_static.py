@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
-from scenes import BAR, DISC, LEFT, RIGHT, bent, built, everywhere, squeezed
+from scenes import BALL, BAR, BEAM, DISC, LEFT, RIGHT, bent, built, everywhere, squeezed
+from scipy.optimize import fsolve
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
+from cellmig.case.pointwise import pointwise
 from cellmig.case.times import output_times
 from cellmig.output.manifest import read_manifest
 from cellmig.runs.run import FAILED, Run
@@ -28,72 +32,88 @@ def solved(sim: Simulation) -> tuple[list[dict], dict]:
 
 
 def displacement(sim: Simulation) -> np.ndarray:
-    """Of all particles (size, 2) [µm]."""
-    return everywhere(sim, sim.mechanics.state.owned[:, :2])
+    """Of all particles (size, d) [µm]."""
+    return everywhere(sim, sim.mechanics.state.u)
+
+
+IN_BOTH = pytest.mark.parametrize("d", [2, 3], ids=["plane", "space"])
+UP = {2: "force_y_pn_per_um", 3: "force_z_pn"}
 
 
 @pytest.mark.serial
-def test_newton_converges_quadratically() -> None:
-    with built(bent(220, samples=1)) as sim:
+@IN_BOTH
+def test_newton_converges_quadratically(d: int) -> None:
+    with built(bent(220, {2: 200.0, 3: 20.0}[d], 1, d)) as sim:
         solved(sim)
         norms = np.array(sim.integrator.newton[-1][1])
         assert len(norms) < 9
         drop = np.log(norms[1:] / norms[:-1])
-        assert drop[-1] < -12.0  # measured -14.4; of a tangent that is nearly right: -5
-        assert drop[-1] / drop[-2] > 1.8, norms  # measured 3.6
+        assert drop[-1] < -12.0  # measured -14.4, -14.3; of a tangent that is nearly right: -5
+        assert drop[-1] / drop[-2] > 1.8, norms  # measured 3.6, 2.1
 
 
-def test_the_ledger_closes_to_second_order_in_the_load_step() -> None:
+@IN_BOTH
+def test_the_ledger_closes_to_second_order_in_the_load_step(d: int) -> None:
     errors = []
     for samples in (4, 8):
-        with built(bent(150, samples=samples)) as sim:
+        with built(bent(150, 200.0, samples, d)) as sim:
             entries = solved(sim)[1]
             errors.append(entries["energy_error"])
-            assert entries["external_work_pn"] > 50.0
+            assert entries["external_work_pn" if d == 2 else "external_work_pn_um"] > 50.0
     assert errors[1] < 0.001
     assert errors[1] < 0.27 * errors[0], errors
-    with built(squeezed(200, samples=8)) as sim:  # contacts that come within a load step make it uneven
+    with built(squeezed(200, 0.2, 8, d)) as sim:  # contacts that come within a load step make it uneven
         assert solved(sim)[1]["energy_error"] < 0.004  # measured 0.0018; 0.0003 with 16
 
 
-def test_supports_bear_what_loads_and_plates_push_with() -> None:
-    with built(bent(150)) as sim:
+@IN_BOTH
+def test_supports_bear_what_loads_and_plates_push_with(d: int) -> None:
+    with built(bent(150, 200.0, 2, d)) as sim:
         whole = solved(sim)[0][0]
-        assert whole["left_force_y_pn_per_um"] == pytest.approx(-400.0, rel=1e-9)
-        assert abs(whole["left_force_x_pn_per_um"]) < 1e-6
+        assert whole[f"left_{UP[d]}"] == pytest.approx({2: -400.0, 3: -800.0}[d], rel=1e-9)
+        assert abs(whole[f"left_{UP[d]}".replace("force_y", "force_x").replace("force_z", "force_x")]) < 1e-6
         held = np.isclose(sim.scene.X[:, 0], -2.0)
         assert not displacement(sim)[held].any()
-    with built(squeezed(200)) as sim:
+    with built(squeezed(200, dimension=d)) as sim:
         whole = solved(sim)[0][0]
-        assert whole["top_force_y_pn_per_um"] == pytest.approx(-whole["bottom_force_y_pn_per_um"], rel=1e-6)
+        assert whole[f"top_{UP[d]}"] == pytest.approx(-whole[f"bottom_{UP[d]}"], rel=1e-6)
         x = sim.scene.X + displacement(sim)
-        assert 0.8 * 1.415 - x[:, 1].max() == pytest.approx(0.0, abs=1e-9)
+        assert 0.8 * 1.415 - x[:, -1].max() == pytest.approx(0.0, abs=1e-9)
         assert sim.integrator.plates.gaps().min(initial=0.0) > -1e-9
 
 
 @pytest.mark.serial
-def test_leapfrog_under_slow_loads_ends_at_the_same() -> None:
-    with built(bent(60, 100.0)) as sim:
+@pytest.mark.parametrize(("make", "d"), [(partial(bent, 60, 100.0), 2), (partial(bent, 60, 50.0), 3),
+                                         (partial(squeezed, 60, 0.1), 3)], ids=["bar", "beam", "ball between plates"])
+def test_leapfrog_under_slow_loads_ends_at_the_same(make, d: int) -> None:
+    with built(make(dimension=d)) as sim:
         still = solved(sim)[0][0]
         u = displacement(sim)
     damped = {"material": {"stabilisation": 1.0}, "numerics": {"bulk_viscosity": 0.5}}
-    tree = bent(60, 100.0, time={"integrator": "leapfrog", "end": "200 us", "samples": 1}, **damped).resolved()
-    tree["loads"][0]["load_curve"] = {"law": "smooth", "duration": "200 us"}
+    clock = {"integrator": "leapfrog", "end": "200 us", "samples": 1}
+    tree = make(dimension=d, time=clock, **damped).resolved()
+    for item in [*tree.get("loads", []), *tree.get("plates", [])]:
+        item["load_curve"] = {"law": "smooth", "duration": "200 us"}
     with built(from_dict(tree)) as sim:
         moving = solved(sim)[0][0]
-        assert np.abs(displacement(sim) - u).max() < 1e-4 * np.abs(u).max()  # measured 4e-5; 3e-4 in 100 µs
-        assert moving["left_force_y_pn_per_um"] == pytest.approx(still["left_force_y_pn_per_um"], rel=2e-4)
+        apart = (displacement(sim) - u)[:, -1]  # the ball may turn about its axis
+        assert np.abs(apart).max() < 1e-4 * np.abs(u).max()  # measured 4e-5, 2e-5, 1e-6; 3e-4 in 100 µs
+        held = [name for name in still if UP[d] in name]
+        assert [moving[name] for name in held] == pytest.approx([still[name] for name in held], rel=2e-4, abs=1e-6)
 
 
+@IN_BOTH
 @pytest.mark.parametrize("make", [bent, squeezed])
-def test_any_number_of_ranks_finds_the_same(make) -> None:
-    with built(make(200)) as sim, built(make(200), MPI.COMM_SELF) as alone:
+def test_any_number_of_ranks_finds_the_same(make, d: int) -> None:
+    scene = make(200, dimension=d)
+    with built(scene) as sim, built(scene, MPI.COMM_SELF) as alone:
         rows, entries = solved(sim)
         expected, ledger = solved(alone)
         apart = displacement(sim) - displacement(alone)
         if make is squeezed:  # nothing holds it along the plates
-            assert np.abs(apart[:, 0].mean()) < 1e-6  # measured 2e-8
-            apart[:, 0] -= apart[:, 0].mean()
+            along = apart[:, :-1].mean(axis=0)
+            assert np.abs(along).max() < 1e-6  # measured 2e-8
+            apart[:, :-1] -= along
         assert np.abs(apart).max() < 1e-12  # measured 2e-15
         for name, value in ledger.items():
             assert entries[name] == pytest.approx(value, rel=1e-6, abs=1e-6)
@@ -102,9 +122,11 @@ def test_any_number_of_ranks_finds_the_same(make) -> None:
 
 
 @pytest.mark.serial
-def test_pressure_makes_a_disc_smaller_as_the_law_says() -> None:
+@IN_BOTH
+def test_pressure_makes_a_disc_or_a_ball_smaller_as_the_law_says(d: int) -> None:
     """Under a pressure p all round, σ = -p everywhere: F = λ I."""
-    with built(piece(DISC, 300, 2, loads=[{"name": "p", "pressure": "100 kPa", "load_curve": RAMP}])) as sim:
+    load = {"name": "p", "pressure": "100 kPa", "load_curve": RAMP}
+    with built(piece(DISC if d == 2 else BALL, 300, 2, dimension=d, loads=[load])) as sim:
         solved(sim)
         stress = sim.sampler.nodal_stress()[0][: sim.mechanics.n_owned]
         assert np.abs(stress[:, 0, 0] + 1e5).max() < 1e-3
@@ -161,3 +183,24 @@ def test_a_static_case_leaves_no_options_of_petsc_behind() -> None:
     with built(bent(120)) as sim:
         assert sim.integrator.snes.getType() == "newtonls" and sim.integrator.snes.getKSP().getPC().getType() == "lu"
     assert PETSc.Options().getAll() == before
+
+
+@pytest.mark.parametrize("pull", [100.0, 1500.0])
+def test_a_bar_between_smooth_walls_is_stretched_as_its_law_says(pull: float) -> None:
+    """Uniaxial tension in finite strain, which linear shape functions hold exactly: Rivlin's (1948), compressible."""
+    wall = ["free", "free", "free"]
+    supports = [{"name": part, "parts": [part], "displacement": [*wall[:k], "0 um", *wall[k + 1 :]]}
+                for k, part in enumerate(("left", "front", "bottom"))]
+    load = {"name": "pull", "parts": ["right"], "traction": [f"{pull} Pa", "0 Pa", "0 Pa"], "load_curve": RAMP}
+    with built(piece(BEAM, 150, 1, dimension=3, supports=supports, loads=[load])) as sim:
+        solved(sim)
+
+        def stresses(stretches: np.ndarray) -> np.ndarray:
+            F = np.diag([stretches[0], stretches[1], stretches[1]])[:, :, None]
+            P = np.array(pointwise(sim.scene.materials[0], "stress", {"F": F}))[..., 0]
+            return np.array([P[0, 0] - pull, P[1, 1]])
+
+        along, across = fsolve(stresses, [1.0, 1.0], xtol=1e-12)
+        u = displacement(sim)
+        exact = (sim.scene.X - sim.scene.X.min(axis=0)) * (np.array([along, across, across]) - 1.0)
+        assert np.abs(u - exact).max() < 1e-9 * np.abs(exact).max()  # measured 4e-12, 1e-14
