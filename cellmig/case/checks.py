@@ -17,7 +17,6 @@ from .source import Source
 from .values import declared, default_in
 
 MOST_PARTICLES = 1e9
-NOT_YET = "is not there in three dimensions yet"
 NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
