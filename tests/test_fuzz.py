@@ -33,6 +33,7 @@ pytestmark = [pytest.mark.serial, pytest.mark.slow]
 ROUNDS = int(os.environ.get("CELLMIG_FUZZ", 10_000))
 SEED = int(os.environ.get("CELLMIG_FUZZ_SEED", 1))
 SECONDS, LARGEST = 20, 400  # for one case;  particles of a scene that is discretised
+OF_CASES = {"mesh": "cell.msh", "outline": "outline.csv", "surface": "cell_surface.stl"}  # files that cases read
 VALUES = """0 -1 1 7 91 1e308 -1e308 1e-320 nan inf -inf true "" "auto" "free" [] {} [[]] [1,2,3] 9223372036854775807
 99999999999999999999999 "1 um" "-1 um" "0 um" "1e300 m" "1 us" "1e9 us" "1e-9 us" "1 Pa" "1 pN/um" "nan um" "5 furlong"
 "1 um^99" "x um" "x**x um" "1/x um" "0.1*x um" "sqrt(-x) um" "exp(1000*x) um" "x**999999999 um" "9**9**9**9*x um"
@@ -138,20 +139,20 @@ def test_a_mutated_case_is_valid_or_says_what_is_wrong(tmp_path, monkeypatch):
     chance, found, bad, slowest, most = random.Random(SEED), Counter(), [], (0.0, ""), (0, "")
     for path in CASES["paper"].parent.iterdir():
         shutil.copy(path, tmp_path)
-    originals = {name: (tmp_path / name).read_bytes() for name in ("cell.msh", "outline.csv")}
+    originals = {name: (tmp_path / name).read_bytes() for name in OF_CASES.values()}
     listed = sorted(path.name for path in tmp_path.iterdir())
     tracemalloc.start()
     for number in range(ROUNDS):
         name = chance.choice(sorted(CASES))
         text, sets = CASES[name].read_text(), ["particles.per_cell=60"] * (chance.random() < 0.5)
         for other, content in originals.items():
-            changed = name == Path(other).stem.replace("cell", "mesh") and chance.random() < 0.7
+            changed = other == OF_CASES.get(name) and chance.random() < 0.7
             (tmp_path / other).write_bytes(broken_bytes(content, chance) if changed else content)
         if chance.random() < 0.15:
             key = chance.choice(["time.end", "cells.0.radius", "cells.Cell-1.centre", "seed", "a..b", "", "=", "x",
                                  "particles", "cells", "materials.cytoplasm.eta", "extends", "time.step"])
             sets.append(f"{key}={chance.choice(VALUES)}")
-        elif chance.random() < 0.85 or name not in ("mesh", "outline"):
+        elif chance.random() < 0.85 or name not in OF_CASES:
             text = mutated(text, chance)
         case = tmp_path / f"{name}.toml"
         case.write_bytes(text.encode() if chance.random() < 0.97 else broken_bytes(text.encode(), chance))

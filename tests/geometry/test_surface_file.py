@@ -9,6 +9,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from polyhedra import blocks
 from scenes import CASES, case
 
 from cellmig.case.load import from_dict, load
@@ -330,6 +331,37 @@ def torus(draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     i, j = (n.ravel() for n in np.meshgrid(np.arange(m), np.arange(k), indexing="ij"))
     a, b, c, d = (((i + p) % m) * k + (j + q) % k for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
     return points, np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+@pytest.mark.parametrize("relief", ["voxels", "noise"])
+def test_smoothing_takes_off_relief_shorter_than_the_spacing(tmp_path: Path, relief: str) -> None:
+    points, triangles = 5.0 * SPHERE.vertices, SPHERE.triangles
+    if relief == "voxels":
+        at = np.stack(np.meshgrid(*3 * [np.arange(-13, 14)], indexing="ij"), axis=-1).reshape(-1, 3)
+        points, triangles = blocks([tuple(row) for row in at[0.4 * lengths(at) < 4.7].tolist()], 0.4)
+    else:
+        points = points * (1.0 + 0.03 * np.random.default_rng(0).normal(size=len(points)))[:, None]
+    path = written(tmp_path / "cell.off", points, [("triangle", triangles)])
+    rough, smooth = body(path), body(path, smoothing=1.6)
+    with pytest.raises(ValueError, match="it is thinner or rougher than their spacing"):
+        rough.particles(1000)
+    assert "smoothing, a length of about twice the spacing" in rough.hint and not smooth.hint
+    layout = smooth.particles(1000)
+    assert volumes(layout.X, layout.tetrahedra).sum() == pytest.approx(rough.volume, rel=0.01)  # measured 0.007
+    area = lengths(area_vectors(layout.X[layout.triangles])).sum()
+    assert area == pytest.approx(36.0**(1 / 3) * np.pi**(1 / 3) * rough.volume**(2 / 3), rel=0.03)  # of a ball
+
+
+def test_smoothing_leaves_balls_and_parts_and_asks_for_less_where_it_changes_the_shape(tmp_path: Path) -> None:
+    path = written(tmp_path / "cell.off", 5.0 * SPHERE.vertices, [("triangle", SPHERE.triangles)])
+    left = [1.0 - body(path, smoothing=w).volume / body(path).volume for w in (1.0, 2.0)]
+    assert left == pytest.approx([3 * 4 * (w / 4.05) ** 4 / 5.0**4 for w in (1.0, 2.0)], rel=0.1)  # 7.1e-5, 1.1e-3
+    with pytest.raises(ValueError, match=r"^smoothing: 9 um would change the volume by "):
+        body(path, smoothing=9.0)
+    groups(tmp_path / "cell.msh", True)
+    found = body(tmp_path / "cell.msh", nucleus_region="core", smoothing=1.0)
+    assert found.parts == ("surface", "sole", "dome") and found._nucleus.area < body(
+        tmp_path / "cell.msh", nucleus_region="core")._nucleus.area
 
 
 @pytest.mark.parametrize("seed", range(4))
