@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..case.messages import show
-from . import elements, obj, polygons, wkt
+from . import elements, obj, polygons, stl, wkt
 from .elements import TINY
 
 _SKIPPED = re.compile("cannot handle|not parse")  # in meshio's warnings about elements that it leaves out
@@ -118,9 +118,8 @@ def read(path: str) -> Any:
         import meshio
 
         try:
-            with np.errstate(over="ignore"):  # meshio overflows where it guesses whether an STL file is binary
-                own = _OWN.get(os.path.splitext(path)[1].lower())
-                mesh = own(path) if own else meshio.read(path)
+            own = _OWN.get(os.path.splitext(path)[1].lower())
+            mesh = own(path) if own else meshio.read(path)
             warning = " ".join(output.getvalue().split())
             if not _SKIPPED.search(warning):
                 return mesh
@@ -141,7 +140,7 @@ def _read_ply(path: str) -> Any:
     return meshio.read(io.BytesIO(re.sub(rb"\bvertex_index\b", b"vertex_indices", head) + end + rest), "ply")
 
 
-_OWN = {".obj": obj.read, ".ply": _read_ply, ".wkt": wkt.read}  # what meshio does not read, or not all of it
+_OWN = {".obj": obj.read, ".ply": _read_ply, ".stl": stl.read, ".wkt": wkt.read}  # where meshio reads less
 
 
 def _representatives(mesh: Any, areas: list[tuple]) -> np.ndarray:

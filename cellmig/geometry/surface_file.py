@@ -25,7 +25,7 @@ FACES = {"tetra": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
          "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
          "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))}
 READ = "triangles and quadrilaterals, tetrahedra, pyramids, wedges and hexahedra, of first order"
-_FACET = {".stl": re.compile(rb"\s*facet\b"), ".obj": re.compile(rb"\s*f\s")}  # lines of text that hold an element
+_FACET = {".stl": re.compile(rb"(?i)\s*facet\b"), ".obj": re.compile(rb"\s*f\s")}  # lines of text that hold an element
 
 
 @dataclass(frozen=True)

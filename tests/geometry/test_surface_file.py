@@ -123,6 +123,17 @@ def test_obj_files_may_have_normals_groups_and_points_counted_from_the_end(tmp_p
     assert "cannot be read: line 22: invalid literal" in refused(path)
 
 
+def test_solids_of_an_stl_file_are_groups(tmp_path: Path) -> None:
+    outer, core = (written(tmp_path / f"{name}.stl", factor * POINTS + shift, binary=False).read_text() for
+                   name, factor, shift in (("a", 1.0, 0.0), ("b", 0.5, [1.5, 1.0, 0.75])))
+    path = tmp_path / "cell.stl"
+    path.write_text((outer.replace("solid", "solid membrane") + core.replace("solid", "solid nucleus")).upper())
+    found = body(path, nucleus_region="NUCLEUS")
+    assert found.volume == pytest.approx(VOLUME, rel=1e-14) == 8.0 * found._nucleus.volume
+    assert found.parts == ("surface", "MEMBRANE")
+    assert "are 2 pieces, not one" in refused(path)
+
+
 def test_faces_of_a_ply_file_have_either_name(tmp_path: Path) -> None:
     for ending in ("ply", "PLY"):
         path = written(tmp_path / f"cell.{ending}", **FORMATS[ending])
@@ -247,8 +258,12 @@ def test_a_surface_without_an_outside_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "content", "told"), [
-    ("cell.stl", b"", "has no triangles"), ("cell.stl", b"hello\n", "cannot be read: could not convert"),
-    ("cell.stl", bytes(80) + b"\x09\0\0\0\n" + bytes([200]) * 99, "neither text nor a whole binary file"),
+    ("cell.stl", b"", "cannot be read: it is no text, which begins with 'solid', and has not the length"),
+    ("cell.stl", bytes(80) + b"\x09\0\0\0" + bytes(99), "84 + 50 x 9 bytes for 9 triangles, but 183 bytes"),
+    ("cell.stl", b"solid a\nvertex 0 0\n", "cannot be read: line 2 has no three coordinates: 'vertex 0 0'"),
+    ("cell.stl", b"solid\n" + 2 * b"vertex 0 0 0\n" + b"endfacet\n", "line 4 ends a facet of 2 corners, not three"),
+    ("cell.stl", b"solid\nvertex 0 0 0\n", "it ends within a facet"), ("cell.stl", b"solid a", "has no triangles"),
+    ("cell.off", b"\xff\xfe", "neither text nor a whole binary file"),
     ("cell.toml", b"", "cannot be read: Could not deduce file format"),
     ("cell.obj", b"v 0 0 0\nf 1 2 3\n", "it names points that it does not have"),
     ("cell.obj", b"v 0 0 0\n" * 5 + b"f 1 2 3 4 5\n", "elements that are not read: 1 of type polygon; a cell in space"),
