@@ -71,10 +71,7 @@ class Simulation:
 
     def _decide(self, scene: Scene | None) -> tuple:
         """Everything that depends on the last bits of libraries and processors, for rank 0; `scene` : if it exists."""
-        case, kind = self.case, requested_integrator(self.case.time.integrator)
-        if case.dimension > 2 and kind in IMPLICIT and self.terms.contacts is not None:
-            raise CaseError([Mistake(case.path, None, "time.integrator", f"'{kind}' knows no contact between cells in "
-                                     "three dimensions yet: take \"leapfrog\"")])
+        case = self.case
         scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)

@@ -210,7 +210,7 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about the time of implicit steps, where explicit ones take days."""
-    if c.seconds < LONG or case.plates or (case.dimension > 2 and len(case.cells) > 1):
+    if c.seconds < LONG or case.plates:
         return []
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
     try:

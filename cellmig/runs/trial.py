@@ -27,8 +27,6 @@ def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
     def with_(kind: str) -> Case:
         return dataclasses.replace(case, time=dataclasses.replace(case.time, integrator=kind))
 
-    if case.dimension > 2 and len(case.cells) > 1:
-        return with_("leapfrog"), "implicit steps know no contact between cells in three dimensions"
     if case.plates:
         return with_("leapfrog"), "implicit steps have no plates"
     speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}

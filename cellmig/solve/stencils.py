@@ -13,7 +13,9 @@ import numpy as np
 from ..case.pointwise import between
 from ..kernel.terms import SURFACE_TERMS
 from ..meshfree.contact import ContactLists
+from ..meshfree.contact_space import TriangleLists
 from ..model.director import Couple
+from .contact_tangent import ContactDifferences
 from .mechanics import Mechanics
 from .tangent import derivative, mixed
 
@@ -41,7 +43,7 @@ class Stencil:
         return rows.ravel(), columns.ravel(), blocks.reshape(-1, d, d)
 
 
-def stencils(m: Mechanics) -> Iterator[Stencil | Push]:
+def stencils(m: Mechanics) -> Iterator[Stencil | Push | ContactDifferences]:
     """The surface terms of a scene, for its current search lists, clock and closest points."""
     k = m.kernel
     for term in SURFACE_TERMS:
@@ -155,9 +157,11 @@ class Push:
         return tuple(along for along, *_ in ends)
 
 
-def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
+def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil | ContactDifferences]:
     """Pieces of segments beside edges and vertices; their limits are constants, whose derivatives cancel."""
     k, lists = m.kernel, m.segments.lists
+    if isinstance(lists, TriangleLists) and len(lists.source):
+        yield ContactDifferences("contact", k["contact_node"])
     if not isinstance(lists, ContactLists) or not len(lists.edge):
         return
     source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))
@@ -201,5 +205,4 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 
 
 # Others have stencils of facets.
-OWN_STENCILS: dict[str, Callable[..., Iterator[Stencil | Push]]] = {"contact": _contact, "protrusion": _protrusion,
-                                                                   "loads": _loads}
+OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}

@@ -216,7 +216,7 @@ def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: fl
 KIND_OF = {term.name: "adhesion" if term.name in ("substrate", "contact") else term.name for term in SURFACE_TERMS
            if term.name != "loads"}
 SURFACE_LAWS = [(scene, part, name) for scene in ("all_protrude", "three_balls") for part, kind in KIND_OF.items()
-                for name in laws(kind) if (scene, part) != ("three_balls", "contact")]
+                for name in laws(kind)]
 
 
 def three_cells(scene: str, part: str, name: str) -> Any:
@@ -226,7 +226,8 @@ def three_cells(scene: str, part: str, name: str) -> Any:
     return dataclasses.replace(scene, **{part: law})
 
 
-@pytest.mark.parametrize(("scene", "part", "name"), SURFACE_LAWS)
+@pytest.mark.parametrize(("scene", "part", "name"), [case for case in SURFACE_LAWS
+                                                     if case[:2] != ("three_balls", "contact")])
 def test_forces_of_the_kernel_on_surfaces_are_those_of_the_formulas(scene: str, part: str, name: str) -> None:
     """Three cells pressed against each other and the substrate, whose membranes slide, on any ranks."""
     with built(three_cells(scene, part, name)) as sim:
@@ -261,4 +262,5 @@ def test_tangent_of_a_law_of_surfaces_is_the_derivative_of_the_kernels_force(sce
 
         expected = slope(moved, 0.0, 1e-7)
         changed(sim, u, v)
-        assert_close(applied(sim, d, 3.0, 1.0, part), expected, 1e-7)  # measured 3e-9
+        # measured 2e-8, 6e-8 of contact in space, whose tangent is made of differences, too
+        assert_close(applied(sim, d, 3.0, 1.0, part), expected, 1e-7)
