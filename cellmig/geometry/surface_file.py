@@ -95,19 +95,22 @@ class Shells:
         return f"{counted(n)} (line {lines[n]})" if n < len(lines) else counted(n)
 
     def inside(self, region: str | None) -> np.ndarray:
-        """Whether each triangle is around a `region` given by a part (m,) bool, nowhere without one."""
+        """Whether each triangle is around a `region` of triangles (m,) bool, nowhere without one."""
         chosen = np.zeros(len(self._all), bool)
-        chosen[_ints(dict(self.parts).get(region or "", ""), 1)] = True
+        if region not in dict(self.regions):
+            chosen[_ints(dict(self.parts).get(region or "", ""), 1)] = True
         return chosen
 
     def named(self, region: str | None = None) -> dict[str, np.ndarray]:
-        """Which triangles around all but the `region` are of each named part (m,) bool."""
+        """Which triangles around all but the `region` are of each named part (m,) bool; "ref=2" names none."""
         found = {}
         for name, text in self.parts:
-            found[name] = np.zeros(len(self._all), bool)
-            found[name][_ints(text, 1)] = True
-            found[name] = found[name][~self.inside(region)]
-        return {name: which for name, which in found.items() if which.any() and name not in (region, "surface")}
+            which = np.zeros(len(self._all), bool)
+            which[_ints(text, 1)] = True
+            which = which[~self.inside(region)]
+            if which.any() and "=" not in name and name not in (region, "surface"):
+                found[name] = which
+        return found
 
     def body(self, region: str | None = None) -> tuple[ClosedSurface, dict[str, np.ndarray]]:
         """The surface around all but a nucleus that is a `region`, and the numbers of its parts by their names.
@@ -131,8 +134,8 @@ class Shells:
         """
         regions, parts = dict(self.regions), dict(self.parts)
         if region not in {**regions, **parts}:
-            raise ValueError(f"{repr(self.path) if self.path else 'the file'} has no group '{region}'"
-                             f"{suggest(region, [*regions, *parts])}")
+            who = f"'{self.path}'" if self.path else "the file"
+            raise ValueError(f"{who} has no group '{region}'{suggest(region, [*regions, *parts])}")
         inside = np.flatnonzero(self.inside(region))
         triangles = _ints(regions[region], 3) if region in regions else self._all[inside]
         if region in regions and np.isin(triangles, self._all).any():
@@ -195,7 +198,7 @@ def shells(path: str) -> Shells:
     for name, members in mesh_file.groups(mesh).items():
         chosen = np.isin(owner, members)
         at = np.flatnonzero(np.isin(same[around[face]], same[chosen & (of == 2)]))
-        if len(at) and "=" not in name:
+        if len(at):
             parts[name] = at
         if (chosen & (of == 3)).any():
             regions[name] = _split(ring[once(chosen & (of == 3))], points[:, :3])[0]

@@ -171,6 +171,21 @@ def test_a_nucleus_is_a_region_of_a_mesh_or_the_surface_around_it(tmp_path: Path
     assert len(sole) + len(dome) == len(layout.triangles) and sole.max() < 0.5 and dome.min() > -0.5
 
 
+@pytest.mark.parametrize("kinds", [["tetra", "triangle"], ["triangle"]])
+def test_a_nucleus_is_where_an_array_has_a_value(tmp_path: Path, kinds: list[str]) -> None:
+    ball = Ball(radius=5.0, nucleus_ratio=0.5).particles(300)
+    core = ball.nucleus[ball.tetrahedra].any(axis=1)
+    around = boundary(ball.tetrahedra[core])[0]
+    cells = {"tetra": ball.tetrahedra, "triangle": np.concatenate([ball.triangles, around])}
+    ref = {"tetra": np.where(core, 2, 1), "triangle": np.repeat([1, 2], [len(ball.triangles), len(around)])}
+    path = written(tmp_path / "cell.vtu", ball.X, [(kind, cells[kind]) for kind in kinds],
+                   cell_data={"ref": [ref[kind] for kind in kinds]})
+    found = body(path, nucleus_region="ref=2")
+    assert found.parts == ("surface",)
+    assert found.volume == pytest.approx(volumes(ball.X, ball.tetrahedra).sum(), rel=1e-12)
+    assert found._nucleus.volume == pytest.approx(volumes(ball.X, ball.tetrahedra[core]).sum(), rel=1e-12)
+
+
 def test_groups_that_give_no_nucleus_are_refused(tmp_path: Path) -> None:
     path, _ = groups(tmp_path / "cell.msh", True)
     assert refused(path, nucleus_region="cor").endswith("cell.msh' has no group 'cor'; did you mean 'core'?")
