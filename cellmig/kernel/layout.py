@@ -177,13 +177,14 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
         extended = partial(map, with_rest)
     adjoints = [list(extended(map(_adjoint, part))) for part in parts]
     parts = [list(extended(part)) for part in parts]
-    bends = terms.stabilised or terms.stiffened
+    bends, turns = terms.stabilised or terms.stiffened, D == 3 and terms.director != "none"
     fields = {"volume": "V", "bulk_damping": "damping"}
     fields |= {name: name for name in ("viscosity", "shear_modulus", "dilation_modulus")}
     fields |= {name: name for name in ("bending_weight", "bending_modulus") if bends}
+    fields |= {name: name for name in ("director_modulus",) if turns}
     out = {name: stencils.by_lane(scene.field(attribute)) for name, attribute in fields.items()}
     out["per_mass"] = stencils.by_lane(1.0 / scene.field("mass"))
-    return out | (_plane if D == 2 else _space)(stencils, parts, adjoints, bends)
+    return out | (_plane if D == 2 else _space)(stencils, parts, adjoints, bends or turns)
 
 
 def _plane(stencils: Stencils, parts: list, adjoints: list, bends: bool) -> dict[str, np.ndarray]:

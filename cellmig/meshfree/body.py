@@ -44,6 +44,7 @@ class Template:
     C : (n, n) CSR -- Laplacians at the particles, zero for linear fields [1/µm²].
     bending_weight : (n,) -- dissipation of the stabilisation over |C v|² at rest [Pa µs µm^(D + 2)].
     bending_modulus : (n,) -- twice the energy of the elastic stabilisation over |C u|² [Pa µm^(D + 2)].
+    missed : (n,) -- what nodal integrals of |∇f|² miss over |C f|² [µm^(D + 2)].
     R : (n, n) CSR -- recovery of stress [-].
     spacing : float -- mean distance of particles h [µm].
     laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
@@ -63,6 +64,7 @@ class Template:
     C: sparse.csr_matrix
     bending_weight: np.ndarray
     bending_modulus: np.ndarray
+    missed: np.ndarray
     R: sparse.csr_matrix
     spacing: float
     laws: tuple
@@ -95,10 +97,10 @@ class Template:
         """Number of the loop of each surface particle, 0 for the outer one (m,) int."""
         return np.append(0, np.cumsum(self.after[:-1] != np.arange(1, len(self.after))))
 
-    def _by_law(self, attribute: str) -> np.ndarray:
+    def _by_law(self, attribute: str, *default: float) -> np.ndarray:
         body, nucleus = self.laws
-        inside = getattr(nucleus if nucleus is not None else body, attribute)
-        return np.where(self.nucleus, inside, getattr(body, attribute))
+        inside = getattr(nucleus if nucleus is not None else body, attribute, *default)
+        return np.where(self.nucleus, inside, getattr(body, attribute, *default))
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -170,11 +172,27 @@ class Template:
         return (self.C.T @ sparse.diags(self.bending_modulus) @ self.C).tocsr()
 
     @cached_property
+    def director_modulus(self) -> np.ndarray:
+        """What nodal integrals miss of twice the energy of a director in space, over |C h|² (n,) [pN µm^(D + 2)]."""
+        return self.missed * self._by_law("eta", 0.0)
+
+    @cached_property
     def diffusion(self) -> float:
         """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: the fastest relaxation rate per diffusivity."""
+        return _largest(self._relaxation, len(self.X))
+
+    @property
+    def _relaxation(self) -> sparse.csr_matrix:
+        """Operator of -V⁻¹ div V grad (n, n) [1/µm²], made symmetric; in space with what nodal integrals miss."""
         V, root = sparse.diags(self.V), sparse.diags(1.0 / np.sqrt(self.V))
-        parts = [g @ root for g in self.G]
-        return _largest(sum(g.T @ V @ g for g in parts), len(self.X))
+        parts = [(V, g @ root) for g in self.G]
+        parts += [(sparse.diags(self.missed), self.C @ root)] if len(self.G) == 3 else []
+        return sum(g.T @ weight @ g for weight, g in parts)
+
+    @cached_property
+    def relaxation(self) -> np.ndarray:
+        """Rates per diffusivity at which single values relax (n,) [1/µm²]."""
+        return np.asarray(self._relaxation.diagonal())
 
     @cached_property
     def rates(self) -> tuple[float, float, float, float]:
@@ -264,7 +282,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
     heaviness = np.ones(count) if D == 2 else by_area(X, V, triangles) / V
     return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
-                    weight * modulus, R, spacing, laws, bulk_viscosity * spacing * wave)
+                    weight * modulus, weight, R, spacing, laws, bulk_viscosity * spacing * wave)
 
 
 def _spacing(X: np.ndarray, layout: Any) -> float:

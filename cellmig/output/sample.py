@@ -227,6 +227,7 @@ class Sampler:
                     density = np.zeros(m.n_owned)
                     density[on] = pointwise(law, method, local)
                     parts[name] = parts[name] + self.V * density
+        parts["director"] = parts["director"] + m.missed_energy()
         for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
                                 ("adhesion_cells", "contact", terms.contacts)):
             parts[name] = m.surface_force(term)[1] if law is not None else 0.0

@@ -133,6 +133,9 @@ class View(Protocol):
     def director_fields(self) -> dict[str, np.ndarray]:
         """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows; empty without a director."""
 
+    def missed_energy(self) -> np.ndarray:
+        """Energy of the director that nodal integrals miss (n_owned,) [pN µm], in space."""
+
     def surface_force(self, term: str) -> tuple[np.ndarray, np.ndarray]:
         """Force (n_owned, 2) [pN/µm] and energy (n_owned,) [pN] of a term."""
 

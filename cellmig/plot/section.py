@@ -15,7 +15,7 @@ from matplotlib.tri import Triangulation
 from cellmig.output.mesh import read_mesh
 from cellmig.output.xdmf import Frame
 
-from .view import View, scalar
+from .view import View, scalar, spacing
 
 # Edges of a tetrahedron that a plane cuts, of two triangles at most, by the number of corners beyond the plane: corners
 # are in order, those beyond it last.
@@ -56,6 +56,9 @@ class Section(View):
             self.fill(ax, mesh, there(scalar(fields[self.field], self.field)))
             ax.add_collection(LineCollection(x[_outline(triangles)], colors="0.1", linewidths=0.6))
             self.borders(ax, mesh, there(fields["material"].astype(float)))
+        if "director" in fields:
+            off = np.abs((fields["X"] + fields["u"])[:, 1] - self.y)
+            self.lines(ax, fields, np.flatnonzero(off < 0.5 * spacing(fields["X"])), [0, 2])
         self.finish(ax, f"t = {frame.time:.4g} µs, section at y = {round(self.y, 1) + 0.0:g} µm")
 
 

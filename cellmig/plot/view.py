@@ -11,10 +11,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
+from scipy.spatial import cKDTree
 
 from cellmig.case.messages import CaseError, Mistake, suggest
 from cellmig.geometry import polygons
@@ -109,6 +111,8 @@ class View:
             for loop in outline:
                 ax.plot(triangles.x[loop], triangles.y[loop], color="0.1", linewidth=0.6)
             self.borders(ax, triangles, fields["material"][own].astype(float))
+        if "director" in fields:
+            self.lines(ax, fields, np.arange(len(values)), [0, 1])
         self.finish(ax, f"t = {frame.time:.4g} µs")
 
     def fill(self, ax: Axes, triangles: Triangulation, values: np.ndarray) -> None:
@@ -121,11 +125,22 @@ class View:
         if last > first:
             ax.tricontour(triangles, material, levels=np.arange(first, last) + 0.5, colors="white", linewidths=0.7)
 
+    def lines(self, ax: Axes, fields: dict[str, np.ndarray], some: np.ndarray, axes: list[int]) -> None:
+        """Draw the directors of `some` particles (k,) int as lines, seen along the axis that is not among `axes`."""
+        x, h = (fields["X"] + fields["u"])[np.ix_(some, axes)], fields["director"][np.ix_(some, axes)]
+        half = 0.4 * spacing(fields["X"]) * h
+        ax.add_collection(LineCollection(np.stack([x - half, x + half], axis=1), colors="tab:red", linewidths=0.6))
+
     def finish(self, ax: Axes, title: str) -> None:
         """Draw the substrate and the title."""
         if self.substrate:
             ax.axhline(0.0, color="0.4", linewidth=1.0, zorder=0)
         ax.set_title(title, loc="left", fontsize=8)
+
+
+def spacing(X: np.ndarray) -> float:
+    """Median distance [µm] of particles at X (n, d) [µm] to their nearest neighbours."""
+    return float(np.median(cKDTree(X).query(X, k=2)[0][:, 1])) if len(X) > 1 else 1.0
 
 
 def scalar(values: np.ndarray, field: str) -> np.ndarray:

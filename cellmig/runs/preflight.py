@@ -111,6 +111,7 @@ def _finer(t: Template, ratio: float) -> Template:
     return dataclasses.replace(t, X=ratio * t.X, V=ratio**d * t.V, G=tuple(g / ratio for g in t.G), C=t.C / ratio**2,
                                bending_weight=viscous * ratio ** (d + 2) * t.bending_weight,
                                bending_modulus=ratio ** (d + 2) * t.bending_modulus,
+                               missed=ratio ** (d + 2) * t.missed,
                                spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t
 
 

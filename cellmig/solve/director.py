@@ -29,6 +29,9 @@ class Director(GhostedField):
         Field("director_gradient", "double *", "(n_blocks, m d, 4)", "1/µm",
               "reference gradients of its numbers, one after the other, by lanes"),
         Field("director_axis", "double *", "(n_blocks, d, 4)", "-", "h, by lanes"),
+        Field("director_bend", "double *", "(n_blocks, 3, 4)", "1/µm²", "in space Laplacians C h, by lanes"),
+        Field("director_modulus", "double *", "(stencils, 4)", "pN µm⁵",
+              "in space twice the energy that nodal integrals miss, over |C h|²"),
         Field("director_flux", "double *", "(n_rows, d) or (n_rows, 3, 4)", "pN µm, pN µm²",
               "V η F⁻¹ g, from the first pass to the second"),
         Field("director_mobility", "double *", "(n_owned,)", "1/(µs pN), 1/(µs pN µm)", "γ/(η V), 0 where it is held"),
@@ -45,8 +48,10 @@ class Director(GhostedField):
         self._kernel, self._state = kernel, state
         kernel["director"], kernel["director_vec"] = self.memory, self.handle
         kernel["director_gradient"] = np.zeros((len(part.blocks.table), self.numbers * d, 4))
+        kernel["director_bend"] = np.zeros((len(part.blocks.table), 3, 4))
         kernel["director_axis"] = np.zeros((len(part.blocks.table), d, 4))
         kernel["director_flux"] = np.zeros((part.capacity, d if d == 2 else 12))
+        self._modulus = part.scene.field("director_modulus")[part.ids]
         materials, law = part.scene.materials, part.terms.director_law
         eta, zeta = (np.array([getattr(m, name, 0.0) for m in materials]) for name in ("eta", "zeta"))
         V, stiffness, of_material = part.scene.field("V")[part.ids], eta.max(), part.scene.material[part.ids]
@@ -57,7 +62,8 @@ class Director(GhostedField):
         self.anchors = Anchors(part, kernel, law is not None and law.anchoring == "surface")
         held = self.anchors.owned
         mobility[held] = 0.0
-        state.stiffen((stiffness / V ** (2.0 / d))[held], held)  # of a turn of the membrane against the director
+        turning = stiffness / V if d == 2 else stiffness * part.scene.field("relaxation")[part.ids]
+        state.stiffen(turning[held], held)  # of a turn of the membrane against the director
         kernel["director_mobility"] = mobility
 
     def start(self, directors: np.ndarray) -> None:
@@ -78,8 +84,11 @@ class Director(GhostedField):
 
     @property
     def by_block(self) -> dict[str, np.ndarray]:
-        """Gradients (n_blocks, m d, 4) [1/µm] and axis h (n_blocks, d, 4) [-], writable, by the names of the fields."""
-        return {name: self._kernel[name] for name in ("director_gradient", "director_axis")}
+        """Gradients (n_blocks, m d, 4) [1/µm], axis h (n_blocks, d, 4) [-] and in space Laplacians (n_blocks, d, 4)
+        [1/µm²], writable, by the names of the fields.
+        """
+        names = ("director_gradient", "director_axis", *["director_bend"] * (self.numbers > 1))
+        return {name: self._kernel[name] for name in names}
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
@@ -88,8 +97,13 @@ class Director(GhostedField):
 
     def of_rows(self) -> dict[str, np.ndarray]:
         """Reference gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows, by their names in laws."""
-        gradient, axis = (self._state.by_row(values) for values in self.by_block.values())
+        gradient, axis = (self._state.by_row(values) for values in list(self.by_block.values())[:2])
         return {"gradient": gradient.reshape(len(gradient), self.numbers, -1).transpose(1, 2, 0), "director": axis.T}
+
+    def missed_energy(self) -> np.ndarray:
+        """Energy of the owned particles (n_owned,) [pN µm] that nodal integrals miss, in space: `Template.missed`."""
+        bend = self._state.by_row(self._kernel["director_bend"])[: len(self.owned)]
+        return 0.5 * self._modulus * (bend * bend).sum(axis=1)
 
     def anchored(self) -> tuple[np.ndarray, np.ndarray]:
         """Anchors of two dimensions with both neighbours (n_anchors, 3) int, and their torques (n_anchors,) [pN]."""

@@ -240,6 +240,10 @@ class Mechanics:
             self.kernel("stiffness_energy", out)
         return out
 
+    def missed_energy(self) -> np.ndarray:
+        """Energy of the director that nodal integrals miss (n_owned,) [pN µm], in space."""
+        return self.director.missed_energy() if self.director is not None else np.zeros(self.n_owned)
+
     def director_fields(self) -> dict[str, np.ndarray]:
         """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows, if they matter: see `Director`."""
         return self.director.of_rows() if self.director is not None else {}

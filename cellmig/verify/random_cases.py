@@ -39,12 +39,13 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
 
 
 def _in_space(tables: Tables) -> Tables:
-    """The tables without what is known in two dimensions only, with three components of a body force."""
+    """The tables without what is known in two dimensions only, with three components of a body force and a director."""
     found = {"title": tables["title"], "dimension": 3, **tables}
-    found.pop("director", None)
-    found["materials"]["cytoplasm"] = {key: value for key, value in found["materials"]["cytoplasm"].items()
-                                       if key not in ("eta", "zeta")}
     found["time"].pop("integrator", None)
+    if "director" in found:
+        angle = float(found["director"].pop("angle").split()[0])
+        if found["director"]["start"] == "uniform":
+            found["director"]["direction"] = [np.cos(angle), np.sin(angle), 1.0]
     if "body_force" in found:
         found["body_force"]["acceleration"].append("0 m/s^2")
     return found

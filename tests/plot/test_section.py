@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from bodies import ball
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from cellmig.plot import rendered
 from cellmig.plot.section import _outline, cut
+from cellmig.plot.view import View
 
 pytestmark = pytest.mark.serial
 
@@ -33,6 +36,17 @@ def test_a_plane_through_particles_cuts_every_tetrahedron_once():
     sides = x[triangles][:, 1:] - x[triangles][:, :1]
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
     assert area == pytest.approx(0.5) and np.isfinite(share).all()
+
+
+def test_directors_are_lines_through_their_particles_as_long_as_they_are_seen():
+    x = np.array([[0.0, 0, 0], [2, 0, 0], [0, 0, 2], [0, 5, 0]])
+    fields = {"X": x, "u": 0.0 * x + 1.0, "director": np.array([[1.0, 0, 0], [0.6, 0.8, 0], [0, 0, -1], [0, 1, 0]])}
+    view, ax = View("J", "", Normalize(), "neither", x[0], x[0], False), Figure().subplots()
+    view.lines(ax, fields, np.arange(3), [0, 2])
+    (lines,) = ax.collections
+    ends = np.array(lines.get_segments())
+    assert np.allclose(ends.mean(axis=1), [[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]])
+    assert np.allclose(np.diff(ends, axis=1)[:, 0], 0.8 * 2.0 * fields["director"][:3, [0, 2]])
 
 
 @pytest.mark.parametrize(("vtk", "display", "draws"), [

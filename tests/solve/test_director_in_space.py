@@ -74,7 +74,7 @@ def test_forces_are_minus_the_gradient_of_the_energy(comm: MPI.Comm, law: str) -
 @pytest.mark.parametrize("law", ["free", "anchored"])
 def test_torques_are_minus_the_gradient_of_the_energy(comm: MPI.Comm, law: str) -> None:
     scene = ball()
-    rng, step, found = np.random.default_rng(8), 1e-4, []
+    rng, step, found = np.random.default_rng(8), 3e-5, []
     with Space(scene, with_director(STILL, LAWS[law]), comm, smooth(scene.X, 0.2)) as space:
         m = space.mechanics
         m.rate()
@@ -90,7 +90,7 @@ def test_torques_are_minus_the_gradient_of_the_energy(comm: MPI.Comm, law: str) 
         m.rate()
         torque = space.everywhere(m.director.owned[:, 3:])
     assert np.abs((torque * h).sum(axis=1)).max() < 1e-14 * np.abs(torque).max()  # measured 7e-16
-    # measured 3e-8: the differences are of second order
+    # measured 5e-8: the differences are of second order
     assert (torque * turn).sum() == pytest.approx((found[0] - found[1]) / (2.0 * step), rel=1e-6)
 
 
@@ -120,13 +120,13 @@ def test_the_moment_of_inner_forces_is_that_of_anchors_on_directors_that_are_not
         f = space.forces()
         h, torque = np.split(space.everywhere(m.director.owned), 2, axis=1)
     size, moment = np.abs(f).sum(), np.cross(scene.X + u, f).sum(axis=0)
-    assert np.abs(f.sum(axis=0)).max() < 1e-14 * size  # measured 5e-17
+    assert np.abs(f.sum(axis=0)).max() < 1e-14 * size  # measured 2e-17
     if law.startswith("anchored"):
         torque[scene.surface(0)] = 0.0
         couple = np.cross(h, torque)
-        assert np.abs(couple.sum(axis=0)).max() > 1e4  # pN µm; measured 2.3e4
+        assert np.abs(couple.sum(axis=0)).max() > 1e4  # pN µm; measured 4.9e4
         moment += couple.sum(axis=0)
-    assert np.abs(moment).max() < 1e-14 * size  # µm; measured 2e-16
+    assert np.abs(moment).max() < 1e-14 * size  # µm; measured 1e-16
 
 
 # ------------------------------------------------------------------------------------------------------- relaxation
@@ -159,8 +159,8 @@ def test_a_twist_between_free_ends_decays_as_heat_does(comm: MPI.Comm, turn: flo
         left = (V * wave) @ np.arctan2(h[:, 2], h[:, 1]) / (turn * (V * wave) @ wave)
         errors.append(abs(-np.log(left) / 0.2 - 1.0))
         assert not h[:, 0].any()
-    assert errors[1] < 0.04  # measured 0.011, 0.026
-    assert np.log2(errors[0] / errors[1]) > 1.7  # measured 1.89, 1.92
+    assert errors[1] < 0.01  # measured 0.0056, 0.0067
+    assert np.log2(errors[0] / errors[1]) > 1.6  # measured 1.71, 1.73: of what nodal integrals miss, less the ends
 
 
 def test_relaxation_loses_what_the_director_stored(comm: MPI.Comm) -> None:
@@ -176,9 +176,29 @@ def test_relaxation_loses_what_the_director_stored(comm: MPI.Comm) -> None:
                 m.relax_director(0.2 / steps)
             lost = space.everywhere(m.accounts.of_particles["viscous_loss"]).sum()
             errors.append(lost / (before - energy(space)) - 1.0)
-            assert lost > 0.03 * before  # measured 0.041
-    assert 1e-6 < errors[1] < 1e-4  # measured 1.5e-5
+            assert lost > 0.1 * before  # measured 0.18
+    assert 1e-5 < errors[1] < 1e-3  # measured 3e-4
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)  # measured 2.006
+
+
+def test_a_hedgehog_has_its_energy_and_stays_smooth(comm: MPI.Comm) -> None:
+    """4π η R, less that of a core of the spacing.  Without the energy that nodal integrals miss, short waves would grow
+    until the field is rough: they lower the energy of curved fields.
+    """
+    scene = balls((FLUID, None), 1000)
+    t, inside = scene.templates[0], np.setdiff1d(np.arange(1000), scene.surface(0))
+    exact, rough = 4.0 * np.pi * FLUID.eta * 5.0, []
+    with Space(scene, with_director(STILL, LAWS["anchored"]), comm) as space:
+        m, stored = space.mechanics, [energy(space)]
+        for _ in range(2):
+            h = space.everywhere(m.director.values)
+            rough.append(np.linalg.norm((t.C @ h)[inside], axis=1).mean() * t.spacing**2)
+            for _ in range(100):
+                m.relax_director(0.1)
+        stored.append(energy(space))
+    assert stored[0] == pytest.approx(exact, rel=0.06)  # measured 0.043
+    assert stored[1] == pytest.approx(stored[0], rel=0.02)  # measured 0.010
+    assert rough[1] < 1.05 * rough[0]  # measured 0.99
 
 
 # -------------------------------------------------------------------------------------------------- as bodies move
@@ -257,8 +277,8 @@ def test_energy_closes_while_a_ball_with_a_defect_spreads(comm: MPI.Comm, law: s
         _, ledger = space.sample()
         h = space.mechanics.director.values
     assert np.abs(np.linalg.norm(h, axis=1) - 1.0).max() < 1e-15
-    assert ledger["energy_error"] < 0.003  # measured 0.0007, of bonds that snap
-    assert ledger["director_pn_um"] < begun - 10.0  # measured 18, 73
+    assert ledger["energy_error"] < 0.003  # measured 0.0006, of bonds that snap
+    assert ledger["director_pn_um"] < begun - 5.0  # measured 14, 91
     assert ledger["adhesion_substrate_pn_um"] < -300.0
 
 
@@ -272,4 +292,4 @@ def test_anchors_that_are_stiffer_than_the_fluid_shorten_the_step(comm: MPI.Comm
         assert control.stable(space.mechanics.limits())["sound"] < 0.3 * control.stable()["sound"]  # measured 0.2
         space.integrator.advance_to(1.0)
         ledger = space.sample()[1]
-    assert ledger["energy_error"] < 0.001  # measured 0.0001
+    assert ledger["energy_error"] < 0.001  # measured 0.0002

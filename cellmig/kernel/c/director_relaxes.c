@@ -11,7 +11,7 @@ static void director_fluxes(const KernelData *s)
         load_F(s, b, F);
         director_flux(s, block->material, F, g, flux);
         for (int k = 0; k < M * D; k++) flux[k / D][k % D] *= V;
-        store_flux(s, block, flux);
+        store_flux(s, b, flux);
     }
 }
 

@@ -18,9 +18,10 @@ static void director_torque(const KernelData *s)
     }
 }
 
-/* Stores V times that derivative for the rows of a block. */
-static inline void store_flux(const KernelData *s, const Block *block, const v4 flux[M][D])
+/* Stores V times that derivative for the rows of block b. */
+static inline void store_flux(const KernelData *s, long b, const v4 flux[M][D])
 {
+    const Block *block = block_at(s, b);
     for (int i = 0; i < block->lanes; i++)
         for (int c = 0; c < D; c++) s->director_flux[D * (long)(block->row + i) + c] = flux[0][c][i];
 }

@@ -1,10 +1,14 @@
 /* The unit vector of the director turns, or is anchored at the membrane. */
 
-/* Stores V times the derivative of the energy by the gradients for the rows of a block, as of a stress. */
-static inline void store_flux(const KernelData *s, const Block *block, const v4 flux[M][D])
+/* Stores V times the derivative of the energy by the gradients for the rows of block b, as of a stress, with that of the
+ * energy of short waves that nodal integrals miss.  They would grow: they lower the energy of curved fields. */
+static inline void store_flux(const KernelData *s, long b, const v4 flux[M][D])
 {
-    const v4 none[D] = {{0}};
-    store_rows(s->director_flux, block, flux, none);
+    const Block *block = block_at(s, b);
+    v4 bent[D];
+    for (int c = 0; c < D; c++)
+        bent[c] = load(s->director_modulus + 4L * block->stencil) * load(s->director_bend + 4 * (D * b + c));
+    store_rows(s->director_flux, block, flux, bent);
 }
 
 /* Torque on the owned particles, the part across their director. */
@@ -13,7 +17,7 @@ static void director_torque(const KernelData *s)
     for (long b = 0; b < s->n_owned_blocks; b++) {
         const Block *block = block_at(s, b);
         v4 f[1][FORCES];
-        gather_rows(s, s->director_flux, block, 1, 0, f);
+        gather_rows(s, s->director_flux, block, 1, 1, f);
         for (int i = 0; i < block->lanes; i++) {
             double *own = s->director + 2L * M * (block->row + i), along = 0;
             for (int c = 0; c < M; c++) along += own[c] * f[0][i][c];
