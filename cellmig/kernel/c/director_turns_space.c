@@ -1,7 +1,7 @@
 /* The unit vector of the director turns, or is anchored at the membrane. */
 
-/* Stores V times the derivative of the energy by the gradients for the rows of block b, as of a stress, with that of the
- * energy of short waves that nodal integrals miss.  They would grow: they lower the energy of curved fields. */
+/* Stores V times the derivative of the energy by the gradients for the rows of block b, as of a stress, with that of
+ * the energy of short waves that nodal integrals miss.  They would grow: they lower the energy of curved fields. */
 static inline void store_flux(const KernelData *s, long b, const v4 flux[M][D])
 {
     const Block *block = block_at(s, b);
