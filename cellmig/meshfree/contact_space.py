@@ -89,7 +89,8 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
     np.maximum.at(limit, i, most)
     for kind, table, corners in (("edge", features.edges_of, features.edges[:, :2]),
                                  ("vertex", features.faces, np.arange(len(x))[:, None])):
-        pairs = np.unique(np.column_stack([np.repeat(i, 3), table[on[j]].ravel()]), axis=0)
+        key = np.unique(np.repeat(i, 3) * (table.max() + 1) + table[on[j]].ravel())
+        pairs = np.column_stack(np.divmod(key, table.max() + 1))
         place = x[corners[pairs[:, 1]]]
         centre = place.mean(axis=1)
         size = np.linalg.norm(place - centre[:, None], axis=2).max(axis=1, initial=0.0)
@@ -148,9 +149,9 @@ class TriangleLists(NodeLists):
         corner = {"face": features.faces, "edge": features.edges, "vertex": np.arange(m)[:, None]}
         of_cell = {kind: cell[corner[kind][:, 0]] for kind in KINDS}
         # A source is a triangle near one cell; a feature is one near the cell of the triangle.
-        sources = np.unique(np.concatenate([np.column_stack([of[:, 0], of_cell[kind][of[:, 1]]])
-                                            for kind, of in pairs.items()]), axis=0)
-        source_key = sources[:, 0] * n_cells + sources[:, 1]
+        source_key = np.unique(np.concatenate([of[:, 0] * n_cells + of_cell[kind][of[:, 1]]
+                                               for kind, of in pairs.items()]))
+        sources = np.column_stack(np.divmod(source_key, n_cells))
         own = cell[surfaces.facets[:, 0]]
         used, first, number = {}, {}, {}
         for kind, of in pairs.items():

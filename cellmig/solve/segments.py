@@ -79,8 +79,8 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("contact_gone", "double *", "(3,)", "µm", "how far nodes have gone, beside their mean; up to when "
-              "lists of what may act hold; the last step"),
+        Field("contact_gone", "double *", "(4,)", "µm", "how far nodes have gone, beside their mean; up to when "
+              "lists of what may act hold; the last step; number of calls"),
         Field("face_rest", "double *", "(…,)", "µm", "how far nodes have gone when faces in `near_face` may act"),
         Field("side_rest", "double *", "(…,)", "µm", "the same of edges"),
         Field("vertex_rest", "double *", "(…,)", "µm", "the same of vertices"),
@@ -90,10 +90,10 @@ class Segments:
         Field("listed_side", "int32_t *", "(…,)", "", "these"),
         Field("listed_vertex_from", "long *", "(n_contact_segments + 1,)", "", "the same of vertices"),
         Field("listed_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("face_used", "int32_t *", "(n_contact_faces,)", "", "whether any triangle has it in its list"),
-        Field("side_used", "int32_t *", "(n_contact_edges,)", "", "the same of edges"),
-        Field("vertex_used", "int32_t *", "(n_contact_vertices,)", "", "the same of vertices"),
-        Field("face_frame", "double *", "(n_contact_faces, …)", "", "what a step needs of them"),
+        Field("face_set", "int32_t *", "(n_contact_faces,)", "", "number of the call for which their frames are"),
+        Field("side_set", "int32_t *", "(n_contact_edges,)", "", "the same of edges"),
+        Field("vertex_set", "int32_t *", "(n_contact_vertices,)", "", "the same of vertices"),
+        Field("face_frame", "double *", "(n_contact_faces, …)", "", "this"),
         Field("edge_frame", "double *", "(n_contact_edges, …)", "", "the same of edges"),
         Field("vertex_frame", "double *", "(n_contact_vertices, …)", "", "the same of vertices"),
         Field("contact_smooth", "double *", "(n_contact_segments,)", "µm", "distances below which laws have no scale"),
@@ -241,8 +241,8 @@ class Segments:
         for (kind, features), size in zip((("face", lists.face), ("edge", lists.edge), ("vertex", lists.vertex)),
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
-            k[f"{'side' if kind == 'edge' else kind}_used"] = np.zeros(len(features) + 1)
-        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0])
+            k[f"{'side' if kind == 'edge' else kind}_set"] = np.zeros(len(features) + 1)
+        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0, 0.0])
         k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
 
     def _set_contact(self, lists: ContactLists) -> None:

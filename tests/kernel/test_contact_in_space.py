@@ -36,7 +36,7 @@ int run(const double *law, double within, double smooth, long n, const double *T
     for (long t = 0; t < n; t++) {
         const double *a = T + 9 * t;
         double *f = force_on_T + 12 * t;
-        Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {{0}}, 0, {f, f + 4, f + 8}, energy};
+        Triangle S = {law, within, smooth, area[t], {a, a + 3, a + 6}, {{0}}, {f, f + 4, f + 8}, energy};
         set_sides(&S);
         const Ball ball = ball_around(&S);
         for (long k = 0; k < faces; k++) {

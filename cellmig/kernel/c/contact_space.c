@@ -3,7 +3,7 @@
 enum { IN_FACE = sizeof(Face) / sizeof(double), IN_EDGE = sizeof(Edge3) / sizeof(double),
        IN_VERTEX = sizeof(Vertex) / sizeof(double) };
 
-enum { LOOKAHEAD = 10 }; /* steps for which lists of what may act are made */
+enum { LOOKAHEAD = 5 }; /* steps for which lists of what may act are made */
 
 /* Sizes of the frames of faces, edges and vertices, in numbers. */
 void contact_sizes(const KernelData *s, double out[3])
@@ -16,28 +16,41 @@ void contact_sizes(const KernelData *s, double out[3])
 static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
 static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
 
-/* The frames of the faces, edges and vertices that may act. */
-static void set_frames(const KernelData *s)
+/* The frame of face k near another cell, set once in call number `now`. */
+static const Face *face_at(const KernelData *s, long k, int32_t now)
 {
-    for (long k = 0; k < s->n_contact_faces; k++) {
-        if (!s->face_used[k]) continue;
-        const double *x[3];
-        for (int i = 0; i < 3; i++) x[i] = contact_place(s, s->contact_face[3 * k + i]);
-        set_face((Face *)s->face_frame + k, x);
-    }
-    for (long k = 0; k < s->n_contact_edges; k++) {
-        if (!s->side_used[k]) continue;
-        const double *x[4];
-        for (int i = 0; i < 4; i++) x[i] = contact_place(s, s->contact_side[4 * k + i]);
-        set_edge((Edge3 *)s->edge_frame + k, x);
-    }
-    for (long k = 0; k < s->n_contact_vertices; k++) {
-        if (!s->vertex_used[k]) continue;
-        const double *ring[MOST_SPOKES];
-        const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
-        for (long j = 0; j < n; j++) ring[j] = contact_place(s, s->contact_ring[first + j]);
-        set_vertex((Vertex *)s->vertex_frame + k, contact_place(s, s->contact_vertex[k]), ring, (int)n);
-    }
+    Face *f = (Face *)s->face_frame + k;
+    if (s->face_set[k] == now) return f;
+    const double *x[3];
+    for (int i = 0; i < 3; i++) x[i] = contact_place(s, s->contact_face[3 * k + i]);
+    set_face(f, x);
+    s->face_set[k] = now;
+    return f;
+}
+
+/* The same of an edge. */
+static const Edge3 *edge_at(const KernelData *s, long k, int32_t now)
+{
+    Edge3 *e = (Edge3 *)s->edge_frame + k;
+    if (s->side_set[k] == now) return e;
+    const double *x[4];
+    for (int i = 0; i < 4; i++) x[i] = contact_place(s, s->contact_side[4 * k + i]);
+    set_edge(e, x);
+    s->side_set[k] = now;
+    return e;
+}
+
+/* The same of a vertex. */
+static const Vertex *vertex_at(const KernelData *s, long k, int32_t now)
+{
+    Vertex *v = (Vertex *)s->vertex_frame + k;
+    if (s->vertex_set[k] == now) return v;
+    const double *ring[MOST_SPOKES];
+    const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
+    for (long j = 0; j < n; j++) ring[j] = contact_place(s, s->contact_ring[first + j]);
+    set_vertex(v, contact_place(s, s->contact_vertex[k]), ring, (int)n);
+    s->vertex_set[k] = now;
+    return v;
 }
 
 /* Triangle k of those near another cell; energies are by the first corners. */
@@ -56,34 +69,18 @@ static Triangle triangle_at(const KernelData *s, long k, double *energy)
     return T;
 }
 
-/* Lists those of the features near each triangle that may act before nodes have gone `until`, and marks them. */
-static void list_kind(long triangles, const long *first, const int32_t *near, const double *rests, double until,
-                      long *from, int32_t *listed, int32_t *used)
+/* Lists those of the features near each triangle that may act before nodes have gone `until`. */
+static void list_kind(long triangles, const long *first, const double *rests, double until, long *from, int32_t *listed)
 {
     long n = 0;
     for (long k = 0; k < triangles; k++) {
         from[k] = n;
         for (long m = first[k]; m < first[k + 1]; m++) {
             listed[n] = (int32_t)m;
-            const int soon = !(rests[m] > until);
-            used[near[m]] |= soon;
-            n += soon;
+            n += !(rests[m] > until);
         }
     }
     from[triangles] = n;
-}
-
-/* The same of all kinds. */
-static void list_features(const KernelData *s, double until)
-{
-    const long n = s->n_contact_segments;
-    memset(s->face_used, 0, sizeof(int32_t) * (size_t)s->n_contact_faces);
-    memset(s->side_used, 0, sizeof(int32_t) * (size_t)s->n_contact_edges);
-    memset(s->vertex_used, 0, sizeof(int32_t) * (size_t)s->n_contact_vertices);
-    list_kind(n, s->first_face, s->near_face, s->face_rest, until, s->listed_face_from, s->listed_face, s->face_used);
-    list_kind(n, s->first_side, s->near_side, s->side_rest, until, s->listed_side_from, s->listed_side, s->side_used);
-    list_kind(n, s->first_vertex, s->near_vertex, s->vertex_rest, until, s->listed_vertex_from, s->listed_vertex,
-              s->vertex_used);
 }
 
 /* Places of the nodes; how far any of them has gone since these lists began, beside their mean. */
@@ -106,10 +103,11 @@ static double follow_nodes(const KernelData *s)
     return sqrt(most);
 }
 
-/* What the faces do that may act when nodes have gone so far. */
-static int add_faces(const KernelData *s, double gone, double *energy)
+/* What the faces do that may act, in call number `now`. */
+static int add_faces(const KernelData *s, int32_t now, double *energy)
 {
     FacePieces found;
+    const double gone = s->contact_gone[0];
     found.n = found.pierced = 0;
     found.law = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
@@ -121,7 +119,7 @@ static int add_faces(const KernelData *s, double gone, double *energy)
             if (s->face_rest[m] > gone) continue;
             const int32_t *of = s->contact_face + 3L * s->near_face[m];
             double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
-            const double rest = over_face(&T, (const Face *)s->face_frame + s->near_face[m], force, &found);
+            const double rest = over_face(&T, face_at(s, s->near_face[m], now), force, &found);
             if (rest > 0) s->face_rest[m] = gone + rest;
         }
     }
@@ -130,9 +128,10 @@ static int add_faces(const KernelData *s, double gone, double *energy)
 }
 
 /* The same of edges. */
-static void add_edges(const KernelData *s, double gone, double *energy)
+static void add_edges(const KernelData *s, int32_t now, double *energy)
 {
     Lines found;
+    const double gone = s->contact_gone[0];
     found.n = 0;
     found.law = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
@@ -144,7 +143,7 @@ static void add_edges(const KernelData *s, double gone, double *energy)
             if (s->side_rest[m] > gone) continue;
             const int32_t *of = s->contact_side + 4L * s->near_side[m];
             double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
-            const double rest = beside_edge3(&T, (const Edge3 *)s->edge_frame + s->near_side[m], force, &found);
+            const double rest = beside_edge3(&T, edge_at(s, s->near_side[m], now), force, &found);
             if (rest > 0) s->side_rest[m] = gone + rest;
         }
     }
@@ -152,9 +151,10 @@ static void add_edges(const KernelData *s, double gone, double *energy)
 }
 
 /* The same of vertices. */
-static void add_vertices(const KernelData *s, double gone, double *energy)
+static void add_vertices(const KernelData *s, int32_t now, double *energy)
 {
     Points found;
+    const double gone = s->contact_gone[0];
     found.n = 0;
     found.law = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
@@ -165,7 +165,7 @@ static void add_vertices(const KernelData *s, double gone, double *energy)
         for (long n = first; n < end; n++) {
             const long m = s->listed_vertex[n];
             if (s->vertex_rest[m] > gone) continue;
-            const Vertex *v = (const Vertex *)s->vertex_frame + s->near_vertex[m];
+            const Vertex *v = vertex_at(s, s->near_vertex[m], now);
             double *force = contact_load(s, s->contact_vertex[s->near_vertex[m]]);
             const double rest = beside_vertex3(&T, &ball, v, force, &found);
             if (rest > 0) s->vertex_rest[m] = gone + rest;
@@ -176,23 +176,26 @@ static void add_vertices(const KernelData *s, double gone, double *energy)
 
 /* Forces; energies by the first corners of the triangles, if asked for; the impulses of a time dt on a particle by the
  * other cell, which gets the opposite.  A feature that cannot act on a triangle rests until nodes have gone far enough:
- * so it adds no bit. */
+ * it would add no bit. */
 void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
     for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
-    double *gone = s->contact_gone; /* and that up to which lists hold, and the last step */
+    double *gone = s->contact_gone;
     const double step = follow_nodes(s);
+    const int32_t now = (int32_t)++gone[3];
     gone[0] += step;
     if (!(gone[0] <= gone[1])) {
+        const long n = s->n_contact_segments;
         gone[1] = gone[0] + LOOKAHEAD * d_minimum(step, gone[2]);
-        list_features(s, gone[1]);
+        list_kind(n, s->first_face, s->face_rest, gone[1], s->listed_face_from, s->listed_face);
+        list_kind(n, s->first_side, s->side_rest, gone[1], s->listed_side_from, s->listed_side);
+        list_kind(n, s->first_vertex, s->vertex_rest, gone[1], s->listed_vertex_from, s->listed_vertex);
     }
     gone[2] = step;
-    set_frames(s);
-    if (add_faces(s, gone[0], energy)) *s->stiffest_contact = INFINITY;
-    add_edges(s, gone[0], energy);
-    add_vertices(s, gone[0], energy);
+    if (add_faces(s, now, energy)) *s->stiffest_contact = INFINITY;
+    add_edges(s, now, energy);
+    add_vertices(s, now, energy);
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
         const double *f = contact_load(s, m);

@@ -16,25 +16,24 @@ static inline double dot4(v4 a, v4 b) { const v4 c = a * b; return c[0] + c[1] +
 static inline double most_of(v4 a) { return d_maximum(d_maximum(a[0], a[1]), d_maximum(a[2], a[3])); }
 
 /* T: parameters of its law, distances beyond which there are no bonds and below which they have no scale, reference
- * area, corners, sides from the first to the others, square of the longer of these, what acts on the corners, and its
- * energy.  What acts are forces, and in the fourth place a bound of the sum of their row of the tangent. */
+ * area, corners, sides from the first to the others, what acts on the corners, and its energy.  What acts are forces,
+ * and in the fourth place a bound of the sum of their row of the tangent. */
 typedef struct {
     const double *law;
     double within, smooth, area;
     const double *x[3];
-    double side[2][3], longer, *force[3], *energy;
+    double side[2][3], *force[3], *energy;
 } Triangle;
 
 /* Sets the sides of T. */
 static inline void set_sides(Triangle *T)
 {
     for (int k = 0; k < 2; k++) less3(T->x[k + 1], T->x[0], T->side[k]);
-    T->longer = d_maximum(dot3(T->side[0], T->side[0]), dot3(T->side[1], T->side[1]));
 }
 
 /* Four linear functions of a place, all of which are positive where a feature acts: `at` the start, gradients `slope`,
- * 1 over the lengths of these as `width`; the least size of what they depend on. */
-typedef struct { v4 at, slope[3], width; double start[3], size; } Planes;
+ * 1 over the lengths of these as `width`; middle and least size of what they depend on. */
+typedef struct { v4 at, slope[3], width; double start[3], middle[3], size; } Planes;
 
 /* Four linear functions on T: values at its first corner, and their changes to the others. */
 typedef struct { v4 at, by[2]; } Four;
@@ -61,14 +60,19 @@ static inline v4 value_at(const Four *f, v4 on)
 static inline v4 most_on(const Four *f) { return f->at + larger((v4){0}, larger(f->by[0], f->by[1])); }
 static inline v4 least_on(const Four *f) { return f->at + smaller((v4){0}, smaller(f->by[0], f->by[1])); }
 
-/* How far all corners of T and of a feature may move until a length beside the feature, now `room`, may be zero: it
- * changes as these move and as the feature turns, which the distance from it makes longer. */
+/* How far all corners of T and of a feature may move until a length beside the feature, now `room`, may be zero.  As
+ * they move by δ, it changes by 2 δ at either end, and with the distance as the feature turns, by 4 δ over its size.  A
+ * fifth is left for what is of second order in a move that is small beside the size. */
 static inline double rest_of(const Triangle *T, const Planes *l, double room)
 {
-    double from[3];
-    less3(T->x[0], l->start, from);
-    const double distance = sqrt(2 * (dot3(from, from) + T->longer));
-    return 0.25 * (room - SURE) * l->size / (l->size + 4 * (distance + room));
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        double from[3];
+        less3(T->x[k], l->middle, from);
+        square = d_maximum(square, dot3(from, from));
+    }
+    const double length = d_minimum(room - SURE, 0.5 * l->size);
+    return 0.2 * length * l->size / (l->size + sqrt(square) + length);
 }
 
 /* A convex polygon on T, in either of two places; the fourth place of a point is for what is linear on it. */
@@ -161,6 +165,7 @@ static void set_face(Face *f, const double *const x[3])
     for (int i = 0; i < 3; i++) {
         const double b = second[i] / square, c = third[i] / square, n = normal[i] / length;
         f->planes.start[i] = x[0][i] + SKEW[i];
+        f->planes.middle[i] = (x[0][i] + x[1][i] + x[2][i]) / 3;
         f->planes.slope[i] = (v4){-(b + c), b, c, n};
         slope[0] += (b + c) * (b + c);
         slope[1] += b * b;

@@ -139,3 +139,11 @@ OF_LIBM(exp) OF_LIBM(sin) OF_LIBM(cos) OF_LIBM(tan) OF_LIBM(atan)
 OF_LIBM(sinh) OF_LIBM(cosh) OF_LIBM(tanh) OF_LIBM(fabs)
 static inline double d_minimum(double a, double b) { return a < b ? a : b; }
 static inline double d_maximum(double a, double b) { return a > b ? a : b; }
+
+/* Vectors of three. */
+static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static inline void cross3(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}

@@ -11,13 +11,6 @@ enum { FORCES = 4 }; /* vectors for the forces on a block, one for each particle
 /* Component c of the force on particle i of a block. */
 static inline double force_on(const v4 f[FORCES], int i, int c) { return f[i][c]; }
 
-static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static inline void cross3(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
-
 /* Particles of a block at a time, whose sums fill the registers. */
 #define LANES(n) ((n) == 1 ? 4 : 2)
 

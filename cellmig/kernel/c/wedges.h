@@ -1,6 +1,6 @@
 /* Lines of a triangle T in the wedges over edges of another surface, and what bonds do there. */
 
-enum { HALVINGS = 10, POINTS_OF_LINE = 3 };
+enum { HALVINGS = 10, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
 static const double CHANGE = 0.3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
 static const v4 LINE_AT = {0.11270166537925831, 0.5, 0.8872983346207417, 0.5};
 static const v4 LINE_WEIGHT = {5.0 / 18, 8.0 / 18, 5.0 / 18, 0};
@@ -33,6 +33,7 @@ static void set_edge(Edge3 *e, const double *const x[4])
     cross3(n1, along, last);
     for (int i = 0; i < 3; i++) {
         e->planes.start[i] = x[0][i] + SKEW[i];
+        e->planes.middle[i] = 0.5 * (x[0][i] + x[1][i]);
         e->planes.slope[i] = (v4){-e->sign * first[i], -e->sign * last[i], along[i] / length, -along[i] / length};
         e->middle[i] = (n1[i] + n2[i]) / middle;
         e->along[i] = along[i];
@@ -42,16 +43,6 @@ static void set_edge(Edge3 *e, const double *const x[4])
     e->planes.size = d_minimum(length, d_minimum(length1, length2));
     e->along[3] = e->middle[3] = 0;
 }
-
-/* The part of T beside an edge: its polygon, with the places along the edge in the fourth place of its shares, vectors
- * from the edge and weights of both normals at its corners, what acts on the edge. */
-typedef struct {
-    const Triangle *T;
-    const Edge3 *e;
-    double *const *force;
-    Polygon p;
-    v4 weight[MOST_CORNERS], away[MOST_CORNERS];
-} Wedge;
 
 /* A line across a wedge: its ends on T, the direction from the edge, and what it acts on. */
 typedef struct { v4 on[2], away; double *on_T[3], *on_edge[2], *energy; } Line;
@@ -94,91 +85,179 @@ static void act_on_lines(Lines *found)
     found->n = 0;
 }
 
-/* Of four directions from the edge: shares of the way along a side of the polygon where they go, derivatives of these,
- * vectors from the edge and their lengths. */
-typedef struct { v4 share, rate, away[3], r; } Crossing;
+/* T beside an edge, what acts on this; at the corners of T the weight of the second normal and the sum of both, places
+ * along the edge, and vectors from it. */
+typedef struct {
+    const Triangle *T;
+    const Edge3 *e;
+    double *const *force, last[3], sum[3], along[3];
+    v4 away[3];
+} Wedge;
 
-/* Those of the side of the polygon that ends at corner k. */
-static inline void cross_side(const Wedge *w, int k, v4 at, Crossing *c)
+/* Lines in four directions from the edge, between two sides of T from one corner to the next ones: shares of these at
+ * both ends, vectors from the edge and their lengths, widths as shares of T; `length` is negative where none is. */
+typedef struct { int next[2]; v4 share[2][2], away[2][3], r[2], width[2], length; } Across;
+
+/* Limits the part of a line to where something linear is not negative: a at its start, b at its end, `zero` between. */
+static inline void limit(v4 a, v4 b, v4 zero, v4 *start, v4 *end)
 {
-    const int i = k ? k - 1 : w->p.n - 1;
-    const v4 one = w->weight[i], other = w->weight[k];
-    const double sum1 = one[0] + one[1], sum2 = other[0] + other[1];
-    const v4 here = one[1] - at * sum1, there = other[1] - at * sum2, inverse = 1 / (here - there);
-    c->share = here * inverse;
-    c->rate = (there * sum1 - here * sum2) * inverse * inverse;
-    v4 square = {0};
-    for (int x = 0; x < 3; x++) {
-        const double start = ((const double *)(w->away + i))[x], end = ((const double *)(w->away + k))[x];
-        c->away[x] = fma4(c->share, splat(end - start), splat(start));
-        square = fma4(c->away[x], c->away[x], square);
+    *start = larger(*start, v4_where(a < 0, zero, splat(0)));
+    *end = smaller(*end, v4_where(b < 0, v4_where(a < 0, splat(-1), zero), splat(1)));
+}
+
+/* The lines between the sides of T that meet at corner i, with what is beyond their directions on their left. */
+static void cross_at(const Wedge *w, int i, int left, v4 at, Across *c)
+{
+    const int next[2] = {(i + 1 + left) % 3, (i + 2 - left) % 3};
+    const v4 here = w->last[i] - at * w->sum[i];
+    v4 there[2], share[2], rate[2], along[2], sum[2], part[2] = {splat(0), splat(1)};
+    for (int k = 0; k < 2; k++) {
+        c->next[k] = next[k];
+        there[k] = w->last[next[k]] - at * w->sum[next[k]];
     }
-    c->r = v4_sqrt(square);
+    const v4 inverses = 1 / ((here - there[0]) * (here - there[1]));
+    for (int k = 0; k < 2; k++) {
+        const int j = next[k];
+        const v4 inverse = inverses * (here - there[1 - k]);
+        share[k] = here * inverse;
+        rate[k] = (w->sum[i] * there[k] - w->sum[j] * here) * inverse * inverse;
+        along[k] = fma4(share[k], splat(w->along[j] - w->along[i]), splat(w->along[i]));
+        sum[k] = fma4(share[k], splat(w->sum[j] - w->sum[i]), splat(w->sum[i]));
+    }
+    const v4 over = 1 / (along[0] - along[1]);
+    limit(along[0], along[1], along[0] * over, part, part + 1);
+    limit(1 - along[0], 1 - along[1], (along[0] - 1) * over, part, part + 1);
+    if (signs(smaller(sum[0], sum[1]))) limit(sum[0], sum[1], sum[0] / (sum[0] - sum[1]), part, part + 1);
+    c->length = part[1] - part[0];
+    const v4 swept = rate[0] * share[1], change = rate[1] * share[0] - swept;
+    for (int k = 0; k < 2; k++) {
+        const v4 width = c->length * fma4(part[k], change, swept);
+        c->width[k] = larger(width, -width);
+        c->share[k][0] = (1 - part[k]) * share[0];
+        c->share[k][1] = part[k] * share[1];
+        v4 square = {0};
+        for (int x = 0; x < 3; x++) {
+            const double start = w->away[i][x], by[2] = {w->away[next[0]][x] - start, w->away[next[1]][x] - start};
+            c->away[k][x] = fma4(c->share[k][1], splat(by[1]), fma4(c->share[k][0], splat(by[0]), splat(start)));
+            square = fma4(c->away[k][x], c->away[k][x], square);
+        }
+        c->r[k] = v4_sqrt(square);
+    }
+}
+
+/* The lines of a strip: corners of T at which their sides meet, -1 where there is no line, lines by corner. */
+typedef struct { int corner[POINTS_OF_LINE]; Across c[3]; } Strip;
+
+/* Finds the lines of a strip; whether there are any. */
+static int set_strip(const Wedge *w, v4 at, Strip *strip)
+{
+    static const int single[8] = {-1, 0, 1, 2, 2, 1, 0, -1}; /* the corner on a side of its own */
+    int beyond[POINTS_OF_LINE] = {0}, any = 0, done = 0;
+    for (int k = 0; k < 3; k++) {
+        const int before = signs(w->last[k] - at * w->sum[k]);
+        for (int j = 0; j < POINTS_OF_LINE; j++) beyond[j] |= (before >> j & 1) << k;
+    }
+    for (int j = 0; j < POINTS_OF_LINE; j++) {
+        const int i = strip->corner[j] = single[beyond[j]];
+        if (i < 0) continue;
+        if (!(done >> i & 1)) cross_at(w, i, beyond[j] == 1 << i, at, strip->c + i);
+        done |= 1 << i;
+        if (strip->c[i].length[j] > 0) any = 1; else strip->corner[j] = -1;
+    }
+    return any;
 }
 
 /* Whether distances and directions change little from the first line of a strip to the last. */
-static inline int is_short(const Wedge *w, const Crossing c[2])
+static inline int is_short(const Wedge *w, const Strip *strip)
 {
-    for (int k = 0; k < 2; k++) {
-        const double r1 = c[k].r[0], r2 = c[k].r[2];
+    const Across *a = strip->c + strip->corner[0], *b = strip->c + strip->corner[2];
+    for (int k = 0; k < 2 && strip->corner[0] >= 0 && strip->corner[2] >= 0; k++) {
+        const double r1 = a->r[k][0], r2 = b->r[k][2];
         if (fabs(r2 - r1) > CHANGE * d_maximum(d_minimum(r1, r2), w->T->smooth)) return 0;
         if (w->e->narrow) continue;
         double cosine = 0;
-        for (int x = 0; x < 3; x++) cosine += c[k].away[x][0] * c[k].away[x][2];
+        for (int x = 0; x < 3; x++) cosine += a->away[k][x][0] * b->away[k][x][2];
         if (cosine < COS_TURN * r1 * r2) return 0;
     }
     return 1;
 }
 
-/* The lines of a strip, between two sides of the polygon. */
-static void add_lines(const Wedge *w, const int side[2], const Crossing c[2], double range, Lines *found)
+/* Adds the lines of a strip. */
+static void add_lines(const Wedge *w, const Strip *strip, double range, Lines *found)
 {
     const Triangle *T = w->T;
-    const Polygon *p = &w->p;
-    v4 start[2], way[2], on[2][2], width[2];
-    for (int k = 0; k < 2; k++) {
-        const int i = side[k] ? side[k] - 1 : p->n - 1;
-        start[k] = p->on[i];
-        way[k] = p->on[side[k]] - p->on[i];
-        for (int x = 0; x < 2; x++) on[k][x] = fma4(c[k].share, splat(way[k][x + 1]), splat(start[k][x + 1]));
-    }
-    const v4 across[2] = {on[1][0] - on[0][0], on[1][1] - on[0][1]};
-    for (int k = 0; k < 2; k++) {
-        const v4 area = c[k].rate * (way[k][1] * across[1] - way[k][2] * across[0]);
-        width[k] = 2 * range * T->area * LINE_WEIGHT * larger(area, -area);
-        width[k] = w->e->sign * width[k];
-    }
     if (found->law != T->law || found->n + POINTS_OF_LINE > MOST_PIECES) act_on_lines(found);
     found->law = T->law;
     for (int j = 0; j < POINTS_OF_LINE; j++) {
-        if (c[0].r[j] >= T->within && c[1].r[j] >= T->within) continue;
+        const int i = strip->corner[j];
+        const Across *c = strip->c + (i < 0 ? 0 : i);
+        if (i < 0 || (c->r[0][j] >= T->within && c->r[1][j] >= T->within)) continue;
         Line *line = found->line + found->n;
+        const double size = 2 * range * LINE_WEIGHT[j] * w->e->sign * T->area;
         for (int k = 0; k < 2; k++) {
-            line->on[k] = fma4(splat(c[k].share[j]), way[k], start[k]);
-            found->width[k][found->n] = width[k][j];
-            found->distance[k][found->n] = c[k].r[j];
+            const double one = c->share[k][0][j], other = c->share[k][1][j], rest = 1 - one - other;
+            double *on = (double *)(line->on + k);
+            on[i] = rest;
+            on[c->next[0]] = one;
+            on[c->next[1]] = other;
+            on[3] = rest * w->along[i] + one * w->along[c->next[0]] + other * w->along[c->next[1]];
+            found->width[k][found->n] = size * c->width[k][j];
+            found->distance[k][found->n] = c->r[k][j];
             line->on_edge[k] = w->force[k];
         }
-        const Crossing *far = c + (c[1].r[j] > c[0].r[j]);
-        line->away = (v4){far->away[0][j], far->away[1][j], far->away[2][j], 0} / far->r[j];
-        for (int k = 0; k < 3; k++) line->on_T[k] = T->force[k];
+        const int far = c->r[1][j] > c->r[0][j];
+        line->away = (v4){c->away[far][0][j], c->away[far][1][j], c->away[far][2][j], 0} / c->r[far][j];
         line->energy = T->energy;
+        memcpy(line->on_T, T->force, sizeof line->on_T);
         found->n++;
     }
 }
 
 /* Finds the lines between two directions, in strips that are short. */
-static void find_strips(const Wedge *w, const int side[2], double low, double high, Lines *found)
+static void find_strips(const Wedge *w, double low, double high, Lines *found)
 {
     const double least = ldexp(high - low, -HALVINGS);
+    Strip strip;
     for (double start = low, end; start < high; start = end) {
-        Crossing c[2];
         for (end = high;; end = 0.5 * (start + end)) {
-            for (int k = 0; k < 2; k++) cross_side(w, side[k], start + (end - start) * LINE_AT, c + k);
-            if (!(end - start > least) || is_short(w, c)) break;
+            if (!set_strip(w, start + (end - start) * LINE_AT, &strip) && end == high && start == low) return;
+            if (!(end - start > least) || is_short(w, &strip)) break;
         }
-        add_lines(w, side, c, end - start, found);
+        add_lines(w, &strip, end - start, found);
     }
+}
+
+/* Sorts directions between 0 and 1 into limits, of which there are n: those where both weights are positive. */
+static inline int sort_in(double *limits, int n, v4 first, v4 last, int which)
+{
+    const v4 at = last / (first + last);
+    for (which &= ~signs(smaller(first, last)) & 7; which; which &= which - 1) {
+        const double value = at[__builtin_ctz((unsigned)which)];
+        int m = n++;
+        for (; m > 0 && limits[m - 1] > value; m--) limits[m] = limits[m - 1];
+        limits[m] = value;
+    }
+    return n;
+}
+
+/* Directions where lines of a wedge end at another side of T, or at another end of the edge: of corners of T, and of
+ * points of its sides beside the ends.  Their number. */
+static int find_limits(const Four *four, double limits[MOST_LIMITS])
+{
+    const v4 corner[4] = {four->at, four->at + four->by[0], four->at + four->by[1], four->at};
+    v4 value[4], next[4]; /* by functions */
+    transpose(corner, value);
+    for (int k = 0; k < 4; k++) next[k] = SHUFFLE(value[k], value[k], 1, 2, 0, 3);
+    int n = 2;
+    limits[0] = 0;
+    limits[1] = 1;
+    n = sort_in(limits, n, value[0], value[1], ~signs(smaller(value[2], value[3])));
+    for (int k = 2; k < 4; k++) {
+        const v4 share = value[k] / (value[k] - next[k]);
+        const v4 first = fma4(share, next[0] - value[0], value[0]), last = fma4(share, next[1] - value[1], value[1]);
+        n = sort_in(limits, n, first, last, signs(value[k]) ^ signs(next[k]));
+    }
+    return n;
 }
 
 /* How far corners may move until T may be in the wedge over the edge, or if that turns over in the opposite one, and
@@ -193,8 +272,6 @@ static double rest_beside(const Triangle *T, const Edge3 *e, v4 least, v4 most, 
 /* Finds the part of T in the wedge over an edge.  How far corners may move until there is any. */
 static double beside_edge3(const Triangle *T, const Edge3 *e, double *const force[2], Lines *found)
 {
-    Wedge w;
-    w.T = T, w.e = e, w.force = force;
     v4 away[3];
     double nearest = INFINITY;
     const Four four = planes_on(T, &e->planes);
@@ -206,27 +283,18 @@ static double beside_edge3(const Triangle *T, const Edge3 *e, double *const forc
         nearest = d_minimum(nearest, dot4(from, e->middle));
     }
     if (signs(most) || nearest >= T->within) return rest_beside(T, e, least, most, nearest);
-    whole(&w.p, (double[3]){four.at[2], four.at[2] + four.by[0][2], four.at[2] + four.by[1][2]});
-    cut_by(&w.p, &four, signs(least), w.weight);
-    if (!w.p.n) return 0;
-    double at[MOST_CORNERS], limit[MOST_CORNERS];
-    nearest = INFINITY;
-    for (int k = 0; k < w.p.n; k++) {
-        const double a = d_maximum(w.weight[k][0], 0), b = d_maximum(w.weight[k][1], 0);
-        const v4 on = w.p.on[k];
-        w.away[k] = fma4(splat(on[2]), away[2], fma4(splat(on[1]), away[1], on[0] * away[0]));
-        nearest = d_minimum(nearest, dot4(w.away[k], e->middle));
-        at[k] = b / (a + b + 1e-300);
-        int m = k;
-        for (; m > 0 && limit[m - 1] > at[k]; m--) limit[m] = limit[m - 1];
-        limit[m] = at[k];
+    Wedge w;
+    w.T = T, w.e = e, w.force = force;
+    for (int k = 0; k < 3; k++) {
+        const v4 value = four.at + (k ? four.by[k - 1] : (v4){0});
+        w.last[k] = value[1];
+        w.sum[k] = value[0] + value[1];
+        w.along[k] = value[2];
+        w.away[k] = away[k];
     }
-    for (int m = 0; m + 1 < w.p.n && nearest < T->within; m++) {
-        if (limit[m + 1] - limit[m] < THIN) continue;
-        const double middle = 0.5 * (limit[m] + limit[m + 1]);
-        int side[MOST_CORNERS], n = 0;
-        for (int k = 0; k < w.p.n; k++) side[n] = k, n += (at[k ? k - 1 : w.p.n - 1] < middle) != (at[k] < middle);
-        if (n == 2) find_strips(&w, side, limit[m], limit[m + 1], found);
-    }
+    double limits[MOST_LIMITS];
+    const int n = find_limits(&four, limits);
+    for (int m = 0; m + 1 < n; m++)
+        if (limits[m + 1] - limits[m] >= THIN) find_strips(&w, limits[m], limits[m + 1], found);
     return 0;
 }
