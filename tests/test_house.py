@@ -43,7 +43,7 @@ JARGON = {"foot": "the closest point", "lent": "shared, or ghosts of other ranks
 PLANAR = {"unpackings of two by two": (r"\(\w+, \w+\), \(\w+, \w+\) = ", 23),
           "determinants by hand": (r"\b(\w)(?:00|\[0\]\[0\]) \* \1(?:11|\[1\]\[1\]) - |\ba \* d - b_? \* c", 2),
           "gradients as complex numbers": (r"\b1j\b|\.real\b|\.imag\b|\w*complex\w+", 0),
-          "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 53),
+          "angles for directions": (r"\b\w*theta\w*\b|θ|\b(?:arc|a)tan2\b", 14),
           "components by their place": (r"\b(?:state|X)(?:\[| \+ )[24]L? \*", 10)}
 FLAT = ("cellmig/verify/", "cellmig/bench/", "cellmig/plot/")
 WRITTEN = {"scaling.md", "verify.md"}  # by the program, where it runs
