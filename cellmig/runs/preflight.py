@@ -30,7 +30,7 @@ from .summary import (
 from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # largest number of particles of a timed scene
-TRIED, FEW = 1_500, 3  # the same for implicit steps; number of timed steps if their length is fixed
+TRIED, FEW = {2: 1_500, 3: 150}, 3  # the same for implicit steps, by dimensions; timed steps if their length is fixed
 KIND = 5_000  # largest number of particles of a cell in a timed scene
 LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
 LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
@@ -202,11 +202,13 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
 
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
     """A trial of implicit steps of a part of a case; cost of the case's steps over the part's; the solver."""
-    part, ratio = _part(case, TRIED)
+    part, ratio = _part(case, TRIED[case.dimension])
     with Simulation(part, MPI.COMM_SELF) as s:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
-        larger = ratio ** (-1 if case.dimension == 2 else -3)  # factors of n particles cost n^1.5, in space n²
-        return trial, size / s.scene.size * larger, s.integrator.step_description
+        larger = size / s.scene.size / ratio  # factors of n particles cost n^1.5
+        if case.dimension > 2:
+            larger = newton_seconds(case) / newton_seconds(part)
+        return trial, larger, s.integrator.step_description
 
 
 def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
