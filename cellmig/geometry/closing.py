@@ -231,7 +231,7 @@ def crossing(corners: np.ndarray, triangles: np.ndarray) -> tuple[int, int] | No
         i, j = i[apart], j[apart]
         met = _pierced(corners[i], corners[j], depth) | _pierced(corners[j], corners[i], depth)
         found += np.sort(np.column_stack([i[met], j[met]]), axis=1).tolist()
-    return min(map(tuple, found), default=None)
+    return min(((a, b) for a, b in found), default=None)
 
 
 def _close(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
