@@ -64,7 +64,7 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
         return None
     (x, y), normal = by_place(table, samples, "normal_pa")
     along = np.stack([by_place(table, samples, f"tangential{axis}_pa")[1] for axis in ALONG[3]])
-    rows = sorted({_before(samples, time) for time in times})
+    rows = sorted({_before(samples, time) for time in times or samples[-1:]})
     top, most = usual_peak(normal[rows]), np.linalg.norm(along[:, rows], axis=0).max()
     width, wide, high = x[1] - x[0], np.ptp(x), np.ptp(y)
     stacked = len(rows) == 1 or wide > 1.3 * high

@@ -19,7 +19,7 @@ from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.plot.plot import _displacement, plot
 from cellmig.plot.snapshots import nearest_frames
-from cellmig.plot.traction import by_place, limit_axis, pulls, usual_peak
+from cellmig.plot.traction import by_place, limit_axis, pulls, traction, usual_peak
 from cellmig.plot.view import drawing
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
@@ -125,6 +125,10 @@ def test_in_space_the_map_of_traction_is_one_of_squares():
     (x, y), found = by_place(table, SAMPLES, "normal_pa")
     assert x == pytest.approx([0.0, 0.5, 1.0, 1.5]) and y == pytest.approx([-1.0, -0.5, 0.0, 0.5, 1.0])
     assert {tuple(at): found[tuple(at)] for at in np.argwhere(found).tolist()} == {(0, 0, 3): 7, (2, 2, 2): -5}
+    along = {f"tangential_{axis}_pa": np.zeros(4) for axis in "xy"}
+    for times, titles in (([1.0, 4.0], ["0 to 1 µs", "2 to 4 µs"]), ([], ["2 to 4 µs"])):
+        axes = traction(table | along, SAMPLES, times).axes
+        assert [ax.get_title(loc="left") for ax in axes[:-1]] == titles
 
 
 @pytest.mark.serial
