@@ -113,6 +113,8 @@ def _names(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
     for cell, path in cells:
         if not cell.name.strip() or not cell.name.isprintable():
             source.reject((*path, "name"), "a name has printable characters, and at least one")
+        elif cell.name == "all":
+            source.reject((*path, "name"), "'all' is the aggregate of all cells in the tables of a run")
         elif seen.get(cell.name, path) != path and (path, seen[cell.name]) not in reported:
             reported.add((path, seen[cell.name]))
             other, line = ".".join(map(str, seen[cell.name])), source.place(seen[cell.name])[1]

@@ -42,7 +42,7 @@ def refuse_others(mesh: Any, path: str) -> None:
         listed = ", ".join(f"{n} of type {kind}" for kind, n in sorted(others.items()))
         raise ValueError(f"'{path}' has elements that are not read: {listed}; a cell is made of {READ}, all in a plane")
     if not AREAS & {block.type for block in mesh.cells if len(block.data)}:
-        kinds = sorted({block.type for block in mesh.cells})
+        kinds = sorted({block.type for block in mesh.cells if len(block.data)})
         raise ValueError(f"'{path}' has no triangles{': only ' + ', '.join(kinds) if kinds else ''}")
 
 

@@ -17,6 +17,7 @@ from . import elements, obj, polygons, stl, wkt
 from .elements import TINY
 
 _SKIPPED = re.compile("cannot handle|not parse")  # in meshio's warnings about elements that it leaves out
+CORNERS = {"line": 2, "triangle": 3, "quad": 4}
 MOST_VALUES = 50  # an array of whole numbers with more values is no numbering of groups
 
 
@@ -120,6 +121,10 @@ def read(path: str) -> Any:
         try:
             own = _OWN.get(os.path.splitext(path)[1].lower())
             mesh = own(path) if own else meshio.read(path)
+            for block in mesh.cells:  # meshio calls faces of two corners in PLY files triangles
+                corners = np.shape(block.data)[-1]
+                if len(block.data) and CORNERS.get(block.type, corners) != corners:
+                    raise ValueError(f"it has faces of {corners} corners")
             warning = " ".join(output.getvalue().split())
             if not _SKIPPED.search(warning):
                 return mesh
@@ -137,6 +142,8 @@ def _read_ply(path: str) -> Any:
 
     with open(path, "rb") as stream:
         head, end, rest = stream.read().partition(b"end_header")
+    if not end:
+        raise ValueError("its head does not end: there is no end_header")
     return meshio.read(io.BytesIO(re.sub(rb"\bvertex_index\b", b"vertex_indices", head) + end + rest), "ply")
 
 

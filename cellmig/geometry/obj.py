@@ -27,7 +27,11 @@ def read(path: str) -> Any:
             try:
                 if key == "v":
                     points.append([float(word) for word in words[:3]])
+                    if len(points[-1]) != len(points[0]) or len(words) < 2:
+                        raise ValueError("a point has as many coordinates as the first one, two or three")
                 elif key == "f":
+                    if len(words) < 3:
+                        raise ValueError("a face has at least three corners")
                     corners = [int(word.partition("/")[0]) for word in words]
                     faces.append(([c - 1 if c > 0 else len(points) + c for c in corners], of["o"] + of["g"]))
                 elif key in of:
@@ -35,9 +39,11 @@ def read(path: str) -> Any:
             except ValueError as error:
                 raise ValueError(f"line {number}: {error}") from None
     blocks = [list(rows) for _, rows in groupby(faces, key=lambda face: len(face[0]))]
-    kinds = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
+    kinds = {3: "triangle", 4: "quad"}
     cells = [(kinds.get(len(rows[0][0]), "polygon"), np.array([row for row, _ in rows])) for rows in blocks]
     names = dict.fromkeys(name for _, of_face in faces for name in of_face)
     sets = {name: [np.array([k for k, (_, of_face) in enumerate(rows) if name in of_face], int) for rows in blocks]
             for name in names}
-    return meshio.Mesh(np.array(points).reshape(len(points), -1), cells, cell_sets=sets)
+    if not points:
+        raise ValueError("it has no points")
+    return meshio.Mesh(np.array(points), cells, cell_sets=sets)

@@ -1,4 +1,4 @@
-"""Check of the formulas of a case: each has to have a finite value at the points where it is evaluated."""
+"""Check of a case on its particles: formulas have finite values there, and supports, loads and probes are somewhere."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ TIMES = 1001  # number of times, from the start to the end, at which a load curv
 
 
 def check(case: Case, scene: Scene) -> None:
-    """Check the formulas and load curves of a case.
+    """Check the formulas and load curves of a case, and that supports, loads and probes are on its cells.
 
-    Raises CaseError, which holds all of those that have no finite value.
+    Raises CaseError, which holds all that have no finite value or are nowhere.
     """
     wrong: dict[Any, Mistake] = {}
     checked: set[Any] = set()
@@ -44,8 +44,30 @@ def check(case: Case, scene: Scene) -> None:
                 wrong[kind, item.name] = Mistake(case.path, None, f"{kind}.{item.name}.load_curve",
                                                  f"has no finite value and rate at {time:.4g} us")
             checked.add(item.load_curve)
+    wrong |= {(kind, name): Mistake(case.path, None, f"{kind}.{name}.{key}", message)
+              for kind, name, key, message in _nowhere(case, scene)}
     if wrong:
         raise CaseError(wrong.values())
+
+
+def _nowhere(case: Case, scene: Scene) -> Iterator[tuple[str, str, str, str]]:
+    """Kind, name, key and message of supports, loads and probes that are nowhere on their cells."""
+    for kind in ("supports", "loads", "probes"):
+        for item in getattr(case, kind):
+            numbers = [n for n, cell in enumerate(case.cells) if cell.name in item.cells or not item.cells]
+            names = " and ".join(f"'{case.cells[n].name}'" for n in numbers)
+            if (point := getattr(item, "point", None)) is not None:
+                t = scene.templates[scene.kind[numbers[0]]]
+                away = float(np.linalg.norm(t.X - point, axis=1).min())
+                if away > t.spacing:
+                    yield kind, item.name, "point", (f"is outside of '{case.cells[numbers[0]].name}', whose nearest "
+                                                     f"particle is {away:.3g} um from there; a point is given from the "
+                                                     "cell's centre")
+            elif getattr(item, "body", None) is None:
+                on = particles_of if kind == "supports" else facets_of
+                if item.box and not any(len(on(item, scene, n)) for n in numbers):
+                    yield kind, item.name, "box", (f"holds no {'particle' if kind == 'supports' else 'whole piece'} of "
+                                                   f"the surface of {names}; a box is given from the cell's centre")
 
 
 def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.ndarray]]:

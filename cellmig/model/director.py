@@ -38,7 +38,10 @@ def initial(law: DirectorLaw | None, from_centre: np.ndarray) -> np.ndarray:
     if law is None or (law.start == "uniform" and given is None):
         angle = law.angle if law is not None else 0.0
         return np.full((n, 1), angle) if d == 2 else np.repeat(np.eye(3)[:1], n, axis=0)
-    along = from_centre if given is None else np.column_stack([evaluate(value, from_centre) for value in given])
+    if given is None:
+        along = from_centre
+    else:  # zeros lose their sign, which would turn a director of no direction
+        along = np.column_stack([evaluate(value, from_centre) for value in given]) + 0.0
     if d == 2:
         return np.arctan2(along[:, 1:], along[:, :1]) + (0.5 * np.pi if law.start == "tangential" else 0.0)
     if law.start == "tangential":

@@ -378,6 +378,7 @@ BROKEN = [  # what is replaced, by what, part of the message
     ("C1 =", "c1 =", "materials.core.c1: no such key; did you mean 'C1'?"),
     ("name = \"Right\"", "name = \"Left\"", "cells.1.name: two cells are called 'Left': this one and cells.0"),
     ("name = \"Right\"", "name = \" \"", "cells.1.name: a name has printable characters"),
+    ("name = \"Right\"", "name = \"all\"", "cells.1.name: 'all' is the aggregate of all cells"),
     ("name = \"Right\"", "", "cells.1.name: missing"),
     ("shape = \"disc\"", "shape = \"disk\"", "cells.0.shape: no shape 'disk'; did you mean 'disc'?"),
     ("shape = \"disc\"", "", "cells.0.shape: missing: one of 'disc'"),

@@ -272,6 +272,34 @@ def test_a_file_that_holds_no_cell_is_refused(tmp_path: Path, what: str, message
     assert capfd.readouterr() == ("", "")
 
 
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property double x
+property double y
+property double z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1
+"""
+
+
+@pytest.mark.parametrize(("name", "text", "message"), [
+    ("cell.ply", PLY, "it has faces of 2 corners"), ("cell.ply", PLY.partition("end_header")[0], "no end_header"),
+    ("cell.obj", "v 0\nv 1\nv 2\nf 1 2 3\n", "line 1: a point has as many coordinates"),
+    ("cell.obj", "v 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n", "line 2: a point has as many coordinates"),
+    ("cell.obj", "v 0 0\nv 1 0\nv 0 1\nf\n", "line 4: a face has at least three corners"),
+    ("cell.obj", "", "it has no points"), ("cell.stl", "solid a\nendsolid a\n", "has no triangles")])
+def test_a_text_that_holds_no_triangles_is_refused_with_its_line(tmp_path: Path, name: str, text: str,
+                                                                 message: str) -> None:
+    (tmp_path / name).write_text(text)
+    assert message in refused(tmp_path / name)
+
+
 @pytest.mark.parametrize(("keys", "message"), [
     ('nucleus_region = "cord"\nnucleus = "nucleus"', "the file has no triangles called 'cord'; did you mean 'core'?"),
     ('nucleus_region = "void"\nnucleus = "nucleus"', "no triangle is in the group 'void'"),

@@ -93,6 +93,20 @@ def test_a_formula_that_has_a_value_at_all_particles_is_taken() -> None:
         sim.go(0.1)
 
 
+BEYOND = 'box=[["8 um", "8 um"], ["9 um", "9 um"]]'
+
+
+@pytest.mark.parametrize(("sets", "message"), [
+    (f'supports=[{{name="s", {BEYOND}}}]', "supports.s.box: holds no particle of the surface of"),
+    (f'loads=[{{name="l", pressure="1 Pa", {BEYOND}}}]', "loads.l.box: holds no whole piece of the surface of"),
+    (f'probes=[{{name="p", {BEYOND}}}]', "probes.p.box: holds no whole piece of the surface of"),
+    ('probes=[{name="p", point=["95 um", "0 um"]}]', "probes.p.point: is outside of 'Nucleus', whose nearest")])
+def test_what_is_nowhere_on_its_cell_is_refused(sets: str, message: str) -> None:
+    with pytest.raises(CaseError) as error, built(case("nucleus", sets, per_cell=60)):
+        pass
+    assert message in str(error.value) and "from the cell's centre" in str(error.value)
+
+
 def test_a_load_curve_without_a_value_is_told_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laws("load_curve")["ramp"], "value", lambda self, t: 1.0 / (t - 10.0) if t != 10.0 else np.inf)
     broken = load(CASES["nucleus"], ["particles.per_cell=60", 'loads=[{name="l", traction=["1 Pa", "0 Pa"], '
