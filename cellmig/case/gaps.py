@@ -160,14 +160,22 @@ def near(outlines: list[np.ndarray], centres: np.ndarray, within: float = 0.0) -
 
 
 def depth(shapes: tuple, outlines: tuple, apart: np.ndarray) -> float:
-    """Largest depth [µm] of a corner of one of two outlines, or of a point of one of two surfaces, in the other.
+    """Largest depth [µm] of a corner of one of two outlines, or of a point of one of two surfaces, in the other; their
+    middles count, too, as two equal surfaces may coincide.
 
     shapes, outlines : of both;  apart : (d,) -- from the centre of the first to that of the second [µm].
     """
     (one, other), (a, b) = shapes, outlines
     if len(apart) == 2:
         return overlap(a, b + apart)
+    a, b = _with_middle(one, a), _with_middle(other, b)
     return max(0.0, -float(one.distances(b + apart).min()), -float(other.distances(a - apart).min()))
+
+
+def _with_middle(shape: Any, points: np.ndarray) -> np.ndarray:
+    """Points (n, 3) [µm] of the surface of a shape, and their mean if it is inside."""
+    middle = points.mean(axis=0, keepdims=True)
+    return np.concatenate([points, middle]) if shape.distances(middle)[0] < 0.0 else points
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

@@ -125,7 +125,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     never = why((case.static, "not in a static case"), (case.dimension > 2, "in two dimensions only"),
                 (case.dimension == 2 and not _meet_themselves(case), "solids of convex outline"),
                 (lips and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
-    own = unless(never, "contact of a cell with itself", True, False)
+    own = unless(never, "contact of a cell with itself", case.dimension == 2, False)
     repels = [never is None and (not lips or pair.itself) for pair in case.pairs] + [never is None and not lips]
     contacts = _contacts(case, contact, between, own, repels) if contact or own else None
     push = case.protrusion

@@ -87,6 +87,7 @@ class Run:
         self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_energy_error = self.step_seconds = self.wall_before = 0.0
+        self.entries: dict[str, float] = {}
         self.output_time, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
         self._open(state.about["files"] if state else {"frames": 0})

@@ -56,6 +56,28 @@ def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, t
         assert [len(step.findall("Grid")) for step in steps] == [2, 1], index
 
 
+def test_terms_that_do_nothing_change_no_bit(cellmig, tmp_path) -> None:
+    hashes = set()
+    for name, more in (("pruned", ()), ("whole", ("--no-prune",))):
+        done = cellmig(1, CASES["ball"], *COARSE, "--until", "1 us", *more, "--out", tmp_path / name)
+        assert done.returncode == 0, done
+        hashes.add(state_hash(tmp_path / name))
+    assert len(hashes) == 1
+
+
+def test_two_cells_in_one_place_are_refused() -> None:
+    same = '[["0 um", "0 um", "0 um"]]'
+    with pytest.raises(CaseError, match=r"'Cell-2' overlaps 'Cell-1' by \d"):
+        load(CASES["three_balls"], ["cells.0.repeat=[2]", f"cells.0.pitch={same}", 'protrusion.cells=["Cell-1"]'])
+
+
+def test_a_start_that_turns_a_body_inside_out_ends_with_a_message(cellmig, tmp_path) -> None:
+    inside_out = 'cells.0.displacement=["-2*x um", "0 um", "0 um"]'
+    done = cellmig(1, CASES["bar"], *COARSE, "--set", inside_out, "--out", tmp_path / "run")
+    assert done.returncode == 4 and "Traceback" not in done.stderr, done
+    assert "failed at 0" in done.stderr
+
+
 def test_a_body_from_a_file_has_the_same_bits_on_other_ranks_and_is_resumed_without_the_file(cellmig, tmp_path) -> None:
     for name in ("surface.toml", "cell_surface.stl"):
         shutil.copy(CASES["surface"].parent / name, tmp_path)
