@@ -259,6 +259,12 @@ def judge_scene(t: np.ndarray, series: Series, finest: Series | None,
             "nucleus": stress("nucleus_stress"), "energy": float(series["energy"].max())}
 
 
+def judge_exact(t: np.ndarray, series: Series, _: Any, name: str,
+                exact: Callable[[np.ndarray], np.ndarray]) -> dict[str, float]:
+    """Root mean square error over time of one quantity, over that of the `exact` one."""
+    return {"error": rms(series[name] - exact(t)) / rms(exact(t))}
+
+
 def columns(rows: Sequence[dict[str, float]]) -> Series:
     """Measurements at several times, as an array for each quantity."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
@@ -285,9 +291,11 @@ PROBLEMS = {p.name: p for p in (
             "displacement and contacts with the substrate and between cells", _tension,
             tuple(np.arange(2.0, 101.0, 2.0)), crawling, judge_scene, own=True),
     Problem("twist", "elastic in space", "elastic ball that twists, two periods", "the displacement in time",
-            space.twisting, tuple(0.3 * np.arange(1, 41)), space.twisted, space.judge_twist, without=FIXED),
+            space.twisting, tuple(0.3 * np.arange(1, 41)), space.twisted,
+            partial(judge_exact, name="twist", exact=space.exact_twist), without=FIXED),
     Problem("turn", "fluid in space", "ball of fluid that turns, 1 µs", "the flow in time", space.turning,
-            tuple(0.1 * np.arange(1, 11)), space.turned, space.judge_turn, without=(*FIXED[:2], "hourglass_modulus")),
+            tuple(0.1 * np.arange(1, 11)), space.turned, partial(judge_exact, name="flow", exact=space.exact_flow),
+            without=(*FIXED[:2], "hourglass_modulus")),
     Problem("ball", "cell on substrate in space", "a cell in space spreads, 40 µs", "radius of contact and height",
             space.cell, tuple(np.arange(2.0, 41.0, 2.0)), spreading, judge_cell, without=("dilation",), own=True),
 )}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.special import spherical_jn
 
 from cellmig.case.load import load
 from cellmig.laws import register
-from cellmig.runs.cases import FOLDER
+from cellmig.runs.cases import FOLDER, lone_body
 from cellmig.simulation import Simulation
 
 RADIUS = 5.0  # of the balls [µm]
@@ -23,12 +22,9 @@ TURN = brentq(lambda q: spherical_jn(2, q), 5.0, 6.5) / RADIUS
 
 def ball(material: str, velocity: str) -> dict[str, Any]:
     """Tables of a ball of one material of `cases/ball.toml`, whose velocity is a formula times (-y, x, 0)."""
-    tree = cell()
-    flow = [f"({velocity})*{along} um/us" for along in ("-y", "x")]
-    only = {"material": material, "centre": ["0 um"] * 3, "rest": False, "velocity": [*flow, "0 um/us"]}
-    shape = {key: value for key, value in tree["cells"][0].items() if key not in ("nucleus", "nucleus_ratio")}
-    others = {key: value for key, value in tree.items() if key != "adhesion"}
-    return others | {"cells": [shape | only], "materials": {material: tree["materials"][material]}}
+    tree = lone_body(cell(), material)
+    tree["cells"][0]["velocity"] = [*(f"({velocity})*{along} um/us" for along in ("-y", "x")), "0 um/us"]
+    return tree
 
 
 def cell() -> dict[str, Any]:
@@ -70,21 +66,18 @@ def _share(sim: Simulation, speed: np.ndarray, columns: slice) -> float:
     return float(found / whole) / SIZE
 
 
-def judge_twist(t: np.ndarray, series: dict[str, np.ndarray], _: Any) -> dict[str, float]:
-    """Root mean square error over time of the twist, over that of the exact one."""
-    omega = TWIST * _root_of("nucleus", lambda law: law.shear_modulus / law.density)
-    return {"error": _over(series["twist"], np.sin(omega * t) / omega)}
+def exact_twist(t: np.ndarray) -> np.ndarray:
+    """The twist (n,) [µs] of an elastic ball at times t (n,) [µs] (Lamb 1882)."""
+    law = _material("nucleus")
+    omega = TWIST * np.sqrt(law.shear_modulus / law.density)
+    return np.sin(omega * t) / omega
 
 
-def judge_turn(t: np.ndarray, series: dict[str, np.ndarray], _: Any) -> dict[str, float]:
-    """Root mean square error over time of the flow, over that of the exact one, which decays as exp(-ν k² t)."""
-    rate = TURN**2 * _root_of("cytoplasm", lambda law: (law.viscosity / law.density) ** 2)
-    return {"error": _over(series["flow"], np.exp(-rate * t))}
+def exact_flow(t: np.ndarray) -> np.ndarray:
+    """The turning flow (n,) [-] at times t (n,) [µs], which decays as exp(-ν k² t) (Lamb, Hydrodynamics, 1932)."""
+    law = _material("cytoplasm")
+    return np.exp(-law.viscosity / law.density * TURN**2 * t)
 
 
-def _root_of(material: str, square: Callable[[Any], float]) -> float:
-    return float(np.sqrt(square(load(FOLDER / "ball.toml").materials[material])))
-
-
-def _over(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.sqrt(np.square(found - exact).mean() / np.square(exact).mean()))
+def _material(name: str) -> Any:
+    return load(FOLDER / "ball.toml").materials[name]

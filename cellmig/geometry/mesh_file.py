@@ -17,7 +17,6 @@ from . import elements, obj, polygons, stl, wkt
 from .elements import TINY
 
 _SKIPPED = re.compile("cannot handle|not parse")  # in meshio's warnings about elements that it leaves out
-CORNERS = {"line": 2, "triangle": 3, "quad": 4}
 MOST_VALUES = 50  # an array of whole numbers with more values is no numbering of groups
 
 
@@ -122,8 +121,8 @@ def read(path: str) -> Any:
             own = _OWN.get(os.path.splitext(path)[1].lower())
             mesh = own(path) if own else meshio.read(path)
             for block in mesh.cells:  # meshio calls faces of two corners in PLY files triangles
-                corners = np.shape(block.data)[-1]
-                if len(block.data) and CORNERS.get(block.type, corners) != corners:
+                corners, around = np.shape(block.data)[-1], (elements.AROUND | elements.ALONG).get(block.type)
+                if len(block.data) and around and len(around) != corners:
                     raise ValueError(f"it has faces of {corners} corners")
             warning = " ".join(output.getvalue().split())
             if not _SKIPPED.search(warning):

@@ -18,7 +18,6 @@ from .surfaces import ClosedSurface
 from .triangles import area_vectors, dot, lengths
 
 MOST = 200_000  # largest number of triangles
-CORNERS = {"triangle": 3, "quad": 4}
 # Corners around the faces of elements with a volume, as VTK numbers them.
 FACES = {"tetra": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
          "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
@@ -213,7 +212,7 @@ def shells(path: str) -> Shells:
 
 def _refuse_others(mesh: Any, path: str) -> None:
     """Raise ValueError if a mesh has elements that are not read, or none that bounds a volume."""
-    known, others = {*CORNERS, "polygon", *FACES, *elements.ALONG, "vertex"}, dict[str, int]()
+    known, others = {*elements.AROUND, "polygon", *FACES, *elements.ALONG, "vertex"}, dict[str, int]()
     for block in mesh.cells:
         if block.type not in known or (block.type == "polygon" and np.shape(block.data)[1] not in (3, 4)):
             others[block.type] = others.get(block.type, 0) + len(block.data)

@@ -67,7 +67,7 @@ class Boundary:
         def number(items: Sequence) -> np.ndarray:
             return np.array([load_curves.index(item.load_curve) for item in items], np.int32)
 
-        who = _named(case)
+        who = numbers_of(case)
         held, value, support = _held(case, scene, who)
         dead, force, dead_load = _dead(case, scene, who)
         pressed, pressure, pressed_load = _pressed(case, scene, who)
@@ -89,7 +89,8 @@ def load_curves_of(case: Case) -> tuple[LoadCurve, ...]:
     return tuple(dict.fromkeys(item.load_curve for item in (*case.supports, *case.loads, *case.plates)))
 
 
-def _named(case: Case) -> dict[str, int]:
+def numbers_of(case: Case) -> dict[str, int]:
+    """Numbers of the cells by their names."""
     return {cell.name: i for i, cell in enumerate(case.cells)}
 
 
@@ -109,7 +110,8 @@ def _in_box(item: OnPart, X: np.ndarray) -> np.ndarray:
     return ((X >= box[0] - margin) & (X <= box[1] + margin)).all(axis=-1)
 
 
-def _cells(item: OnPart, who: dict[str, int]) -> list[int]:
+def cells_of(item: OnPart, who: dict[str, int]) -> list[int]:
+    """Numbers of the cells of an item, all of those in `who` if it names none."""
     return [who[name] for name in item.cells] if item.cells else list(who.values())
 
 
@@ -129,7 +131,7 @@ def _held(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
     """Prescribed particles and components (k, 2), values (k,) and supports (k,): of several the last one counts."""
     found: dict[tuple[int, int], tuple[float, int]] = {}
     for number, support in enumerate(case.supports):
-        for cell in _cells(support, who):
+        for cell in cells_of(support, who):
             on = particles_of(support, scene, cell)
             X = scene.templates[scene.kind[cell]].X[on]
             for k, value in enumerate(support.displacement):
@@ -146,7 +148,7 @@ def _dead(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray, np
     """Particles (n,), forces (n, d) and numbers (n,) of dead loads: integrals of tractions, or body forces times V."""
     ids, forces, loads = [], [], []
     for number, load in enumerate(case.loads):
-        for cell in _cells(load, who) if load.pressure is None else ():
+        for cell in cells_of(load, who) if load.pressure is None else ():
             t = scene.templates[scene.kind[cell]]
             if load.body is not None:
                 on, force = np.arange(len(t.X)), t.V[:, None] * _vectors(load.body, t.X)
@@ -196,7 +198,7 @@ def _pressed(case: Case, scene: Scene, who: dict[str, int]) -> tuple[np.ndarray,
     """Facets (p, d), pressures (p,) and numbers (p,) of pressure loads."""
     facets, values, loads = [np.zeros((0, scene.dimension), np.int64)], [np.zeros(0)], [np.zeros(0, np.int64)]
     for number, load in enumerate(case.loads):
-        for cell in _cells(load, who) if load.pressure is not None else ():
+        for cell in cells_of(load, who) if load.pressure is not None else ():
             found = facets_of(load, scene, cell)
             facets.append(scene.offset[cell] + found)
             values.append(evaluate(load.pressure, scene.templates[scene.kind[cell]].X[found].mean(axis=1)))
@@ -228,8 +230,8 @@ class Probes:
     @classmethod
     def of(cls, case: Case, scene: Scene) -> Probes:
         """Probes of a case: a point is interpolated between particles, a part has the mean along its length or area."""
-        who, parts = _named(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
-        cells = np.array([_cells(p, who)[0] for p in case.probes], np.int64)
+        who, parts = numbers_of(case), [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+        cells = np.array([cells_of(p, who)[0] for p in case.probes], np.int64)
         for number, (item, cell) in enumerate(zip(case.probes, cells, strict=True)):
             X = scene.templates[scene.kind[cell]].X
             if item.point is not None:

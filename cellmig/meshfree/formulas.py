@@ -13,7 +13,7 @@ from ..case.schema import Case
 from ..case.values import LARGEST
 from ..model.protocols import LoadCurve
 from .body import Scene
-from .boundary import facets_of, particles_of, points_on
+from .boundary import cells_of, facets_of, numbers_of, particles_of, points_on
 
 TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding
 TIMES = 1001  # number of times, from the start to the end, at which a load curve is checked
@@ -52,9 +52,10 @@ def check(case: Case, scene: Scene) -> None:
 
 def _nowhere(case: Case, scene: Scene) -> Iterator[tuple[str, str, str, str]]:
     """Kind, name, key and message of supports, loads and probes that are nowhere on their cells."""
+    who = numbers_of(case)
     for kind in ("supports", "loads", "probes"):
         for item in getattr(case, kind):
-            numbers = [n for n, cell in enumerate(case.cells) if cell.name in item.cells or not item.cells]
+            numbers = cells_of(item, who)
             names = " and ".join(f"'{case.cells[n].name}'" for n in numbers)
             if (point := getattr(item, "point", None)) is not None:
                 t = scene.templates[scene.kind[numbers[0]]]
@@ -80,9 +81,10 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
                 yield "cells", cell, key, number, scene.templates[one[0]].X
         if case.director is not None:
             yield "director", case.director, "direction", number, scene.templates[scene.kind[number]].X
+    who = numbers_of(case)
     for kind in ("supports", "loads"):
         for item in getattr(case, kind):
-            for number in (n for n, cell in enumerate(case.cells) if cell.name in item.cells or not item.cells):
+            for number in sorted(cells_of(item, who)):
                 X = scene.templates[scene.kind[number]].X
                 if kind == "supports":
                     yield kind, item, "displacement", number, X[particles_of(item, scene, number)]

@@ -52,12 +52,8 @@ class Rendered(Solid):
     @property
     def _box(self) -> np.ndarray:
         """Ranges (3, 2) [µm] of the scene to the right, upwards and towards the eye."""
-        corners = np.array(list(product(*np.transpose([self._ground, self.high])))) @ self._axes.T
+        corners = np.array(list(product(*np.transpose([self.ground, self.high])))) @ self._axes.T
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
-
-    @property
-    def _ground(self) -> np.ndarray:
-        return np.array([*self.low[:2], 0.0 if self.substrate else self.low[2]])
 
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:
         """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""

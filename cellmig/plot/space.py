@@ -38,11 +38,14 @@ class Solid(View):
         """The view that contains frames of a run.  Raises CaseError for an unknown field."""
         return super().of(directory, found, field, triangles=read_mesh(directory)["triangles"], **more)
 
+    @property
+    def ground(self) -> np.ndarray:
+        """Lowest corner (3,) [µm] of what is drawn, which ends at the substrate."""
+        return np.array([*self.low[:2], 0.0 if self.substrate else self.low[2]])
+
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:
         """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""
-        low, high = self.low.copy(), self.high
-        if self.substrate:
-            low[2] = 0.0
+        low, high = self.ground, self.high
         extent = high - low
         stacked = n == 1 or extent[0] > 1.3 * extent[2]
         tall = np.clip(0.2 + (extent[1] * np.sin(np.radians(ELEVATION)) + extent[2]) / max(extent[:2]), 0.4, 1.0)

@@ -47,10 +47,14 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
         limit_axis(upper, top, "Pa")
         image = lower.pcolormesh(edges, samples, map_, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)
         lower.set(xlabel="x [µm]", ylabel="time [µs]")
-        beyond = f"\ncolours end at {top:.3g} Pa, the largest is {np.abs(map_).max():.3g} Pa"
-        figure.colorbar(image, ax=lower, extend="both", pad=0.02,
-                        label=_SIDES[kind] + (beyond if np.abs(map_).max() > _BEYOND * top else ""))
+        figure.colorbar(image, ax=lower, extend="both", pad=0.02, label=_SIDES[kind] + _colours_end(top, map_))
     return figure
+
+
+def _colours_end(top: float, values: np.ndarray) -> str:
+    """End of the label of a colour bar that ends at `top` [Pa], if values are far beyond."""
+    most = np.abs(values).max()
+    return f"\ncolours end at {top:.3g} Pa, the largest is {most:.3g} Pa" if most > _BEYOND * top else ""
 
 
 def _before(samples: np.ndarray, time: float) -> int:
@@ -88,10 +92,8 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
         ax.set_xlabel("x [µm]")
     for ax in axes[:, 0]:
         ax.set_ylabel("y [µm]")
-    beyond = f"\ncolours end at {top:.3g} Pa, the largest is {np.abs(normal[rows]).max():.3g} Pa"
     label = "normal traction: " + _SIDES["normal"].replace("Pa", "Pa = N/m²")
-    figure.colorbar(image, ax=axes, extend="both",
-                    label=label + (beyond if np.abs(normal[rows]).max() > _BEYOND * top else ""))
+    figure.colorbar(image, ax=axes, extend="both", label=label + _colours_end(top, normal[rows]))
     return figure
 
 

@@ -89,7 +89,7 @@ def cost(case: Case) -> Cost:
 
 def _size(case: Case) -> int:
     """Particles of a case."""
-    return sum(_of_cells(case))
+    return sum(of_cells(case))
 
 
 def _part(case: Case, most: int) -> tuple[Case, float]:
@@ -161,7 +161,7 @@ def _static_report(case: Case) -> str:
 
 def newton_seconds(case: Case) -> float:
     """Time of a Newton step with a direct solver on one core [s]."""
-    in_space = FACTOR * sum(n**2 for n in _of_cells(case)) if case.dimension > 2 else 0.0
+    in_space = FACTOR * sum(n**2 for n in of_cells(case)) if case.dimension > 2 else 0.0
     return NEWTON * _size(case) + in_space
 
 
@@ -169,10 +169,10 @@ def solver_bytes(case: Case) -> float:
     """Memory of the tangent and its factors [B]: in space those of a cell grow faster than its particles."""
     if case.dimension == 2:
         return STATIC_BYTES * _size(case)
-    return sum(SPACE_BYTES * n + FACTOR_BYTES * n**1.45 for n in _of_cells(case))
+    return sum(SPACE_BYTES * n + FACTOR_BYTES * n**1.45 for n in of_cells(case))
 
 
-def _of_cells(case: Case) -> list[int]:
+def of_cells(case: Case) -> list[int]:
     """Particles of each cell."""
     known = {shape: particle_count(case, shape) for shape in {c.shape for c in case.cells}}
     return [known[c.shape] for c in case.cells]

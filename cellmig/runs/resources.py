@@ -10,12 +10,12 @@ from typing import Any
 
 from mpi4py import MPI
 
-from cellmig.case.schema import Case, particle_count
+from cellmig.case.schema import Case
 from cellmig.output.directory import together
 from cellmig.output.manifest import memory_sizes
 from cellmig.parallel.options import IMPLICIT, requested_integrator
 
-from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes, solver_bytes
+from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes, of_cells, solver_bytes
 
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
@@ -39,7 +39,7 @@ def require_resources(case: Case, directory: Path, comm: Any) -> None:
 
 
 def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
-    counts = [particle_count(case, c.shape) for c in case.cells]
+    counts = of_cells(case)
     kinds = {(c.shape, c.material, c.nucleus): n for c, n in zip(case.cells, counts, strict=True)}
     needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
     if requested_integrator(case.time.integrator) in ("static", *IMPLICIT):

@@ -11,6 +11,7 @@ from scipy.special import spherical_jn
 
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
+from cellmig.runs.cases import lone_body
 from cellmig.verify.exact import Globe
 from cellmig.verify.reference import Measured, converges, exact, reference
 from cellmig.verify.specimens import piece
@@ -24,14 +25,7 @@ SQUARED = "h² of linear finite elements, whose averages are exact for linear fi
 
 def ball(count: int, material: str, *sets: str, **tables: Any) -> Case:
     """A ball of one material of `cases/ball.toml`, alone and at rest, with further tables of a case."""
-    tree = case("ball", count, *sets).resolved()
-    del tree["adhesion"]
-    only = {"material": material, "nucleus": material, "centre": ["0 um"] * 3, "rest": False}
-    tree["cells"][0] |= only
-    tree["cells"][0].pop("nucleus_ratio")
-    tree["cells"][0].pop("nucleus")
-    tree["materials"] = {material: tree["materials"][material]}
-    return from_dict(tree | tables)
+    return from_dict(lone_body(case("ball", count, *sets).resolved(), material) | tables)
 
 
 @reference("ball-twisting", shows="slowest mode of a free elastic ball, whose halves twist: after a period, L2 over it",

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from cellmig.verify.reference import Measured, converges, reference
 
 from .scenes import built, by_id, case, displacement, set_motion, set_state
 from .space import RADIUS, TENSION, ball
-from .surface import WIDE
+from .surface import WIDE, between_round
 
 SAGITTA = "a polyhedron for the ball: its sagitta is of h²"
 GAPS = (1.5, 2.5)  # over ε
@@ -47,21 +44,11 @@ def two_balls(count: int) -> Measured:
     found = {}
     with built(case("three_balls", count, *WIDER)) as sim:
         law, centre, R = sim.terms.contact, sim.scene.centre[sim.scene.cell], RADIUS
-        parts = [0.0, *np.geomspace(0.02, 1.0, 8), np.pi]
         for k in GAPS:
             apart = 2.0 * R + k * law.equilibrium_distance
             at = np.outer(sim.scene.cell, [apart, 0.0, 0.0]) + np.outer(sim.scene.cell == 2, [0.0, 100.0, 0.0])
             set_state(sim, at - centre)
-
-            def along(t: float, apart: float = apart) -> tuple[float, float]:
-                """Gap, and its derivative by the distance of the centres, at an angle."""
-                r = np.sqrt(apart * apart + R * R - 2.0 * apart * R * np.cos(t))
-                return r - R, (apart - R * np.cos(t)) / r
-
-            over = 2.0 * np.pi * R * R * law.bond_density  # twice, of half the bonds
-            right = [over * sum(quad(f, a, b, epsrel=1e-12)[0] for a, b in pairwise(parts)) for f in
-                     (lambda t: law.potential(along(t)[0]) * np.sin(t),
-                      lambda t: law.slope(along(t)[0]) * along(t)[1] * np.sin(t))]
+            right = between_round(law, apart, lambda t: 2.0 * np.pi * R * R * np.sin(t))
             forces, energies = sim.mechanics.surface_force("contact")
             pulled = float(by_id(sim, forces)[sim.scene.cell == 0, 0].sum())
             found[f"E({k} ε)"] = abs(float(energies.sum()) / right[0] - 1.0)

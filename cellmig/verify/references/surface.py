@@ -149,6 +149,23 @@ def placed(sim, two: list[np.ndarray]) -> None:
     set_state(sim, u)
 
 
+def between_round(law, apart: float, measure, R: float = RADIUS) -> list[float]:
+    """Energy of two equal cylinders or balls whose centres are `apart` [µm], and its derivative by that distance.
+
+    measure : function -- of the angle t [rad] from the line of the centres: both surfaces there over t, half the bonds.
+    """
+    parts = [0.0, *np.geomspace(0.02, 1.0, 8), np.pi]
+
+    def along(t: float) -> tuple[float, float]:
+        """Gap, and its derivative by the distance of the centres, at an angle."""
+        r = np.sqrt(apart * apart + R * R - 2.0 * apart * R * np.cos(t))
+        return r - R, (apart - R * np.cos(t)) / r
+
+    return [law.bond_density * sum(quad(lambda t, f=f: f(*along(t)) * measure(t), a, b, epsrel=1e-12)[0]
+                                   for a, b in pairwise(parts))
+            for f in (lambda gap, _: law.potential(gap), lambda gap, slope: law.slope(gap) * slope)]
+
+
 @reference("two-cylinders", shows="energy and F(a) of two rigid cylinders at gaps of 1.5 ε and 2.5 ε",
            source="eqs. (3), (4) along a circle, of distances to another", at=(400, 900, 2000, 4500), seconds=5.0,
            expected={f"{what}({k} ε)": converges(2, "polygons for circles: their sagittas are of h²")
@@ -158,19 +175,10 @@ def two_cylinders(count: int) -> Measured:
     found = {}
     with built(case("all_protrude", count, *WIDE_BETWEEN)) as sim:
         law, R = sim.terms.contact, RADIUS
-        eps, N = law.equilibrium_distance, law.bond_density
-        parts = [0.0, *np.geomspace(0.02, 1.0, 8), np.pi]
         for k in (1.5, 2.5):
-            apart, (A, B) = 2.0 * R + k * eps, outlines(sim)
+            apart, (A, B) = 2.0 * R + k * law.equilibrium_distance, outlines(sim)
             placed(sim, [A, B + np.array([apart, 0.0])])
-
-            def along(t: float, apart: float = apart) -> tuple[float, float]:
-                """Gap, and its derivative by the distance of the centres, at an angle."""
-                r = np.sqrt(apart * apart + R * R - 2.0 * apart * R * np.cos(t))
-                return r - R, (apart - R * np.cos(t)) / r
-
-            right = [2.0 * N * R * sum(quad(f, a, b, epsrel=1e-12)[0] for a, b in pairwise(parts)) for f in
-                     (lambda t: law.potential(along(t)[0]), lambda t: law.slope(along(t)[0]) * along(t)[1])]
+            right = between_round(law, apart, lambda t: 2.0 * R)
             forces, energies = sim.mechanics.surface_force("contact")
             pulled = float(by_id(sim, forces)[sim.scene.cell == 0, 0].sum())
             found[f"E({k} ε)"] = abs(float(energies.sum()) / right[0] - 1.0)
