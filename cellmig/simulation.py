@@ -25,6 +25,7 @@ from .parallel.swarm import Swarm
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
+from .solve.overdamped import Overdamped, without_inertia
 from .solve.protrusion import Protruding
 from .solve.protrusion_noise import random_factor
 from .solve.restart import restore, same_places, saved
@@ -48,7 +49,7 @@ class Simulation:
         prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : on rank 0 arrays of a
         checkpoint of the same particles, whose u, v and director are the initial ones.
         """
-        self.case, self.comm = case, comm
+        self.case, self.comm = case, comm = without_inertia(case) if case.overdamped else case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
         self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
         owner, state, boundary, probes, protruding = others
@@ -61,7 +62,8 @@ class Simulation:
         if self.mechanics.director is not None and begun is not None:
             self.mechanics.director.set(begun[self.mechanics.ids])  # anchors keep their angles at the case's start
         fixed = None if isinstance(case.time.step, str) else case.time.step
-        kind = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
+        kind: type[Integrator] = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
+        kind = Overdamped if case.overdamped else kind
         self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, probes)

@@ -11,9 +11,9 @@ from typing import Any
 from .registry import parameter, quantity
 from .values import declared, in_table, write
 
-TS_TYPES = ("leapfrog", "auto", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn", "theta", "alpha",
-            "alpha2", "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad", "irk", "dirk",
-            "radau5", "sundials", "pseudo")
+TS_TYPES = ("leapfrog", "auto", "overdamped", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn",
+            "theta", "alpha", "alpha2", "bdf", "arkimex", "rosw", "eimex", "mimex", "mprk", "glee", "glle", "discgrad",
+            "irk", "dirk", "radau5", "sundials", "pseudo")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,8 @@ class Time:
                                  words=("auto",))
     step_factor: float = quantity("", "fraction of the largest stable step for \"auto\"", 0.8, above=0, maximum=1)
     integrator: str = parameter("\"leapfrog\", a type of PETSc's TS, or \"auto\": of leapfrog and bdf the one that is "
-                                "cheaper in a trial; \"static\": equilibria, one for each sample", "leapfrog",
+                                "cheaper in a trial; \"overdamped\": motion without inertia, for minutes and hours; "
+                                "\"static\": equilibria, one for each sample", "leapfrog",
                                 known=TS_TYPES)
 
 
@@ -237,6 +238,11 @@ class Case:
     def static(self) -> bool:
         """Whether the case asks for equilibria instead of motion."""
         return self.time.integrator == "static"
+
+    @property
+    def overdamped(self) -> bool:
+        """Whether the case asks for motion without inertia."""
+        return self.time.integrator == "overdamped"
 
     def resolved(self) -> dict:
         """Tables of a case file for this case, with all defaults; the inverse of `load.from_dict`."""

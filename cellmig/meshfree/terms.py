@@ -85,6 +85,7 @@ class Terms:
     load_curves: tuple[LoadCurve, ...] | None = None
     single: bool = False
     dimension: int = 2
+    inertia: bool = True
     skipped: dict = field(default_factory=dict)
 
     @property
@@ -144,7 +145,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                         "viscous stabilisation", True, False)
     stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
                        "elastic stabilisation", True, False)
-    damped = unless(why(still, (not case.numerics.bulk_viscosity, "its viscosity is zero")),
+    damped = unless(why(still, (case.overdamped, "there is no sound without inertia"),
+                        (not case.numerics.bulk_viscosity, "its viscosity is zero")),
                     "bulk damping", True, False)
     cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
     friction = unless(why((case.friction is None, "the case has none"),
@@ -159,7 +161,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
                  friction=friction, director=director, director_law=law, active=active, stabilised=stabilised,
                  bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=single,
-                 dimension=case.dimension, skipped=skipped)
+                 dimension=case.dimension, inertia=not (case.overdamped or case.static), skipped=skipped)
 
 
 def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:

@@ -215,7 +215,7 @@ class Sampler:
         `acceleration` (n_owned, 4) [µm/µs, µm/µs²] and `powers` [pN/µs], which are not needed if it is zero.
         """
         m, terms = self.mechanics, self.mechanics.terms
-        v = m.state.v + half_step * acceleration[:, m.scene.dimension :]
+        v = (m.state.v + half_step * acceleration[:, m.scene.dimension :]) * terms.inertia
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
         rows = {"F": m.state.tensors()[0], **m.director_fields()}
         everything = {name: values[..., : m.n_owned] for name, values in rows.items()}

@@ -16,6 +16,7 @@ from .ghosts import petsc_library
 
 IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that use our tangent
 EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need the right-hand side only
+OVERDAMPED = tuple(kind for kind in IMPLICIT if kind != "alpha2")  # for motion without inertia, of first order
 
 _OURS = {"no_signal_handler"}
 # Options that print something, or say where to stop, do not affect results.
@@ -37,6 +38,10 @@ def check_integrator(of_case: str, place: str) -> None:
         if options.hasName("ts_type"):
             raise OptionError("-ts_type: a static case takes no steps in time; say time.integrator instead")
         return
+    if of_case == "overdamped":
+        if kind not in OVERDAMPED:
+            raise OptionError(f"-ts_type: an overdamped case takes one of {', '.join(OVERDAMPED)}, not '{kind}'")
+        return
     if options.hasName("ts_type"):
         place = "-ts_type"
         if kind == "leapfrog":
@@ -50,8 +55,8 @@ def check_integrator(of_case: str, place: str) -> None:
 
 
 def requested_integrator(of_case: str) -> str:
-    """The integrator that the options name, otherwise that of the case."""
-    return PETSc.Options().getString("ts_type", of_case)
+    """The integrator that the options name, otherwise that of the case; of an overdamped case the type of TS."""
+    return PETSc.Options().getString("ts_type", "beuler" if of_case == "overdamped" else of_case)
 
 
 def requested_step(of_case: float | None) -> float | None:

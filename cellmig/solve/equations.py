@@ -19,9 +19,10 @@ REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations o
 
 
 class Equations:
-    """The equation of motion (2), M a - f(u, v, t) = 0, of a rank's particles.
+    """The equation of motion (2), M a - f(u, v, t) = 0, of a rank's particles, or without inertia -f(u, v, t) = 0.
 
-    A component that a support holds has the acceleration of the support in place of f/M.
+    A component that a support holds has the acceleration of the support in place of f/M; without inertia its equation
+    is u = ū, times a stiffness.
 
     Attributes
     ----------
@@ -31,8 +32,8 @@ class Equations:
         option -matrix_free, else in scenes of more than MATRIX_FREE_FROM particles.
     """
 
-    def __init__(self, mechanics: Mechanics):
-        """Allocate the matrix; collective."""
+    def __init__(self, mechanics: Mechanics, holding: float = 0.0):
+        """Allocate the matrix; `holding` : without inertia, stiffness of supports in place of M [Pa]; collective."""
         self.mechanics = m = mechanics
         self.spacing = min(t.spacing for t in m.scene.templates)
         self.stiffness = Stiffness(m)
@@ -41,6 +42,7 @@ class Equations:
         self.evaluated = self.assembled = 0
         self.free = np.ones(m.state.u.shape)
         self.free[m.loads.held] = 0.0
+        self.inertia = holding * (1.0 - self.free) if holding else self.mass * np.ones_like(self.free)
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
@@ -78,6 +80,13 @@ class Equations:
         """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, d); collective."""
         return self.mass * (a - self.acceleration(t, u, v))
 
+    def imbalance(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Residual -f(u, v, t), of held components the stiffness times u - ū, as `residual`; collective."""
+        force = self.free * self.mass * self.acceleration(t, u, v)
+        away = np.zeros_like(u)
+        away[self.mechanics.loads.held] = u[self.mechanics.loads.held] - self.mechanics.loads.prescribed()
+        return self.inertia * away - force
+
     def begin(self) -> None:
         """Note J at the start of a time step; collective."""
         self.mechanics.rate()
@@ -95,7 +104,7 @@ class Equations:
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:
-        """Set the tangent by_a M - by_v ∂f/∂v - ∂f/∂u of the residual; collective.
+        """Set the tangent by_a M - by_v ∂f/∂v - ∂f/∂u of the residual, where M is `inertia`; collective.
 
         Its geometric part has the pressure that the last Newton step led to if J were linear.  The square of a turn,
         times the bulk modulus, would be a pressure far above all that is real, and the tangent indefinite.
@@ -129,7 +138,7 @@ class Equations:
         for K in (bodies, surfaces):
             K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
         bodies.data -= geometric.data
-        bodies.data[self.stiffness.diagonal] += by_a * self.mass[:, :, None] * np.eye(self.free.shape[1])
+        bodies.data[self.stiffness.diagonal] += by_a * self.inertia[:, :, None] * np.eye(self.free.shape[1])
         self.stiffness.store(bodies, surfaces, self.matrix, pc)
         self.assembled, self._by_v = self.assembled + 1, by_v
 
@@ -141,7 +150,7 @@ class Equations:
         x, y = self.geometric.createVecs()
         x.setArray(u.ravel())
         self.geometric.mult(x, y)
-        change = self.mass * (a - (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step)
+        change = self.inertia * a - self.mass * (self.acceleration(t, u0 + step * u, v0 + step * v) - a0) / step
         change -= y.getArray().reshape(u.shape)
         x.destroy()
         y.destroy()

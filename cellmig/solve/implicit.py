@@ -62,24 +62,30 @@ class Implicit(Integrator):
 
     def _connect(self) -> None:
         """Give TS the equations, and SNES its solvers."""
-        m, ts, d = self.mechanics, self.ts, self.mechanics.scene.dimension
+        m, ts = self.mechanics, self.ts
         self.whole_step = None
         m.segments.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
-        self.equations = Equations(m)
+        self.equations = self._equations()
         self.newton = self.failures = 0
         self.scheme_loss = np.zeros(m.n_owned)
         _ALIVE[next(_NUMBERS)] = self
         eps = self.control.eps[self.control.eps > 0.0]
         self._piece = float(eps.min()) if len(eps) else FINE * self.equations.spacing
+        self.reduction: Any = None  # of types of first order
         self._clipped, self.second_order = False, ts.getType() == PETSc.TS.Type.ALPHA2
+        self._pose()
+
+    def _equations(self) -> Equations:
+        return Equations(self.mechanics)
+
+    def _pose(self) -> None:
+        """Give TS the residual, its tangent and the unknowns."""
+        m, ts = self.mechanics, self.ts
         if self.second_order:
-            self._x, self._v = (PETSc.Vec().createMPI((d * m.n_owned, None), bsize=d, comm=m.comm) for _ in range(2))
+            self._x, self._v = self._displacements(), self._displacements()
             ts.setI2Function(self._residual2, self._x.duplicate())
-            applied = self.equations.matrix
-            if self.equations.matrix_free:
-                applied = PETSc.Mat().createPython(applied.getSizes(), self.equations, comm=m.comm)
-            ts.setI2Jacobian(self._tangent2, applied, self.equations.matrix)
+            ts.setI2Jacobian(self._tangent2, self._applied(), self.equations.matrix)
             ts.setSolution2(self._x, self._v)
             with default_options(self._defaults()):
                 ts.setFromOptions()
@@ -91,6 +97,18 @@ class Implicit(Integrator):
             ts.setIFunction(self._residual, self._x.duplicate())
             ts.setIJacobian(self._tangent, self.reduction.matrix)
             ts.setSolution(self._x)
+
+    def _displacements(self) -> PETSc.Vec:
+        """A Vec of the components of vectors (n_owned, d); collective."""
+        d = self.mechanics.scene.dimension
+        return PETSc.Vec().createMPI((d * self.mechanics.n_owned, None), bsize=d, comm=self.mechanics.comm)
+
+    def _applied(self) -> PETSc.Mat:
+        """The tangent of the displacements that Krylov methods apply: the assembled one, or differences of forces."""
+        matrix = self.equations.matrix
+        if not self.equations.matrix_free:
+            return matrix
+        return PETSc.Mat().createPython(matrix.getSizes(), self.equations, comm=self.mechanics.comm)
 
     def _configure(self, ts: PETSc.TS) -> None:
         """Set tolerances before options are read; a solve that fails cuts its step, up to CUTS times."""
@@ -155,7 +173,7 @@ class Implicit(Integrator):
 
         Returns whether it was shortened.  Source: step limits of incremental potential contact, Li et al. (2020).
         """
-        move = self._vectors(step) if self.second_order else self.equations.halves(step)[0]
+        move = self._move(step)
         longest = global_maximum(self.mechanics.comm, np.array([np.abs(move).max(initial=0.0)]))[0]
         share = min(1.0, LONGEST * self.equations.spacing / max(longest, 1e-300))
         trial, out = x.duplicate(), x.duplicate()
@@ -169,6 +187,10 @@ class Implicit(Integrator):
         trial.destroy()
         out.destroy()
         return share < 1.0
+
+    def _move(self, step: PETSc.Vec) -> np.ndarray:
+        """Displacements (n_owned, d) [µm] of a Newton step."""
+        return self._vectors(step) if self.second_order else self.equations.halves(step)[0]
 
     # ------------------------------------------------------------ equations
 
@@ -257,7 +279,17 @@ class Implicit(Integrator):
             self.failures += failed
             self.report(f"no solution at {start:.6g} µs: the step is cut to {dt:.3g} µs")
             self.dt = dt
-        self._finish(before, start, dt)
+        if self._accept(before, dt):
+            self._finish(before, start, dt)
+        else:
+            self.redone += 1
+            ts.rollBack()
+            m.state.owned[:] = before
+            m.state.exchange()
+
+    def _accept(self, before: np.ndarray, dt: float) -> bool:
+        """Whether a step of dt [µs] from the state `before` is accurate, which PETSc's error control sees to."""
+        return True
 
     def _finish(self, before: np.ndarray, start: float, dt: float) -> None:
         """Update accounts, director, search lists and extremes after a step from the state `before`; collective."""
@@ -328,6 +360,6 @@ class Implicit(Integrator):
         for number in [n for n, other in _ALIVE.items() if other is self]:
             del _ALIVE[number]
             self.ts.destroy()
-            if not self.second_order:
+            if self.reduction is not None:
                 self.reduction.close()
             self.equations.close()

@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.options import default_options, original_errors, requested_step
+from ..parallel.options import default_options, original_errors, requested_integrator, requested_step
 from .mechanics import Mechanics
 from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, widen
 
@@ -85,7 +85,7 @@ class Integrator:
         ts.setMaxSteps(2**31 - 1)
         ts.setErrorIfStepFails(False)  # `advance_to` reports it, with a remedy
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
-        ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else kind)
+        ts.setType(PETSc.TS.Type.PYTHON if kind == "leapfrog" else requested_integrator(kind))
         self._configure(ts)
         return ts
 

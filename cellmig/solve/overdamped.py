@@ -1,0 +1,195 @@
+"""Motion without inertia, 0 = f(u, u', t), for minutes and hours: equation (2) with all forces in balance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from petsc4py import PETSc
+
+from ..case.schema import Case
+from ..parallel.options import default_options
+from ..parallel.reduce import exact_sum, global_maximum
+from .equations import Equations
+from .implicit import BALANCE, Implicit
+
+ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
+SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
+MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
+START = 1e-3  # strain of the first step, at the speed with which loads drive the stiffest or most viscous body [-]
+BALANCED = 1e-6  # root mean square residual of a particle, over the scale of forces [-]
+
+
+def without_inertia(case: Case) -> Case:
+    """The case with relative densities, and no damping of sound, so that no answer depends on the density.
+
+    A body force keeps its size: densities are divided by the largest, by which its acceleration is multiplied.
+    """
+    largest = max(law.density for law in case.materials.values())
+    materials = {name: dataclasses.replace(law, density=law.density / largest) for name, law in case.materials.items()}
+    force = case.body_force and tuple(largest * a for a in case.body_force)
+    numerics = dataclasses.replace(case.numerics, bulk_viscosity=0.0)
+    return dataclasses.replace(case, materials=materials, body_force=force, numerics=numerics)
+
+
+class Overdamped(Implicit):
+    """Time integration of 0 = f(u, u', t), by default with PETSc's BEULER; BDF and THETA by the option -ts_type.
+
+    A step is as long as its error allows.  That of BEULER is dt² u''/2, with u'' from the velocities of two steps;
+    types of second order are more accurate than that.  A step that is too long is undone and repeated.
+
+    Attributes
+    ----------
+    unbalanced : float -- largest force on a particle that was out of balance after a step, over `scale` [-].
+    last, least : float -- the last step, and the first one, up to which any error is accepted: what nothing resists,
+        such as a cell above the substrate without a medium, moves at once [µs].
+    tolerance : float -- of the error of a step [µm].
+    scale : float -- typical force on a particle [pN/µm], in space [pN].
+    """
+
+    def __init__(self, *about: Any):
+        """Create the TS, see `Integrator`; collective."""
+        self.unbalanced = self.last = self.least = 0.0
+        super().__init__(*about)
+        self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
+
+    def _equations(self) -> Equations:
+        h = max(t.spacing for t in self.mechanics.scene.templates)
+        return Equations(self.mechanics, self.scale / h)
+
+    def _pose(self) -> None:
+        """Give TS the residual -f(u, u', t), its tangent and u."""
+        ts = self.ts
+        self._x = self._displacements()
+        ts.setIFunction(self._out_of_balance, self._x.duplicate())
+        ts.setIJacobian(self._linearise, self._applied(), self.equations.matrix)
+        ts.setSolution(self._x)
+        ts.getSNES().setInitialGuess(self._guess)
+        with default_options(self._defaults()):
+            ts.setFromOptions()
+
+    def _configure(self, ts: PETSc.TS) -> None:
+        """Set tolerances before options are read."""
+        super()._configure(ts)
+        scene, terms = self.mechanics.scene, self.mechanics.terms
+        h = max(t.spacing for t in scene.templates)
+        laws = [terms.substrate, *(terms.contacts.laws if terms.contacts else ())]
+        along = [law.work for law in laws if law] + [law.tension(1.0) for law in [terms.cortex] if law]
+        stress = max(law.shear_modulus for law in scene.materials)
+        self.scale = max(stress * h, *along, BALANCE * self._sound() * h) * h ** (scene.dimension - 2)
+        ts.getSNES().setTolerances(rtol=1e-14, atol=BALANCED * self.scale * np.sqrt(scene.size), stol=0.0)
+
+    def _sound(self) -> float:
+        """Largest modulus of compression waves [Pa]."""
+        return max(law.density * law.sound_speed**2 for law in self.mechanics.scene.materials)
+
+    def _defaults(self) -> dict[str, str]:
+        """Default options; steps are chosen here."""
+        return super()._defaults() | {"ts_adapt_type": "none"}
+
+    @property
+    def description(self) -> str:
+        """Name of the integrator, for the log."""
+        return f"overdamped: {self.ts.getType()} of PETSc, without inertia"
+
+    @property
+    def step_description(self) -> str:
+        """Length of the steps, and solvers, for the log."""
+        solver = self.ts.getSNES()
+        how = f"{solver.getType()} with {solver.getKSP().getType()} and {solver.getKSP().getPC().getType()}"
+        if self.equations.matrix_free:
+            how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
+        if self.fixed_step is None:
+            return f"errors of {1e3 * self.tolerance:.3g} nm a step; {how}"
+        return f"{1e-6 * self.fixed_step:.3g} s as given; {how}"
+
+    def _move(self, step: PETSc.Vec) -> np.ndarray:
+        return self._vectors(step)
+
+    # ------------------------------------------------------------ equations
+
+    def _out_of_balance(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set `out` to -f."""
+        self._velocity = self._vectors(rate).copy()
+        self._remainder = self.equations.imbalance(t, self._vectors(u), self._velocity)
+        out.setArray(self._remainder.ravel())
+
+    def _linearise(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, shift: float, J: PETSc.Mat,
+               P: PETSc.Mat) -> None:
+        """Set the tangent -(shift ∂f/∂u' + ∂f/∂u)."""
+        ksp = ts.getSNES().getKSP()
+        self.equations.linearise(t, self._vectors(u), self._vectors(rate), shift, 1.0, ksp, ksp.getPC(),
+                                 self._first_iteration)
+        J.assemble()
+
+    def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
+        """Move the first guess of a solve on by the velocity of the last step, unless surfaces cross there."""
+        trial, out = x.duplicate(), x.duplicate()
+        move = self.ts.getTimeStep() * self._begun
+        trial.setArray(x.getArray(readonly=True) + move.ravel())
+        snes.computeFunction(trial, out)
+        if np.isfinite(out.norm()):
+            trial.copy(x)
+        trial.destroy()
+        out.destroy()
+
+    # ------------------------------------------------------------ steps
+
+    def _choose_step(self, stop: float) -> None:
+        """Set the next step: one of equal ones to `stop` [µs], at most as long as errors, or the case, allow."""
+        m, left = self.mechanics, stop - self.ts.getTime()
+        self._begun = m.state.v.copy()
+        self.least = self.least or self._first_step()
+        self.dt = self.fixed_step or max(self.dt, self.least)
+        fastest = global_maximum(m.comm, np.array([np.abs(self._begun).max(initial=0.0)]))[0]
+        longest = min(self.dt, MOVE * m.segments.skin / max(fastest, 1e-300))
+        self.ts.setTimeStep(left / np.ceil(left / longest * (1.0 - 1e-12)))
+
+    def _first_step(self) -> float:
+        """First step [µs]: that in which drag and viscosity let the typical force strain a body by START."""
+        m, h = self.mechanics, self.equations.spacing
+        resistance = max(law.viscosity for law in m.scene.materials)
+        if m.terms.friction is not None:
+            resistance = max(resistance, m.terms.friction.coefficient * h)
+        force = self.scale / h ** (m.scene.dimension - 2)
+        return START * h * resistance / force if resistance else 1e-3 * m.comm.bcast(self.ts.getMaxTime())
+
+    def _accept(self, before: np.ndarray, dt: float) -> bool:
+        """Whether the error of a step of dt [µs] from the state `before` is small enough; sets the next; collective."""
+        d = self.mechanics.scene.dimension
+        last = self.last or dt
+        change = dt**2 / (dt + last) * (self._velocity - before[:, d:])
+        error = np.sqrt(exact_sum(self.mechanics.comm, (change**2).sum(axis=1)) / self.mechanics.scene.size)
+        good = bool(error <= self.tolerance) or dt <= self.least or self.fixed_step is not None
+        share = SAFETY * np.sqrt(self.tolerance / max(float(error), 1e-300))
+        self.dt = dt * min(max(share, SHORTER), LONGER)
+        if good:
+            self.last = dt
+            left = global_maximum(self.mechanics.comm, np.array([np.abs(self._remainder).max(initial=0.0)]))[0]
+            self.unbalanced = max(self.unbalanced, float(left) / self.scale)
+        return good
+
+    def _from_petsc(self) -> None:
+        """Copy u and its rate from TS."""
+        state = self.mechanics.state
+        state.u[:], state.v[:] = self._vectors(self.ts.getSolution()), self._velocity
+        state.exchange()
+
+    def _to_petsc(self) -> None:
+        """Copy u to TS."""
+        self.ts.getSolution().setArray(self.mechanics.state.u.ravel())
+
+    def saved(self) -> dict[str, Any]:
+        """State of the integrator for a checkpoint, with the last step, from which the next error follows."""
+        return super().saved() | {"last": self.last}
+
+    def restore(self, about: dict[str, Any]) -> None:
+        """Set the state from `about`, which `saved` returned."""
+        super().restore(about)
+        self.last = about["last"]
+
+    def record(self) -> dict[str, Any]:
+        """Counts, and the largest force out of balance, for the manifest; collective."""
+        return super().record() | {"out_of_balance": self.unbalanced}
