@@ -234,13 +234,16 @@ def show(options: argparse.Namespace) -> int:
         print(page, end="")
         return DONE
     if options.command == "plot":
-        times = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
+        given = [_time(t, "--times") for t in options.times.split(",")] if options.times else None
+        from .output.manifest import read_manifest, time_unit
         from .plot.plot import plot
         from .plot.style import FORMATS
 
         formats = [kind.strip().lower() for kind in options.format.split(",")]
         if unknown := [kind for kind in formats if kind not in FORMATS]:
             raise UsageError(f"--format: no format '{unknown[0]}'; there are {', '.join(FORMATS)}")
+        unit = time_unit(read_manifest(options.directory))
+        times = None if given is None else [unit.number(time) for time in given]
         pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
         print("\n".join(map(str, pictures)))
         return DONE

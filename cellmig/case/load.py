@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from . import accuracy, registry, values
+from . import accuracy, registry, units, values
 from .checks import check, ordered, resolution
 from .copies import copy_names, expand, named
 from .expression import Expression
@@ -15,6 +15,7 @@ from .messages import CaseError, show, suggest
 from .outline_file import Corners
 from .schema import Case, Cell, Pair, case_fields, case_path
 from .source import Source, assign, read
+from .time_unit import TimeUnit
 from .values import declared
 
 
@@ -65,7 +66,8 @@ def _case(source: Source, path: str, older: bool = False) -> Case:
         source.reject((), "holds a number too large or too small to compute with")
     if source.mistakes:
         raise CaseError(source.sorted_mistakes())
-    return Case(**found, path=path, formulas=reader.formulas, chosen=chosen)
+    unit = TimeUnit.of_size(units.unit_size(reader.find(("time", "end"))))
+    return Case(**found, path=path, formulas=reader.formulas, chosen=chosen, time_unit=unit)
 
 
 class _Reader:

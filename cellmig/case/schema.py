@@ -8,7 +8,9 @@ import os
 from dataclasses import dataclass, field
 from typing import Any
 
+from . import units
 from .registry import parameter, quantity
+from .time_unit import MICROSECOND, TimeUnit
 from .values import declared, in_table, write
 
 TS_TYPES = ("leapfrog", "auto", "overdamped", "static", "euler", "rk", "ssp", "basicsymplectic", "beuler", "cn",
@@ -204,7 +206,8 @@ class Case:
     dimension: int = parameter("number of dimensions: 2, plane strain of cells seen from the side, or 3, where z "
                                "points away from the substrate", 2, minimum=2, maximum=3)
     seed: int = parameter("seed of all random numbers", 0, minimum=0, maximum=2**63 - 1)
-    time: Time = _section(Time, "duration, time step and times of output")
+    time: Time = _section(Time, "duration, time step and times of output; log, tables and pictures have times in the "
+                         "unit of `end`: us, ms, s, min, h or d")
     particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
     materials: dict = field(metadata={"doc": "materials by name", "kind": "material", "many": True})
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
@@ -228,6 +231,8 @@ class Case:
     formulas: dict = field(default_factory=dict, compare=False, metadata={
         "doc": "where formulas stand: (list, name of the item, key) to (file, line, dotted key)", "hidden": True})
     chosen: str = field(default="", compare=False, metadata={"doc": "what an accuracy chose", "hidden": True})
+    time_unit: TimeUnit = field(default=MICROSECOND, metadata={"doc": "unit in which time.end is written",
+                                                               "hidden": True})
 
     @property
     def name(self) -> str:
@@ -254,6 +259,7 @@ class Case:
                 for group in groups:
                     table = table.setdefault(group, {})
                 table[key] = _written(f, value)
+        tree["time"]["end"] = units.text(self.time.end, self.time_unit.symbol)
         of_all = tree.get("adhesion", {}).get("cells", {})
         for pair in tree.get("adhesion", {}).get("pairs", ()):
             if pair["law"] == of_all.get("law"):

@@ -125,6 +125,12 @@ def number(text: str, unit: str) -> float:
     return result
 
 
+def unit_size(quantity: str) -> float:
+    """Size, in the code's units, of the unit that a quantity such as "6 h" has; call it after `number`."""
+    match = _QUANTITY.match(plain(quantity))
+    return _scale(match.group(2) or "" if match else "")[0]
+
+
 def text(value: float, unit: str) -> str:
     """Shortest text, in `unit`, that `number` converts to `value`, which is in the code's units."""
     ratio = value / _scale(unit)[0]

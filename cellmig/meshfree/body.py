@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from ..case.time_unit import MICROSECOND, TimeUnit
 from ..geometry import polygons
 from . import rkpm
 from .recovery import recovery
@@ -309,6 +310,7 @@ class Scene:
     centre : (cells, D) -- centres of the cells [µm].
     materials : list -- the material laws that occur.
     material_of : list -- for each template, the indices of the laws of body and nucleus in `materials`.
+    time_unit : TimeUnit -- of times in messages.
     """
 
     templates: list
@@ -316,6 +318,7 @@ class Scene:
     centre: np.ndarray
     materials: list
     material_of: list
+    time_unit: TimeUnit = MICROSECOND
 
     @property
     def mesh(self) -> dict[str, np.ndarray]:

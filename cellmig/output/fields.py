@@ -78,7 +78,7 @@ _ABOUT_FIELDS = """
 By particle, under these names in `rankNNNN/s*.h5`, where each has its unit as an attribute, in `cells.xdmf` (for
 ParaView) and in `rankNNNN.xdmf` (for meshio, too), where `Unit` tells it.  Vectors have a third component there, in two
 dimensions 0.  Forces are per µm of thickness, in three dimensions in pN.  A field whose term the scene lacks is not
-there.
+there.  The unit of times, here µs, is that of the case, in which it writes `time.end`; each file has it as `time_unit`.
 
 | field | symbol | unit | shape | term | meaning |
 |---|---|---|---|---|---|
@@ -86,7 +86,8 @@ there.
 _ABOUT_TABLES = """
 ## Tables of a run
 
-Units are in the names of the columns; `name` is the cell's, `all` that of the aggregate.
+Units are in the names of the columns; that of times is the one in which the case writes `time.end`: a case of hours has
+`time_h` and `vx_um_per_h`.  `name` is the cell's, `all` that of the aggregate.
 
 - `history.csv`: `vx_um_per_us`, `vy_um_per_us`, `speed_um_per_us`: mean since the last sample, displacement over time.
 - `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the

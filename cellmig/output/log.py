@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from ..case.messages import replace_unprintable
+from ..case.time_unit import MICROSECOND, TimeUnit
 from .directory import together
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 _FIRST_LINE, _NEXT_LINE, _NEXT_BAR = 5.0, 30.0, 0.2  # wall time [s]
 _UNITS = (("ns", 1e-9, 1e-6), ("µs", 1e-6, 1e-3), ("ms", 1e-3, 1.0), ("s", 1.0, 120.0), ("min", 60.0, 7200.0),
           ("h", 3600.0, 48 * 3600.0), ("days", 86400.0, 730 * 86400.0), ("years", 365.25 * 86400.0, float("inf")))
-_BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} µs{postfix}  left {remaining}"
+_BAR = "{percentage:3.0f} % |{bar}| {n:.4g} of {total:.4g} {unit}{postfix}  left {remaining}"
 
 
 class Log:
@@ -104,6 +105,11 @@ def duration(seconds: float, digits: int = 2) -> str:
     return f"{value:,.0f} {unit}" if 1e3 <= value < 1e6 else f"{value:.{max(digits, 3)}g} {unit}"
 
 
+def simulated(time: float, unit: TimeUnit) -> str:
+    """A simulated time [µs] as text in the unit of the case; in cases in µs, in one that suits."""
+    return duration(1e-6 * time, 6) if unit == MICROSECOND else unit.text(time)
+
+
 def _on_terminal() -> bool:
     """Whether output goes to a terminal; ranks of Open MPI always see one, so that `./run` sets CELLMIG_TERMINAL."""
     interactive = "CELLMIG_TERMINAL" in os.environ or "ipykernel" in sys.modules  # a notebook shows bars, too
@@ -117,17 +123,19 @@ class Progress:
     ----------
     log : Log -- progress is not shown if it is quiet.
     end, start : float -- simulated time [us] at the end and at the start of this run.
+    unit : TimeUnit -- of the times that are shown.
     """
 
-    def __init__(self, log: Log, end: float, start: float = 0.0) -> None:
-        self._log, self._end, self._start = log, end, start
+    def __init__(self, log: Log, end: float, start: float = 0.0, unit: TimeUnit = MICROSECOND) -> None:
+        self._log, self._end, self._start, self._unit = log, end, start, unit
         self._begin = perf_counter()
         self._bar = None
         if not log.root or log.quiet:
             self._due = float("inf")
         elif _on_terminal():
             width = shutil.get_terminal_size().columns - 1  # COLUMNS if set: the terminal of mpiexec has none
-            self._bar = tqdm(total=end, initial=start, file=sys.stdout, bar_format=_BAR, ncols=width, leave=False)
+            self._bar = tqdm(total=unit.number(end), initial=unit.number(start), file=sys.stdout, ncols=width,
+                             bar_format=_BAR.replace("{unit}", unit.label), leave=False)
             self._due = self._begin
         else:
             self._due = self._begin + _FIRST_LINE
@@ -139,8 +147,8 @@ class Progress:
             return
         if self._bar is not None:
             self._due = now + _NEXT_BAR
-            self._bar.set_postfix_str(f"step {step}  dt {1e3 * dt:.3g} ns", refresh=False)
-            self._bar.update(time - self._bar.n)
+            self._bar.set_postfix_str(f"step {step}  dt {self._unit.step(dt)}", refresh=False)
+            self._bar.update(self._unit.number(time) - self._bar.n)
         else:
             self._due = now + _NEXT_LINE
             self._log(self._line(time, step, dt, now - self._begin))
@@ -148,8 +156,9 @@ class Progress:
     def _line(self, time: float, step: int, dt: float, wall: float) -> str:
         done = time - self._start
         left = clock(wall * (self._end - time) / done) if done > 0 else "unknown"
-        return (f"{time:10.4g} µs  {100 * time / self._end:5.1f} %  step {step:9d}  dt {1e3 * dt:8.4g} ns  "
-                f"wall {clock(wall):>8}  left {left:>8}")
+        unit = self._unit
+        return (f"{unit.number(time):10.4g} {unit.label}  {100 * time / self._end:5.1f} %  step {step:9d}  "
+                f"dt {unit.step(dt, '8.4g')}  wall {clock(wall):>8}  left {left:>8}")
 
     def close(self) -> None:
         """Remove the bar."""

@@ -12,6 +12,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..case.time_unit import MICROSECOND, SIZES, TimeUnit
 from .directory import MANIFEST, OutputError, replace
 
 if TYPE_CHECKING:
@@ -38,6 +39,13 @@ def read_manifest(directory: Path) -> dict[str, Any]:
     if not isinstance(manifest, dict) or not all(isinstance(manifest.get(name) or {}, dict) for name in _TABLES):
         raise OutputError(f"'{path}' is not a manifest")
     return manifest
+
+
+def time_unit(manifest: Mapping[str, Any]) -> TimeUnit:
+    """Unit of times of a run, in which its case has time.end; µs while the manifest has no case yet."""
+    time = (manifest.get("case") or {}).get("time")
+    symbol = str(time.get("end") if isinstance(time, dict) else "").rpartition(" ")[2]
+    return TimeUnit(symbol) if symbol in SIZES else MICROSECOND
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..case.time_unit import MICROSECOND, TimeUnit
 from .directory import OutputError, sync, together
 
 if TYPE_CHECKING:
@@ -70,7 +71,10 @@ def digest_up_to(path: Path, end: Mapping[str, Any]) -> Any:
 
 
 class _Table:
-    """Appends rows to a file on rank 0, those of a sample in one call, so that a killed run leaves whole lines."""
+    """Appends rows to a file on rank 0, those of a sample in one call, so that a killed run leaves whole lines.
+
+    Rows have the columns and units of the code; the file has times in a unit of its own, as names of columns tell.
+    """
 
     name: str
     kinds: Mapping[int, tuple[str, ...]]  # columns by the number of dimensions
@@ -78,9 +82,10 @@ class _Table:
     names: Sequence[str] = ()  # of the cells, by number; 0 is the aggregate
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, more: tuple[str, ...] = (),
-                 end: Mapping[str, Any] | None = None, dimension: int = 2) -> None:
-        """`more` : further columns;  `end` : end of a table to resume, as `end` returned it."""
+                 end: Mapping[str, Any] | None = None, dimension: int = 2, unit: TimeUnit = MICROSECOND) -> None:
+        """`more` : further columns;  `end` : end of a table to resume, as `end` returned it;  `unit` : of times."""
         self._comm, self._path, self.columns = comm, Path(directory) / self.name, (*self.kinds[dimension], *more)
+        self._unit = unit
         self._digest = hashlib.sha256()
         together(comm, lambda: self._cut(end) if end else self._begin(), root_only=True)
 
@@ -88,7 +93,7 @@ class _Table:
         if self._path.exists():
             self._digest.update(self._path.read_bytes())
         else:
-            self._append(",".join(self.columns) + "\n")
+            self._append(",".join(map(self._unit.column, self.columns)) + "\n")
 
     def _cut(self, end: Mapping[str, Any]) -> None:
         self._digest = digest_up_to(self._path, end)
@@ -126,7 +131,7 @@ class _Table:
                          if text in self.columns and 0 <= k < len(self.names)}}
         if foreign := row.keys() - set(self.columns):
             raise ValueError(f"{self.name} has no column {sorted(foreign)}")
-        return ",".join(_text(row.get(column, np.nan)) for column in self.columns) + "\n"
+        return ",".join(_text(self._unit.entry(c, row.get(c, np.nan))) for c in self.columns) + "\n"
 
 
 def _text(value: float | str) -> str:
@@ -191,14 +196,16 @@ class Tables:
     dimension : int -- of the scene.
     present : dict -- whether the scene has "substrate" and "neighbours".
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
+    unit : TimeUnit -- of times in them.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, names: Sequence[str], more: tuple[str, ...],
-                 present: Mapping[str, bool], ends: Mapping[str, Any], dimension: int = 2) -> None:
+                 present: Mapping[str, bool], ends: Mapping[str, Any], dimension: int = 2,
+                 unit: TimeUnit = MICROSECOND) -> None:
         self._comm = comm
 
         def opened(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
-            table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")), dimension)
+            table = kind(directory, comm, more, ends.get(kind.name.removesuffix(".csv")), dimension, unit)
             table.names = (ALL, *names)
             return table
 
@@ -243,6 +250,33 @@ def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:
     return dict(zip(cells.tolist(), named, strict=True))
 
 
+def time_column(table: Iterable[str]) -> str:
+    """Name of the column of times of a table, such as "time_us" or "time_h"; "time_us" if it has none."""
+    return next(filter(TimeUnit.of_column, table), "time_us")
+
+
+def unit_of(table: Iterable[str]) -> TimeUnit:
+    """Unit of the times of a table."""
+    return TimeUnit.of_column(time_column(table)) or MICROSECOND
+
+
+def in_unit(table: Mapping[str, np.ndarray], unit: TimeUnit) -> Mapping[str, np.ndarray]:
+    """A table with its times and rates of change in a unit."""
+    given, time = unit_of(table), time_column(table)
+    rate, ratio = f"_per_{given.symbol}", given.size / unit.size
+    if given == unit:
+        return table
+
+    def changed(name: str, values: np.ndarray) -> tuple[str, np.ndarray]:
+        if name == time:
+            return f"time_{unit.symbol}", ratio * values
+        if name.endswith(rate):
+            return f"{name.removesuffix(rate)}_per_{unit.symbol}", values / ratio
+        return name, values
+
+    return dict(changed(name, values) for name, values in table.items())
+
+
 class Columns(dict[str, np.ndarray]):
     """Columns of a table by name; the KeyError of a former name says the present one."""
 
@@ -260,7 +294,8 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         if Path(path).name == "ledger.csv":
             names = [_FORMERLY.get(name, name) for name in names]
         rows = list(csv.reader(lines[1:], strict=True))
-        lacking = min(([name for name in columns if name not in names]
+        unit = unit_of(names)
+        lacking = min(([name for name in map(unit.column, columns) if name not in names]
                        for columns in _COLUMNS.get(Path(path).name, {2: ()}).values()), key=len)
         if lacking:
             raise ValueError(f"it has no column {', '.join(lacking)}")

@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
+from ..case.time_unit import MICROSECOND, TimeUnit
 from .directory import INDEX, OutputError, replace, together
 from .mesh import Elements
 
@@ -88,13 +89,16 @@ class Frames:
     fields : dict -- name of each field, in order, and its unit, e.g. ``{"u": "um"}``; at least id, X and u.
     count : int -- existing frames, after `cut_frames`, of any number of ranks.
     run : str -- id of the run, in each file.
+    unit : TimeUnit -- of times and velocities in the files.
     elements : Elements -- in three dimensions this rank's "tetrahedra" and "triangles" between its particles, which
         are the same ones in all frames then.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, fields: Mapping[str, str], count: int = 0,
-                 run: str = "", elements: Elements | None = None) -> None:
-        self.directory, self.comm, self.fields, self.run = Path(directory), comm, dict(fields), run
+                 run: str = "", elements: Elements | None = None, unit: TimeUnit = MICROSECOND) -> None:
+        self.directory, self.comm, self.run, self._unit = Path(directory), comm, run, unit
+        self.fields = {name: unit.field(of) for name, of in fields.items()}
+        self._rates = [name for name, of in fields.items() if of.endswith("/us")]
         self.count, self._elements = count, elements
         self._shown = {INDEX: "tetrahedra", SURFACE: "triangles"} if elements else {INDEX: "topology"}
         self._mine, self._all = "", dict.fromkeys(self._shown, "")
@@ -111,13 +115,14 @@ class Frames:
         time : float -- [us].
         step : int -- number of steps taken.
         arrays : dict -- fields of this rank's n >= 0 particles by name, int32, int64 or float64, (n,), (n, d) or
-            (n, 3, 3); X (n, d) are reference positions [um], u (n, d) displacements [um].
+            (n, 3, 3), in the code's units; X (n, d) are reference positions [um], u (n, d) displacements [um].
         """
         if arrays.keys() != self.fields.keys():
             raise ValueError(f"fields {sorted(arrays.keys() ^ self.fields.keys())} are declared or given, not both")
-        n, time = len(arrays["X"]), float(time)
+        n, time = len(arrays["X"]), self._unit.number(float(time))
         data = {"geometry": _padded(arrays["X"] + arrays["u"])}
         data |= {name: _padded(np.asarray(arrays[name])) for name in self.fields}
+        data |= {name: self._unit.size * data[name] for name in self._rates}
         if self._elements is None:
             data["topology"] = np.arange(n, dtype=np.int32).reshape(n, 1)
         else:
@@ -132,7 +137,8 @@ class Frames:
             return sizes
         # The file is made in memory, as HDF5 would crash where the disk is full.
         with h5py.File(f"frame{self.count}", "w", driver="core", backing_store=False) as file:
-            file.attrs.update(time=time, time_unit="us", step=step, frame=self.count, run=self.run, owned=n)
+            file.attrs.update(time=time, time_unit=self._unit.symbol, step=step, frame=self.count, run=self.run,
+                              owned=n)
             for name, values in data.items():
                 unit = "um" if name == "geometry" else self.fields.get(name, "")
                 file.create_dataset(name, data=values).attrs["unit"] = unit
@@ -215,7 +221,7 @@ def _grids(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Frame:
-    """A written frame of a run, in the files of its ranks; `time` [us]."""
+    """A written frame of a run, in the files of its ranks; `time` : in the unit of the run."""
 
     time: float
     files: tuple[Path, ...]
@@ -230,6 +236,12 @@ class Frame:
         fields = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
         order = np.argsort(fields["id"], kind="stable")
         return {name: values[order] for name, values in fields.items()}
+
+    @property
+    def unit(self) -> TimeUnit:
+        """Unit of the time."""
+        with _opened(self.files[0]) as file:
+            return TimeUnit(str(file.attrs.get("time_unit", "us")))
 
     def units(self) -> dict[str, str]:
         """Units by field."""

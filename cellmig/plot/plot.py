@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, existing_run
-from cellmig.output.tables import MEASURES, names_of, read_table
+from cellmig.output.tables import MEASURES, names_of, read_table, time_column, unit_of
 from cellmig.output.xdmf import Frame, frames
 
 from .snapshots import film, missing_times, nearest_frames, sections, shapes
@@ -28,7 +28,8 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     Parameters
     ----------
     directory : Path -- of the run.
-    times : list of float -- [us] of snapshots, which show the nearest frames; by default 5, 50 and 100 % of the end.
+    times : list of float -- of snapshots, in the unit of the run; they show the nearest frames; by default 5, 50 and
+        100 % of the end.
     field : str -- colours the shapes; for a vector its magnitude.
     out : Path -- directory of the pictures; by default that of the run.
     formats : list of str -- "png", "pdf" or "svg".
@@ -49,7 +50,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
             print(f"cellmig: {remark}", file=sys.stderr)
         history, ledger, substrate, neighbours = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
-        samples = np.unique(history.get("time_us", []))
+        samples = np.unique(history.get(time_column(history), []))
         figures = {"shapes": shapes(directory, times, field), "section": sections(directory, times, field),
                    "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
@@ -84,7 +85,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
     axes = figure.subplots(panels, 1, sharex=True, squeeze=False).ravel()
     for cell in cells if len(cells) == 1 else [0, *cells]:
         rows = history["cell"] == cell
-        time = history["time_us"][rows]
+        time = history[time_column(history)][rows]
         colour = COLOURS[(cell - 1) % len(COLOURS)]
         style = {"color": colour, "label": names[cell]} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
         axes[0].plot(time, history["ux_um"][rows], **style)
@@ -104,7 +105,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
         axes[1].legend(loc="upper left")
     if stressed:
         axes[-1].set_ylabel("effective stress [Pa]")
-    axes[-1].set_xlabel("time [µs]")
+    axes[-1].set_xlabel(f"time [{unit_of(history).label}]")
     return figure
 
 
@@ -114,14 +115,16 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
         return None
     figure = Figure(figsize=(6.0, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    entries = [name for name in ledger if name not in ("time_us", "energy_error") and np.nan_to_num(ledger[name]).any()]
+    time = ledger[time_column(ledger)]
+    entries = [name for name in ledger
+               if name not in (time_column(ledger), "energy_error") and np.nan_to_num(ledger[name]).any()]
     for number, name in enumerate(entries):
         style = "-" if number < len(COLOURS) else "--"
-        upper.plot(ledger["time_us"], ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
+        upper.plot(time, ledger[name], color=COLOURS[number % len(COLOURS)], ls=style,
                    label=name.removesuffix("_pn_um").removesuffix("_pn").replace("_", " "))
-    lower.plot(ledger["time_us"], 100 * ledger["energy_error"], color="0.2")
+    lower.plot(time, 100 * ledger["energy_error"], color="0.2")
     upper.set_ylabel("energy per thickness [pN]" if "kinetic_pn" in ledger else "energy [pN µm]")
-    lower.set(ylabel="energy\nerror [%]", xlabel="time [µs]")
+    lower.set(ylabel="energy\nerror [%]", xlabel=f"time [{unit_of(ledger).label}]")
     if entries:
         upper.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
     return figure
@@ -130,4 +133,4 @@ def _ledger(ledger: dict[str, np.ndarray]) -> Figure | None:
 def _table(path: Path) -> dict[str, np.ndarray]:
     """A table, or an empty one if it has no rows."""
     table = read_table(path) if path.exists() else {}
-    return table if table and len(table["time_us"]) else {}
+    return table if table and len(table[time_column(table)]) else {}

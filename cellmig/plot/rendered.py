@@ -91,7 +91,7 @@ class Rendered(Solid):
     def draw(self, ax: Axes, frame: Frame) -> None:
         """Draw all cells of a frame."""
         ax.imshow(self._image(frame), extent=self._box[:2].ravel(), zorder=1, interpolation="antialiased")
-        ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
+        ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}", loc="left", fontsize=8)
 
     def _image(self, frame: Frame) -> np.ndarray:
         """Colours (height, width, 3) of the pixels."""

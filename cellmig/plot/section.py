@@ -59,7 +59,7 @@ class Section(View):
         if "director" in fields:
             off = np.abs((fields["X"] + fields["u"])[:, 1] - self.y)
             self.lines(ax, fields, np.flatnonzero(off < 0.5 * spacing(fields["X"])), [0, 2])
-        self.finish(ax, f"t = {frame.time:.4g} µs, section at y = {round(self.y, 1) + 0.0:g} µm")
+        self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}, section at y = {round(self.y, 1) + 0.0:g} µm")
 
 
 def cut(height: np.ndarray, tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

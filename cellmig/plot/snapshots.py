@@ -26,17 +26,19 @@ _SECONDS, _MOST_PER_SECOND = 10.0, 25.0  # film: length [s], largest frame rate 
 
 
 def nearest_frames(found: list[Frame], times: Sequence[float] | None) -> list[Frame]:
-    """The frames nearest to `times` [us], each once, in order; by default at 5 and 50 % of the end, and the last."""
+    """The frames nearest to `times`, each once, in order; by default at 5 and 50 % of the end, and the last."""
     available = np.array([frame.time for frame in found])
     wanted = np.multiply(_SNAPSHOTS, available[-1]) if times is None else np.asarray(times)
     return [found[k] for k in sorted({int(np.argmin(np.abs(available - time))) for time in wanted})]
 
 
 def missing_times(found: Sequence[Frame], times: Sequence[float] | None) -> str:
-    """Remark about `times` [us] before the first or after the last frame, else empty."""
+    """Remark about `times` before the first or after the last frame, else empty."""
     first, last = found[0].time, found[-1].time
     if beyond := [f"{time:g}" for time in times or () if not first - 1e-9 <= time <= last * (1 + 1e-9)]:
-        return f"the frames are from {first:g} to {last:g} µs: {', '.join(beyond)} µs is drawn as the nearest of these"
+        unit = found[0].unit.label
+        return (f"the frames are from {first:g} to {last:g} {unit}: {', '.join(beyond)} {unit} is drawn as the nearest "
+                "of these")
     return ""
 
 
@@ -47,7 +49,7 @@ def view_of(directory: Path, found: Sequence[Frame], field: str) -> View:
 
 
 def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
-    """Snapshots of a run at the frames nearest to `times` [us], coloured by a field; None without frames."""
+    """Snapshots at the frames nearest to `times`, in the unit of the run, coloured by a field; None without frames."""
     some = nearest_frames(found, times) if (found := frames(directory)) else []
     return _snapshots(view_of(directory, some, field), some) if some else None
 

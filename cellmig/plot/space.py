@@ -78,4 +78,4 @@ class Solid(View):
                                                  facecolors="0.85", zorder=1))  # the eye is above it
         # Edges in the colours of the faces: what is behind would shine through the seams.
         ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=2))
-        ax.set_title(f"t = {frame.time:.4g} µs", loc="left", fontsize=8)
+        ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}", loc="left", fontsize=8)

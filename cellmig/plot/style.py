@@ -14,7 +14,11 @@ STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.
          "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
 FORMATS = ("png", "pdf", "svg")
-UNITS = {"um": "µm", "us": "µs", "um/us": "µm/µs", "pN/um": "pN/µm", "1": ""}
+
+
+def in_print(unit: str) -> str:
+    """A unit as pictures have it, such as µm/h for "um/h"; empty for a pure number."""
+    return "" if unit == "1" else unit.replace("um", "µm").replace("us", "µs")
 
 
 def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from cellmig.output.tables import ALONG, FORCE
+from cellmig.output.tables import ALONG, FORCE, time_column, unit_of
 
 from .style import COLOURS
 
@@ -24,7 +24,7 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
     """Map of the mean traction between samples over place and time, and profiles; None without traction.
 
     In space, maps of the plane at some times.  `table` : substrate.csv;  `samples` : times of all samples;  `times` :
-    of the profiles or maps [µs].
+    of the profiles or maps, both in the unit of the table.
     """
     if "y_um" in table:
         return _on_plane(table, samples, times)
@@ -39,14 +39,14 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
         for number, time in enumerate(times):
             row = _before(samples, time)
             upper.stairs(map_[row], edges, color=COLOURS[number % len(COLOURS)], baseline=None,
-                         label=f"{samples[row]:.4g} to {samples[row + 1]:.4g} µs")
+                         label=_between(samples, row, table))
         upper.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
         upper.set_ylabel(f"{kind} traction [Pa]")
         upper.legend()
         top = usual_peak(map_)
         limit_axis(upper, top, "Pa")
         image = lower.pcolormesh(edges, samples, map_, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)
-        lower.set(xlabel="x [µm]", ylabel="time [µs]")
+        lower.set(xlabel="x [µm]", ylabel=f"time [{unit_of(table).label}]")
         figure.colorbar(image, ax=lower, extend="both", pad=0.02, label=_SIDES[kind] + _colours_end(top, map_))
     return figure
 
@@ -57,8 +57,13 @@ def _colours_end(top: float, values: np.ndarray) -> str:
     return f"\ncolours end at {top:.3g} Pa, the largest is {most:.3g} Pa" if most > _BEYOND * top else ""
 
 
+def _between(samples: np.ndarray, row: int, table: Table) -> str:
+    """The interval from a sample to the next, as text."""
+    return f"{samples[row]:.4g} to {samples[row + 1]:.4g} {unit_of(table).label}"
+
+
 def _before(samples: np.ndarray, time: float) -> int:
-    """Number of the interval between two samples that ends at a time [µs], or soonest after it."""
+    """Number of the interval between two samples that ends at a time, or soonest after it."""
     return int(np.clip(np.searchsorted(samples, time), 1, len(samples) - 1)) - 1
 
 
@@ -84,7 +89,7 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
         arrows = ax.quiver((x[:-1] + 0.5 * width)[at[0]], (y[:-1] + 0.5 * width)[at[1]], *along[:, row][:, *at],
                            units="xy", angles="xy", scale=most / (_LONGEST_ARROW * width), color="0.15", pivot="mid",
                            width=0.1 * width)
-        ax.set_title(f"{samples[row]:.4g} to {samples[row + 1]:.4g} µs", loc="left", fontsize=8)
+        ax.set_title(_between(samples, row, table), loc="left", fontsize=8)
         ax.set_aspect("equal")
     if most > 0.0:
         axes.flat[0].quiverkey(arrows, 0.9, 1.06, most, f"tangential, {most:.3g} Pa", labelpos="W")
@@ -108,14 +113,14 @@ def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[list[np.nd
     first = [at.min() for at in axes]
     place = [np.rint((at - low) / width).astype(int) for at, low in zip(axes, first, strict=True)]
     map_ = np.zeros((len(samples), *(k.max() + 1 for k in place)))
-    np.add.at(map_, (np.searchsorted(samples, table["time_us"]), *place), np.nan_to_num(table[column]))
+    np.add.at(map_, (np.searchsorted(samples, table[time_column(table)]), *place), np.nan_to_num(table[column]))
     return [low + width * (np.arange(n + 1) - 0.5) for low, n in zip(first, map_.shape[1:], strict=True)], map_[1:]
 
 
 def between(table: Table, samples: np.ndarray) -> Figure | None:
     """Mean pull of pairs of neighbours along the line of their centres, against time; None without contact.
 
-    `table` : neighbours.csv;  `samples` : times of all samples [µs].
+    `table` : neighbours.csv;  `samples` : times of all samples, in the unit of the table.
     """
     if not table or len(samples) < 2:
         return None
@@ -127,7 +132,7 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
                   ls=("-", "--", ":")[number // len(COLOURS) % 3], label=" and ".join(names))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
     unit = "pN" if "pull_pn" in table else "pN/µm"
-    ax.set(xlabel="time [µs]", ylabel=f"pull between neighbours [{unit}]")
+    ax.set(xlabel=f"time [{unit_of(table).label}]", ylabel=f"pull between neighbours [{unit}]")
     limit_axis(ax, usual_peak(np.array(list(lines.values()))), unit)
     if len(lines) <= 2 * len(COLOURS):
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -137,7 +142,7 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
 def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
     """Mean pulls between samples (n - 1,) [pN/µm, in space pN] by the names of two cells; zero without contact."""
     found: dict[tuple[str, str], np.ndarray] = {}
-    row = np.searchsorted(samples, table["time_us"])
+    row = np.searchsorted(samples, table[time_column(table)])
     column = next(name for name in (f"pull_{unit}" for unit in FORCE.values()) if name in table)
     for pair in np.unique(np.column_stack([table["cell"], table["neighbour"]]), axis=0):
         on = np.flatnonzero((table["cell"] == pair[0]) & (table["neighbour"] == pair[1]))

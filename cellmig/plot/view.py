@@ -23,7 +23,7 @@ from cellmig.geometry import polygons
 from cellmig.output.manifest import read_manifest
 from cellmig.output.xdmf import Frame
 
-from .style import UNITS
+from .style import in_print
 
 DPI = 140  # resolution of films and of pictures in notebooks
 MAP = "viridis"
@@ -69,7 +69,7 @@ class View:
             corners += [x.min(axis=0), x.max(axis=0)]
         low, high = np.min(corners, axis=0), np.max(corners, axis=0)
         margin = 0.04 * (high - low).max() + 1e-9  # a single particle needs a panel, too
-        unit = UNITS.get(units[field], units[field])
+        unit = in_print(units[field])
         label = field.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
                    _on_substrate(directory), **more)
@@ -113,7 +113,7 @@ class View:
             self.borders(ax, triangles, fields["material"][own].astype(float))
         if "director" in fields:
             self.lines(ax, fields, np.arange(len(values)), [0, 1])
-        self.finish(ax, f"t = {frame.time:.4g} µs")
+        self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}")
 
     def fill(self, ax: Axes, triangles: Triangulation, values: np.ndarray) -> None:
         """Colour triangles by values (n,) at their corners."""

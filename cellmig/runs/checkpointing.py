@@ -21,7 +21,7 @@ from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log
-from cellmig.output.manifest import processor, read_manifest
+from cellmig.output.manifest import processor, read_manifest, time_unit
 from cellmig.output.tables import digest_up_to
 from cellmig.output.xdmf import check_frames
 from cellmig.parallel.options import affecting_results
@@ -214,8 +214,10 @@ def new_end(until: float, state: Checkpoint | None, manifest: dict[str, Any], di
     if state is None and is_done(manifest):
         raise OutputError(f"the run in '{directory}' is done and has no checkpoint to go on from")
     if state and until < (reached := state.about["time_us"]):
-        raise CaseError([Mistake("--until", None, "", f"the run in '{directory}' is at {reached:.12g} µs already, "
-                                 f"beyond {until:.12g} µs; 'run CASE --from DIR' starts another case from its state")])
+        unit = time_unit(manifest)
+        raise CaseError([Mistake("--until", None, "", f"the run in '{directory}' is at {unit.text(reached, 12)} "
+                                 f"already, beyond {unit.text(until, 12)}; 'run CASE --from DIR' starts another case "
+                                 "from its state")])
     return until
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellmig.output.directory import existing_run
-from cellmig.output.tables import read_table
+from cellmig.output.tables import read_table, time_column, unit_of
 from cellmig.output.xdmf import Frame, frames
 
 _TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv")
@@ -61,10 +61,12 @@ def _numbers(a: Any, b: Any) -> str:
 
 def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
     one, two = (read_table(path) if path.exists() else {} for path in (a, b))
+    if (units := (unit_of(one), unit_of(two)))[0] != units[1] and one and two:
+        return False, f"times in {units[0].symbol} against times in {units[1].symbol}"
     if one.keys() != two.keys():
         return False, f"columns {sorted(one.keys() ^ two.keys())} are in one of them only"
     lengths = [len(next(iter(table.values()), ())) for table in (one, two)]
-    rows = min(lengths)
+    rows, time = min(lengths), time_column(one)
     worst = (rows, "")
     for name in one:
         scale = 1.0 if name == "energy_error" else None
@@ -74,7 +76,7 @@ def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
     row, name = worst
     if name:
         cell = f" of cell {one['cell'][row]}" if "cell" in one else ""
-        return False, (f"first differ at {one['time_us'][row]:g} us, {name}{cell}: "
+        return False, (f"first differ at {one[time][row]:g} {unit_of(one).symbol}, {name}{cell}: "
                        + _numbers(one[name][row].item(), two[name][row].item()))
     if lengths[0] != lengths[1]:
         return False, f"{_same(tolerance)} in the {rows} rows that both have; {lengths[0]} and {lengths[1]} rows"
@@ -83,10 +85,12 @@ def _diff_tables(a: Path, b: Path, tolerance: float) -> tuple[bool, str]:
 
 def _diff_frames(one: list[Frame], two: list[Frame], tolerance: float) -> tuple[bool, str]:
     for a, b in zip(one, two, strict=False):
+        if a.unit != b.unit:
+            return False, f"times in {a.unit.symbol} against times in {b.unit.symbol}"
         if a.time != b.time and abs(a.time - b.time) > tolerance * max(a.time, b.time):
-            return False, f"a frame at {a.time} us against one at {b.time} us"
+            return False, f"a frame at {a.time} {a.unit.symbol} against one at {b.time} {b.unit.symbol}"
         if text := next(_differences(a.read(), b.read(), tolerance), None):
-            return False, f"first differ at {a.time:g} us, {text}"
+            return False, f"first differ at {a.time:g} {a.unit.symbol}, {text}"
     both = min(len(one), len(two))
     if len(one) != len(two):
         return False, f"{_same(tolerance)} in the {both} frames that both have; {len(one)} and {len(two)} frames"

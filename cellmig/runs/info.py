@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from cellmig.case.time_unit import TimeUnit
 from cellmig.output.directory import existing_run
-from cellmig.output.log import clock, duration, two_columns
-from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import IMPULSE, MEASURES, names_of, read_table
+from cellmig.output.log import clock, simulated, two_columns
+from cellmig.output.manifest import read_manifest, time_unit
+from cellmig.output.tables import IMPULSE, MEASURES, names_of, read_table, time_column, unit_of
 from cellmig.output.xdmf import frames
 
 from .summary import describe_dissipation, describe_skipped
@@ -31,18 +32,19 @@ def info(directory: Path) -> str:
     directory = existing_run(directory)
     manifest = read_manifest(directory)
     rows: list[tuple[str, Any]] = [("directory", directory)]
+    unit = time_unit(manifest)
     if manifest:
-        rows += [*_was(manifest), *_numbers(manifest)]
+        rows += [*_was(manifest, unit), *_numbers(manifest, unit)]
     else:
         rows.append(("manifest", "none yet: the run was stopped before it wrote one, or is at its start"))
     rows += [*_ledger_rows(directory / "ledger.csv"), *_history_rows(directory / "history.csv")]
     found = frames(directory)
-    span = f" from {found[0].time:g} to {found[-1].time:g} µs" if found else ""
-    rows += [("frames", f"{len(found)}{span}"), *_made_with(manifest), *_rest(manifest)]
+    span = f" from {found[0].time:g} to {found[-1].time:g} {found[-1].unit.label}" if found else ""
+    rows += [("frames", f"{len(found)}{span}"), *_made_with(manifest), *_rest(manifest, unit)]
     return two_columns(rows)
 
 
-def _was(m: dict[str, Any]) -> Rows:
+def _was(m: dict[str, Any], unit: TimeUnit) -> Rows:
     """Case and end of the run; removes its keys from the manifest."""
     case, file = m.pop("case", {}), m.pop("case_file", "")
     yield "case", " ".join(filter(None, [case.get("title", "untitled"), f"({file})" if file else ""]))
@@ -50,7 +52,7 @@ def _was(m: dict[str, Any]) -> Rows:
     how = _ENDED.get(status, f"exit code {status}") if status is not None else "not yet: it runs, or was killed"
     yield "ended", how + (f": {cause}" if cause else "") + ("" if status in (None, 0) else f" (exit code {status})")
     if (time := m.pop("time_us", None)) is not None:
-        yield "reached", (f"{duration(1e-6 * time, 6)} of {duration(1e-6 * m.get('end_us', time), 6)} in "
+        yield "reached", (f"{simulated(time, unit)} of {simulated(m.get('end_us', time), unit)} in "
                           f"{m.pop('steps', 0)} steps")
     ranks, wall = m.pop("ranks", 1), m.pop("wall_seconds", None)
     yield "took", ("" if wall is None else f"{clock(wall)} ") + f"on {ranks} rank{'s' * (ranks > 1)}"
@@ -60,23 +62,24 @@ def _was(m: dict[str, Any]) -> Rows:
     yield from describe_skipped(m.pop("skipped", None) or {})
 
 
-def _numbers(m: dict[str, Any]) -> Rows:
+def _numbers(m: dict[str, Any], unit: TimeUnit) -> Rows:
     """Steps, volumes, strains."""
     dt, by, redone = m.pop("dt_us", None) or {}, m.pop("dt_set_by", ""), m.pop("steps_redone", 0)
     if None not in (dt.get("least"), dt.get("most")):
-        yield "time step", (f"{1e3 * dt['least']:.3g} to {1e3 * dt['most']:.3g} ns" + (f", set by {by}" if by else "")
+        least, most = (unit.step(dt[which]) for which in ("least", "most"))
+        yield "time step", (f"{least.split()[0]} to {most}" + (f", set by {by}" if by else "")
                             + (f"; {redone} steps were taken again, smaller" if redone else ""))
     if speed := m.pop("ns_per_particle_step", None):
         yield "speed", f"{speed:.1f} ns per particle and step"
     if J := m.pop("J", None):
         yield "volume ratio J", " to ".join("unknown" if value is None else f"{value:.4f}" for value in J)
-    for dimension, unit in IMPULSE.items():
-        if momentum := m.pop(f"momentum_{unit}", None):
+    for dimension, impulse in IMPULSE.items():
+        if momentum := m.pop(f"momentum_{impulse}", None):
             yield "momentum", ", ".join(map(_number, momentum)) + (" pN µs/µm" if dimension == 2 else " pN µs")
     strain = m.pop("strain", None) or {}
     if largest := strain.get("largest"):
         crossed = strain.get("crossed_at_us")
-        beyond = f", beyond the limit of {strain['limit']:g} from {crossed:.6g} µs on" if crossed is not None else ""
+        beyond = "" if crossed is None else f", beyond the limit of {strain['limit']:g} from {unit.text(crossed)} on"
         yield "fluid", f"stretched up to {largest:.3g}-fold{beyond}"
 
 
@@ -84,8 +87,9 @@ def _history_rows(path: Path) -> Rows:
     table = read_table(path) if path.exists() else {}
     if not table or not len(table["cell"]):
         return
-    last, names = table["time_us"] == table["time_us"][-1], names_of(table)
-    yield "last sample", f"{table['time_us'][-1]:g} µs"
+    time, names = table[time_column(table)], names_of(table)
+    last = time == time[-1]
+    yield "last sample", f"{time[-1]:g} {unit_of(table).label}"
     for row in np.flatnonzero(last):
         cell = table["cell"][row]
         dimension = 3 if "z_um" in table else 2
@@ -103,7 +107,7 @@ def _ledger_rows(path: Path) -> Rows:
     if dissipation := describe_dissipation({name: float(column[-1]) for name, column in table.items()}):
         yield "dissipation", dissipation
     yield "energy error", (f"at most {100 * abs(table['energy_error'][worst]):.2g} %, at "
-                           f"{table['time_us'][worst]:g} µs")
+                           f"{table[time_column(table)][worst]:g} {unit_of(table).label}")
 
 
 def _made_with(m: dict[str, Any]) -> Rows:
@@ -117,20 +121,21 @@ def _made_with(m: dict[str, Any]) -> Rows:
         yield "state hash", f"{digest}: runs with the same are the same"
 
 
-def _rest(m: dict[str, Any]) -> Rows:
+def _rest(m: dict[str, Any], unit: TimeUnit) -> Rows:
     """The remaining keys."""
     for key, value in m.items():
         if key not in _NOT_LISTED and value not in (None, "", [], {}):
-            yield key.replace("_", " "), _plain(value)
+            yield key.replace("_", " "), _plain(value, unit)
 
 
 def _number(value: float | None) -> str:
     return "unknown" if value is None else f"{value if abs(value) > _ROUNDING else 0.0:.4g}"
 
 
-def _plain(value: Any) -> str:
+def _plain(value: Any, unit: TimeUnit) -> str:
     if isinstance(value, dict):
-        return "; ".join(f"{name}: {_plain(item)}" for name, item in value.items() if item is not None)
+        return "; ".join(f"{unit.column(name)}: {_plain(unit.entry(name, item), unit)}" for name, item in value.items()
+                         if item is not None)
     if isinstance(value, list):
-        return ", ".join(map(_plain, value))
+        return ", ".join(_plain(item, unit) for item in value)
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -13,7 +13,7 @@ from cellmig.case.schema import Case, particle_count
 from cellmig.meshfree.body import Template
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
-from cellmig.output.log import duration, two_columns
+from cellmig.output.log import duration, simulated, two_columns
 from cellmig.parallel.options import IMPLICIT, requested_integrator
 from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
@@ -133,7 +133,7 @@ def report(case: Case) -> str:
         _particles(case, c.particles, c.spacing), *describe_bodies(case, c.left_out),
         *describe_scene(case, case.time.end), *chosen,
         ("stable step", ", ".join(f"{name} {1e3 * dt:.3g} ns" for name, dt in c.stable.items())),
-        ("time step", describe_step(c.stable, case.time.step_factor, fixed)),
+        ("time step", describe_step(c.stable, case.time.step_factor, fixed, case.time_unit)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
                  f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
@@ -237,7 +237,7 @@ def _trial_text(trial: Trial) -> str:
 
 def _end(case: Case) -> str:
     """End of the run, as text."""
-    return duration(1e-6 * case.time.end, 6)
+    return simulated(case.time.end, case.time_unit)
 
 
 def _count(steps: int) -> str:

@@ -76,25 +76,26 @@ class Record:
 
     @property
     def times(self) -> np.ndarray:
-        """Times of the frames (n,) [µs]."""
+        """Times of the frames (n,), in the unit of the run, such as µs or h."""
         return np.array([frame.time for frame in self._frames])
 
     @property
     def units(self) -> dict[str, str]:
         """Unit of each field of a frame."""
-        return {"x": "um", **self._nearest(0.0).units()}
+        first = self._nearest(0.0)
+        return {"time": first.unit.symbol, "x": "um", **first.units()}
 
     def frame(self, time: float | None = None) -> dict[str, np.ndarray]:
         """Fields of all particles in the frame nearest to a time, in the order of their ids.
 
         Parameters
         ----------
-        time : float -- [µs]; None for the last frame.
+        time : float -- in the unit of the run; None for the last frame.
 
         Returns
         -------
-        dict -- "time" [µs], "x" : positions now (n, d) [µm], and every field of the run: vectors (n, d), tensors
-            (n, 3, 3), e.g. X, u [µm], v [µm/µs], stress [Pa], cell (1, 2 …), material; `units` has their units.
+        dict -- "time", "x" : positions now (n, d) [µm], and every field of the run: vectors (n, d), tensors
+            (n, 3, 3), e.g. X, u [µm], v, stress [Pa], cell (1, 2 …), material; `units` has their units.
         """
         frame = self._nearest(time)
         d = self.manifest.get("case", {}).get("dimension", 2)
@@ -109,7 +110,7 @@ class Record:
     # ------------------------------------------------------------ for people
 
     def picture(self, times: Sequence[float] | None = None, field: str = "effective_stress") -> Any:
-        """Shapes at some times [µs], filled with a field, as a figure of matplotlib's; a notebook shows it."""
+        """Shapes at times in the unit of the run, filled with a field, as matplotlib's figure; a notebook shows it."""
         import matplotlib
 
         from cellmig.plot.snapshots import shapes

@@ -25,7 +25,7 @@ from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.fields import field_unit
-from cellmig.output.log import Log, Progress, Timers, clock, duration
+from cellmig.output.log import Log, Progress, Timers, clock, simulated
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.mesh import Elements, write_mesh
 from cellmig.output.tables import IMPULSE, Tables
@@ -114,14 +114,14 @@ class Run:
             write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
-                             self.case.dimension)
+                             self.case.dimension, self.case.time_unit)
         self.frames_before = ends["frames"]
         if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)
 
     def go(self, stop_signals: Sequence[int] = ()) -> int:
         """Run to the end, or until a signal is in `stop_signals`; returns the exit code; collective."""
-        progress = Progress(self.log, self.end, self.simulation.time)
+        progress = Progress(self.log, self.end, self.simulation.time, self.case.time_unit)
         self._integrator.report = self.log
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, stop_signals)
         status, cause = DONE, ""
@@ -219,10 +219,11 @@ class Run:
         self.strain.restore(run["strain"])
         self.resumed = [*run["resumed"], {"time_us": state.about["time_us"], "ranks": self.comm.size}]
         self.manifest["resumed"] = self.resumed
-        self.log(f"goes on from the checkpoint at {state.about['time_us']:.6g} µs")
+        unit = self.case.time_unit
+        self.log(f"goes on from the checkpoint at {unit.text(state.about['time_us'])}")
         if (end := state.about["run"]["end_us"]) != self.end:
             self.resumed[-1]["until_us"] = self.end
-            self.log(f"its end is now {self.end:.12g} µs, no longer {end:.12g} µs")
+            self.log(f"its end is now {unit.text(self.end, 12)}, no longer {unit.text(end, 12)}")
         before, now = state.about["processor"], self.manifest["processor"]
         if before != now:
             self.resumed[-1]["processor"] = now
@@ -278,7 +279,7 @@ class Run:
             units = {name: field_unit(name, self.case.dimension) for name in fields}
             mesh = self.simulation.scene.mesh if self.case.dimension == 3 else None
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"],
-                                 Elements(self.comm, mesh, fields["id"]) if mesh else None)
+                                 Elements(self.comm, mesh, fields["id"]) if mesh else None, self.case.time_unit)
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
 
     def _try_last_frame(self) -> None:
@@ -299,7 +300,7 @@ class Run:
             self.log(self.case.title)
 
     def _log_scene(self) -> None:
-        s, m, run = self.simulation, self.simulation.mechanics, self._integrator
+        s, m, run, unit = self.simulation, self.simulation.mechanics, self._integrator, self.case.time_unit
         owned = self.comm.allgather(m.n_owned)
         copies = self.comm.allgather(len(m.state.numbering.ids) - m.n_owned)
         shared = f"; on each rank {summary.span(owned)} and copies of {summary.span(copies)} others"
@@ -316,9 +317,9 @@ class Run:
             *([("chosen", self.reason)] if self.reason else []),
             ("load steps", summary.describe_load_steps(self.case)) if self.case.static else
             ("time step", run.step_description or summary.describe_step(
-                s.control.stable(), self.case.time.step_factor, run.fixed_step)),
-            *([("from", "the state of '{directory}' at {time_us:.6g} µs, at 0 µs".format(**self.manifest["from"]))]
-              if "from" in self.manifest else []),
+                s.control.stable(), self.case.time.step_factor, run.fixed_step, self.case.time_unit)),
+            *([("from", f"the state of '{origin['directory']}' at {unit.text(origin['time_us'])}, at {unit.text(0.0)}")]
+              if (origin := self.manifest.get("from")) else []),
             ("output", f"{self.directory}{f'; what was there is now in {self.aside}' if self.aside else ''}"),
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
@@ -348,8 +349,8 @@ class Run:
         self._save_manifest()
         ended = {DONE: "done", FAILED: "failed", INPUT_OUTPUT: "ended by an error", STOPPED: "stopped"}[status]
         why = f"; {cause}" if cause and status in (DONE, STOPPED) else ""
-        self.log(f"{ended}: {duration(1e-6 * s.time, 6)} in {run.steps} steps and {clock(wall)}, {per_step:.1f} ns per "
-                 f"particle and step{why}")
+        self.log(f"{ended}: {simulated(s.time, self.case.time_unit)} in {run.steps} steps and {clock(wall)}, "
+                 f"{per_step:.1f} ns per particle and step{why}")
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             error = f"; energy error at most {100 * self.worst_energy_error:.2g} %" if self.output_time > 0.0 else ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
+from cellmig.case.time_unit import MICROSECOND, TimeUnit
 from cellmig.meshfree.terms import Terms
 from cellmig.model.protocols import Adhesion
 from cellmig.model.seifert import solid
@@ -24,13 +25,13 @@ CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
 
-def describe_step(stable: dict[str, float], factor: float, fixed: float | None) -> str:
+def describe_step(stable: dict[str, float], factor: float, fixed: float | None, unit: TimeUnit = MICROSECOND) -> str:
     """The time step and its reason; `stable` : steps by mechanism [µs];  `fixed` : the user's step [µs] or None."""
     mechanism, limit = binding(stable)
     if not fixed:
         return (f"about {1e3 * factor * limit:.3g} ns, {factor:g} of the stable one, which {mechanism} sets; follows "
                 "the deformation")
-    text = f"{1e3 * fixed:.3g} ns as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
+    text = f"{unit.step(fixed)} as given, {fixed / limit:.3g} times the stable one, which {mechanism} sets"
     return text if fixed <= limit else f"{text}: TOO LARGE"
 
 
@@ -81,13 +82,15 @@ def describe_scene(case: Case, end: float) -> list[tuple[str, str]]:
 def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]:
     """Rows about drag and estimated speeds."""
     e = expected(case, found, end)
+    unit = case.time_unit
     rows = [] if case.substrate is None else [
-        ("drag", f"{case.friction.coefficient:g} Pa µs/µm on bonded membrane that slides" if case.friction else
+        ("drag", f"{unit.number(case.friction.coefficient):g} Pa {unit.label}/µm on bonded membrane that slides"
+         if case.friction else
          "none: cells slide, and what is pushed goes ever faster; [friction] holds them back")]
     if not e.fastest:
         return rows
     gone = length(float(f"{e.distance:.2g}"))
-    speeds = [f"{value:.2g} µm/µs {when}" for value, when in (
+    speeds = [f"{unit.size * value:.2g} µm/{unit.label} {when}" for value, when in (
         (e.start, "at the start"), (e.spreading, "while cells spread"),
         (e.speed, f"at the end, {gone} from here")) if value]
     rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))

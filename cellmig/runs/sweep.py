@@ -23,12 +23,13 @@ from matplotlib.figure import Figure
 
 from cellmig.case.messages import CaseError, Mistake, suggest
 from cellmig.case.schema import Case
+from cellmig.case.time_unit import TimeUnit
 from cellmig.case.units import UnitError, number
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import OutputError, replace
 from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
-from cellmig.output.tables import HISTORY, MEASURES, further_columns, read_table
+from cellmig.output.tables import HISTORY, MEASURES, further_columns, in_unit, read_table, time_column
 from cellmig.plot.style import COLOURS, STYLE, save
 
 from .batch import Job, JobResult, run_missing, unsound, write_rows
@@ -112,8 +113,9 @@ class Sweep:
         """Rows of each complete run: varied values, the last row of history of each cell, exit status.
 
         A run that failed or ended early has one row with its exit status and cause; `failed` are those of this command,
-        others are found in their manifests.
+        others are found in their manifests.  Times are in the unit of the first case.
         """
+        unit = next(iter(jobs.values())).load().time_unit
         columns = [_column(key, values) for key, values in self.vary.items()]
         for texts, job in jobs.items():
             varied = {name: values[text] for (name, values), text in zip(columns, texts, strict=True)}
@@ -127,11 +129,13 @@ class Sweep:
             if job in failed:
                 ended |= {"exit_status": failed[job].code, "cause": failed[job].message}
             if done:
-                history = read_table(job.directory / "history.csv")
-                for row in np.flatnonzero(history["time_us"] == history["time_us"][-1]):
+                history = in_unit(read_table(job.directory / "history.csv"), unit)
+                time = history[time_column(history)]
+                for row in np.flatnonzero(time == time[-1]):
                     yield {**varied, **{name: column[row].item() for name, column in history.items()}, **ended}
             elif ended["exit_status"] is not None:
-                yield {**varied, "time_us": manifest.get("time_us"), **ended}
+                reached = manifest.get("time_us")
+                yield {**varied, f"time_{unit.symbol}": None if reached is None else unit.number(reached), **ended}
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -171,7 +175,7 @@ def _check_columns(case: Case, shown: Iterable[str]) -> None:
     """Raise CaseError for columns that history.csv will not have."""
     further = further_columns((probe.name for probe in case.probes),
                               (one.name for one in (*case.supports, *case.plates)), case.dimension)
-    columns = (*HISTORY[case.dimension][2:], *further[:-1])  # but names
+    columns = [case.time_unit.column(name) for name in (*HISTORY[case.dimension][2:], *further[:-1])]  # but names
     if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, columns)}")
                     for name in shown if name not in columns]:
         raise CaseError(mistakes)
@@ -258,7 +262,7 @@ def draw(rows: Sequence[Mapping[str, Any]], shown: Sequence[str], out: Path) -> 
     rows = [row for row in rows if row.get("cell") == 0]
     if not rows:
         return []
-    keys = list(itertools.takewhile(lambda name: name != "time_us", rows[0]))
+    keys = list(itertools.takewhile(lambda name: not TimeUnit.of_column(name), rows[0]))
     across, *others = [key for key in keys if key != "seed"] or ["seed"]
     shown = [name for name in shown if any(row.get(name) for row in rows)] or list(shown[:1])
     lines: dict[tuple, dict] = {}

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
-from cellmig.output.log import duration
+from cellmig.output.log import duration, simulated
 from cellmig.parallel.options import requested_integrator
 from cellmig.simulation import Simulation
 from cellmig.solve.implicit import Implicit
@@ -32,8 +32,8 @@ def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
     speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}
     best = max(speeds, key=lambda kind: speeds[kind])
     end, took = case.time.end, [duration(case.time.end / v) if v else "for ever" for v in speeds.values()]
-    return with_(best), (f"{best}: as a trial went, {duration(1e-6 * end, 6)} take {took[0]} with explicit steps and "
-                         f"{took[1]} with implicit ones")
+    return with_(best), (f"{best}: as a trial went, {simulated(end, case.time_unit)} take {took[0]} with explicit "
+                         f"steps and {took[1]} with implicit ones")
 
 
 def _speed(case: Case, comm: MPI.Comm) -> float:

@@ -150,8 +150,8 @@ class Implicit(Integrator):
         if self.fixed_step is None:
             allowed = 1e3 * self.ts.getTolerances()[1]
             return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {how}"
-        return (f"{1e3 * self.fixed_step:.3g} ns as given, {self.fixed_step / self._stable():.3g} times the stable one "
-                f"of leapfrog; {how}")
+        given = self.mechanics.scene.time_unit.step(self.fixed_step)
+        return f"{given} as given, {self.fixed_step / self._stable():.3g} times the stable one of leapfrog; {how}"
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
@@ -277,7 +277,8 @@ class Implicit(Integrator):
             self.fail("no step was short enough for Newton's method", remedy="try a smaller time.step")
         if failed:
             self.failures += failed
-            self.report(f"no solution at {start:.6g} µs: the step is cut to {dt:.3g} µs")
+            unit = m.scene.time_unit
+            self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
             self.dt = dt
         if self._accept(before, dt):
             self._finish(before, start, dt)

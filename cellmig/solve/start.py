@@ -59,6 +59,6 @@ def discretise(case: Case) -> Scene:
     scene = Scene(
         templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
         kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
-        centre=np.array([c.centre for c in case.cells]))
+        centre=np.array([c.centre for c in case.cells]), time_unit=case.time_unit)
     formulas.check(case, scene)
     return scene

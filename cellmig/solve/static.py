@@ -186,8 +186,9 @@ class Static:
                 step = 0.5 * (trial - self.time)
                 if step < shortest:
                     self._give_up(trial)
-                self.report(f"no equilibrium at {trial:.6g} µs ({self._reason()}): "
-                            f"the load step is cut to {step:.3g} µs")
+                unit = self.mechanics.scene.time_unit
+                self.report(f"no equilibrium at {unit.text(trial)} ({self._reason()}): "
+                            f"the load step is cut to {unit.text(step, 3)}")
         return self.time
 
     def _converges_at(self, time: float) -> bool:
@@ -228,8 +229,9 @@ class Static:
         widen(self.extremes, "dt", self.dt, self.dt)
         norms = self.newton[-1][1]
         if self.steps <= REPORTED:
-            self.report(f"equilibrium at {time:.6g} µs: {len(norms) - 1} steps of Newton, out of balance by "
-                        + ", ".join(f"{n:.2g}" for n in norms) + " pN" + "/µm" * (m.scene.dimension == 2))
+            force = "pN" + "/µm" * (m.scene.dimension == 2)
+            self.report(f"equilibrium at {m.scene.time_unit.text(time)}: {len(norms) - 1} steps of Newton, out of "
+                        f"balance by {', '.join(f'{n:.2g}' for n in norms)} {force}")
         self.after_batch(time)
 
     def _reason(self) -> str:
@@ -238,8 +240,8 @@ class Static:
         return f"SNES says {names.get(reason, reason)}"
 
     def _give_up(self, time: float) -> None:
-        self.fail(f"no equilibrium was found at {time:.6g} µs, though the load step was cut {CUTS} times: "
-                    f"{self._reason()}")
+        at = self.mechanics.scene.time_unit.text(time)
+        self.fail(f"no equilibrium was found at {at}, though the load step was cut {CUTS} times: {self._reason()}")
 
     def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
         """End the run with a message that names a particle, by default that with the largest |ln J|; collective.

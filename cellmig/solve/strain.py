@@ -61,7 +61,8 @@ class StrainWatch:
         if _doublings(largest) <= _doublings(before):
             return ""
         cell = int(m.scene.cell[-particle]) + 1
-        text = f"WARNING at {time:.6g} µs: particle {-particle} of cell {cell} is stretched {most:.3g}-fold, "
+        text = (f"WARNING at {m.scene.time_unit.text(time)}: particle {-particle} of cell {cell} is stretched "
+                f"{most:.3g}-fold, ")
         if self.crossed_at is not None:
             return (f"{text}{most / STRETCH_LIMIT:.2g} times the limit of {STRETCH_LIMIT:g}: there neighbours are too "
                     "far apart for any flow but one that is nearly uniform")
@@ -73,7 +74,8 @@ class StrainWatch:
         """Warning for the end of a run, empty if the limit was not exceeded."""
         if self.crossed_at is None:
             return ""
-        return (f"WARNING: from {self.crossed_at:.6g} µs on fluid was stretched beyond the limit of "
+        since = self.mechanics.scene.time_unit.text(self.crossed_at)
+        return (f"WARNING: from {since} on fluid was stretched beyond the limit of "
                 f"{STRETCH_LIMIT:g}, up to {self.largest:.3g}-fold: see whether finer particles give the same answer")
 
     def saved(self) -> dict[str, Any]:

@@ -11,13 +11,12 @@ The colours are those of the whole run, not of one time, and the colour bar tell
 import argparse
 import math
 import os
+import re
 
 import numpy as np
 from paraview import servermanager, simple
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
-UNITS = {"effective_stress": "Pa", "stress": "Pa", "pressure": "Pa", "u": "µm", "v": "µm/µs", "adhesion_force": "pN/µm",
-         "contact_force": "pN/µm", "friction_force": "pN/µm", "protrusion_force": "pN/µm"}
 BOTH_SIGNS = {"pressure"}
 DARK = [0.1, 0.1, 0.1]
 SHARE, LOOKS = 99.0, 15  # % of the values that the colours span; at this many times
@@ -50,6 +49,14 @@ def opened(directory):
     return simple.MergeBlocks(Input=source)  # one piece for each rank that wrote
 
 
+def units(directory):
+    """Units of the fields of a run, which ParaView does not read; that of time is in the one of the velocity."""
+    with open(os.path.join(directory, "cells.xdmf"), encoding="utf-8") as file:
+        first = "".join(file.readline() for _ in range(99))
+    found = re.findall(r'<Attribute Name="(\w+)"[^>]* Unit="([^"]*)"', first)
+    return {name: unit.replace("um", "µm").replace("us", "µs") for name, unit in found}
+
+
 def spacing(points):
     """Mean distance of particles in the first frame [µm], from their number and the area of their outline."""
     points.UpdatePipeline(0.0)
@@ -74,7 +81,7 @@ def colour_range(points, field):
     return low, high if high > low else low + 1.0
 
 
-def show(points, field, view):
+def show(points, field, unit, view):
     """Discs coloured by a field, in one scale for all times."""
     if points.PointData.GetArray(field) is None:
         raise SystemExit(f"the run has no field '{field}'; it has {', '.join(sorted(points.PointData.keys()))}")
@@ -89,7 +96,7 @@ def show(points, field, view):
     colours.RescaleTransferFunction(*colour_range(points, field))
     colours.AutomaticRescaleRangeMode = "Never"
     bar = simple.GetScalarBar(colours, view)
-    bar.Title, bar.ComponentTitle = f"{field.replace('_', ' ')} / {UNITS.get(field, '1')}", ""
+    bar.Title, bar.ComponentTitle = f"{field.replace('_', ' ')} / {unit}", ""
     bar.TitleColor = bar.LabelColor = DARK
     bar.TitleFontSize = bar.LabelFontSize = 10
     bar.AutomaticLabelFormat, bar.LabelFormat, bar.RangeLabelFormat = 0, "%.3g", "%.3g"
@@ -122,11 +129,13 @@ def main():
     points = opened(wanted.run)
     scene = simple.GetAnimationScene()
     scene.UpdateAnimationUsingDataTimeSteps()
-    show(points, wanted.field, view)
+    unit = units(wanted.run)
+    show(points, wanted.field, unit.get(wanted.field, "1"), view)
     left, right = look(view, points)
     line = simple.Show(simple.Line(registrationName="substrate", Point1=[left, 0, 0], Point2=[right, 0, 0]), view)
     line.AmbientColor = line.DiffuseColor = [0.4, 0.4, 0.4]
-    clock = simple.AnnotateTimeFilter(registrationName="time", Input=points, Format="t = {time:g} µs")
+    clock = simple.AnnotateTimeFilter(registrationName="time", Input=points,
+                                      Format="t = {time:g} " + unit["v"].rpartition("/")[2])
     clock = simple.Show(clock, view)
     clock.Color, clock.FontSize = DARK, 10
     simple.SetActiveSource(points)
