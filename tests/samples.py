@@ -48,6 +48,17 @@ def directions(n: int = 200, d: int = 2) -> np.ndarray:
     return rotations(n, 6, d)[0]
 
 
+def networks(n: int = 200, d: int = 2) -> np.ndarray:
+    """What networks remember, symmetric and positive definite (d, d, n)."""
+    F = deformations(n, d)[..., ::-1]
+    return np.einsum("kin,kjn->ijn", F, F)
+
+
+def fractions(n: int = 200) -> np.ndarray:
+    """Numbers between 0 and 1 (n,)."""
+    return np.random.default_rng(7).uniform(size=n)
+
+
 def distances(law: Any) -> np.ndarray:
     """Through cap and well to past the cutoff, without those two points."""
     eps = law.equilibrium_distance

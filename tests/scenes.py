@@ -80,6 +80,8 @@ def smooth(X: np.ndarray, seed: int, size: float, waves: int = 3, shortest: floa
     return size * field / np.sqrt(0.5 * waves)
 
 
+NETWORK = ('materials.cytoplasm.law="maxwell"', 'materials.cytoplasm.shear_modulus="20 kPa"',
+           'materials.cytoplasm.relaxation_time="0.5 us"')  # makes cytoplasm a fluid with a network that forgets
 LEFT, RIGHT = [["-2 um", "-1 um"], ["-2 um", "1 um"]], [["2 um", "-1 um"], ["2 um", "1 um"]]  # boxes around its ends
 BAR = {"name": "Bar", "shape": "polygon", "material": "nucleus", "centre": ["0 um", "0 um"],
        "corners": [["-2 um", "-1 um"], ["2 um", "-1 um"], ["2 um", "1 um"], ["-2 um", "1 um"]]}

@@ -25,6 +25,9 @@ def between(start: Vector, end: Vector) -> Vector:
 
 
 def pointwise(law: Any, method: str, quantities: dict[str, np.ndarray]) -> Any:
-    """Result of a pointwise `method` of a law; `quantities` (..., n), in the code's units, are passed by name."""
+    """Result of a pointwise `method` of a law; `quantities` (..., n), in the code's units, are passed by name.
+
+    One that has a default may be absent.
+    """
     names = list(inspect.signature(getattr(type(law), method)).parameters)[1:]
-    return getattr(law, method)(*[quantities[n] for n in names])
+    return getattr(law, method)(**{n: quantities[n] for n in names if n in quantities})

@@ -15,7 +15,8 @@ from ..model.director import numbers
 from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
 
 # Shapes of tensors by their names, in d dimensions with m numbers of a director.
-TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d"}
+TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d",
+           "network": "dd", "before": "dd"}
 ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
 
 

@@ -29,10 +29,11 @@ def step_memory(terms: Terms) -> np.dtype:
 
     viscous, active : V P of each [pN], by entries, the viscous one with that of the stabilisation;  bent : its stress
     conjugate to C v [pN µm];  bulk : pressure of the bulk damping times V [pN];  viscous_loss, artificial_dissipation,
-    external_work : of each lane [pN].  Single precision is enough where no force is made of them; what a scene lacks is
-    empty.
+    external_work, network_loss : of each lane [pN].  Single precision is enough where no force is made of them; what a
+    scene lacks is empty.
     """
     stabilised, active, D = int(terms.stabilised), int(terms.active), terms.dimension
     return np.dtype([("viscous_loss", "f8", 4), ("artificial_dissipation", "f8", 4), ("viscous", "f4", (D * D, 4)),
                      ("bent", "f4", (D * stabilised, 4)), ("bulk", "f4", (1, 4)),
-                     ("external_work", "f8", (4 * active,)), ("active", "f4", (D * D * active, 4))])
+                     ("external_work", "f8", (4 * active,)), ("network_loss", "f8", (4 * terms.network,)),
+                     ("active", "f4", (D * D * active, 4))])

@@ -11,17 +11,21 @@ from typing import Any
 import numpy as np
 
 from ..meshfree.terms import Terms
-from .codegen import Translator
+from .codegen import Translator, shapes_of
 from .fields import Field, step_memory
 from .terms import PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, formulas, sizes
 
 FOLDER = Path(__file__).parent / "c"
-# Stresses of materials, method by method: the quantities that they take, and the shape of the result.
-STRESSES = {"stress": ("F", "[D][D]"), "viscous_stress": ("F, Fdot", "[D][D]"),
+# Stresses of materials, and what networks need besides, method by method: the quantities that they may take, and the
+# shape of the result.
+STRESSES = {"stress": ("F, network, kept", "[D][D]"), "viscous_stress": ("F, Fdot", "[D][D]"),
             "director_stress": ("F, gradient", "[D][D]"), "active_stress": ("F, director", "[D][D]"),
-            "director_flux": ("F, gradient", "[M][D]")}
+            "director_flux": ("F, gradient", "[M][D]"), "network_begun": ("before, network, time", "[D][D]"),
+            "network_kept": ("time", ""), "network_renewed": ("F, network, kept", "[D][D]"),
+            "network_loss": ("F, network", "")}
 _ARGUMENTS = {"F": "const v4 F[D][D]", "Fdot": "const v4 Fdot[D][D]", "gradient": "const v4 gradient[M][D]",
-              "director": "const v4 director[D]"}
+              "director": "const v4 director[D]", "network": "const v4 network[D][D]", "kept": "const v4 kept",
+              "before": "const v4 before[D][D]", "time": "const v4 time"}
 
 
 @cache
@@ -148,12 +152,18 @@ def _materials(materials: Sequence, terms: Terms, vectors: dict[str, list[float]
             method == "active_stress" and not terms.active)
         having = [] if absent else [i for i, m in enumerate(materials) if hasattr(type(m), method)]
         parts += [translators[i].function(method, f"{method}_{i}") for i in having]
-        calls = [f"    if (material == {i}) {method}_{i}(s->material_{i}, {taken}, out);" for i in having]
+        calls = [f"    if (material == {i}) {_call(materials[i], method, i, shape)}" for i in having]
         arguments = ", ".join(["const KernelData *s", "const int material",
-                               *(_ARGUMENTS[a] for a in taken.split(", ")), f"v4 out{shape}"])
+                               *(_ARGUMENTS[a] for a in taken.split(", ")), f"v4 out{shape or '[1]'}"])
         any_of = " || ".join(f"material == {i}" for i in having) or "0"
         parts += [f"INLINED void {method}({arguments})\n{{\n" + "\n".join(calls) + "\n}\n",
                   f"static inline int has_{method}(const int material) {{ return {any_of}; }}\n"]
     vectors |= {f"material_{i}": t.vector() for i, t in enumerate(translators)}
     parts.append(f"#define EACH_MATERIAL(DO) {' '.join(f'DO({i})' for i in range(len(materials)))}")
     return "\n".join(parts)
+
+
+def _call(material: Any, method: str, number: int, shape: str) -> str:
+    """The call of a method of a material, with the quantities that it takes, for a result of a shape."""
+    given = ", ".join([f"s->material_{number}", *shapes_of(getattr(type(material), method))])
+    return f"{method}_{number}({given}, out);" if shape else f"out[0] = {method}_{number}({given});"

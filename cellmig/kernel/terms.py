@@ -124,7 +124,7 @@ def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
 PARTS = (
     Part("layout.h", _always),
     *_of_dimensions("{}.h", _always),
-    *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "stress.c",
+    *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
     Part("boundary.c", lambda t: t.load_curves is not None, {
@@ -148,4 +148,4 @@ def sizes(terms: Terms) -> dict[str, int]:
     return {"D": terms.dimension, "M": numbers(terms.dimension), "STABILISED": terms.stabilised,
             "STIFFENED": terms.stiffened, "BENDS": terms.stabilised or terms.stiffened,
             "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
-            "CONSTRAINED": terms.load_curves is not None}
+            "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network}

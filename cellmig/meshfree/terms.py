@@ -61,6 +61,7 @@ class Terms:
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
     active : bool -- whether there is an active stress -ζ h⊗h.
+    network : bool -- whether a material has a network whose bonds break and form again.
     stabilised, bulk_damped, stiffened : bool -- whether there are numerical viscosities, and a numerical stiffness.
     acceleration : tuple or None -- of the body force (2,) [µm/µs²].
     load_curves : tuple or None -- laws of kind load_curve of supports, loads and plates.
@@ -81,6 +82,7 @@ class Terms:
     stabilised: bool = True
     bulk_damped: bool = True
     stiffened: bool = False
+    network: bool = False
     acceleration: tuple | None = None
     load_curves: tuple[LoadCurve, ...] | None = None
     single: bool = False
@@ -154,14 +156,19 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                       case.friction if case.substrate is not None else None)
     force = case.body_force if case.body_force and any(case.body_force) else None
     force = unless(None if force else "the case has none", "body force", force, None)
-    shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
-    single = sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
                  friction=friction, director=director, director_law=law, active=active, stabilised=stabilised,
-                 bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=single,
-                 dimension=case.dimension, inertia=not (case.overdamped or case.static), skipped=skipped)
+                 bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=_single(case),
+                 network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
+                 inertia=not (case.overdamped or case.static), skipped=skipped)
+
+
+def _single(case: Case) -> bool:
+    """Whether coefficients are stored in single precision."""
+    shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
+    return sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
 
 
 def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:

@@ -13,6 +13,11 @@ def dot(a, b):
     return _total([x * y for x, y in zip(a, b, strict=True)])
 
 
+def identity(n):
+    """Unit tensor I of n dimensions."""
+    return tuple(tuple(float(i == j) for j in range(n)) for i in range(n))
+
+
 def transposed(A):
     """Transpose Aᵀ."""
     return tuple(zip(*A, strict=True))

@@ -93,7 +93,8 @@ Units are in the names of the columns; that of times is the one in which the cas
 - `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the
   largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,
-  activity and body forces, `friction_loss` what drag on the substrate took.
+  activity and body forces, `friction_loss` what drag on the substrate took,
+  `network_loss` what bonds of a network lost that broke.
 - `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that
   was taken.  At an instant forces ring with each bond that snaps; columns with `now` have those at the sample itself.
   The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread

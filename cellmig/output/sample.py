@@ -81,7 +81,7 @@ class Sampler:
         """Cauchy stress of all rows (n_rows, 3, 3) [Pa] as the laws have it, not recovered, and J (n_rows,)."""
         F, rate = self.mechanics.state.tensors()
         J = determinant(F)
-        everything = {"F": F, "Fdot": rate, **self.mechanics.director_fields()}
+        everything = {"F": F, "Fdot": rate, **self.mechanics.internal_fields()}
         terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
         for law, on in self._some_rows():
             local = {k: v[..., on] for k, v in everything.items()}
@@ -113,8 +113,8 @@ class Sampler:
         for name, field in FIELDS.items():
             if name.endswith("_force") and getattr(terms, field.term) is not None:
                 out[name] = m.surface_force(field.term)[0]
-        if director := m.director_fields():
-            out["director"] = director["director"].T[: m.n_owned]
+        if "director" in (internal := m.internal_fields()):
+            out["director"] = internal["director"].T[: m.n_owned]
         return out
 
     # ------------------------------------------------------------ per cell
@@ -217,7 +217,7 @@ class Sampler:
         m, terms = self.mechanics, self.mechanics.terms
         v = (m.state.v + half_step * acceleration[:, m.scene.dimension :]) * terms.inertia
         parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
-        rows = {"F": m.state.tensors()[0], **m.director_fields()}
+        rows = {"F": m.state.tensors()[0], **m.internal_fields()}
         everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
         for i, law in enumerate(m.scene.materials):
             on = self.material == i
@@ -235,6 +235,7 @@ class Sampler:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
         for name in ("external_work", "viscous_loss", "friction_loss", "artificial_dissipation"):
             parts[name] = m.accounts.of_particles[name] + half_step * (powers or {}).get(name, 0.0)
+        parts["network_loss"] = m.accounts.of_particles["network_loss"]  # networks are at the time of u
         if terms.acceleration is not None:  # work of the body force, a potential
             parts["external_work"] += self.mass * (m.state.u @ np.array(terms.acceleration))
         parts["artificial_dissipation"] = parts["artificial_dissipation"] + m.stabilisation_energy()

@@ -130,8 +130,10 @@ class View(Protocol):
     def accounts(self) -> AccountsView:
         """Accounts of energy and impulses."""
 
-    def director_fields(self) -> dict[str, np.ndarray]:
-        """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows; empty without a director."""
+    def internal_fields(self) -> dict[str, np.ndarray]:
+        """What laws take of the rows besides F and Ḟ, by their names there: network (d, d, n_rows) [-], gradients
+        (m, d, n_rows) [1/µm] and axis (d, n_rows) [-] of the director; what the scene lacks is absent.
+        """
 
     def missed_energy(self) -> np.ndarray:
         """Energy of the director that nodal integrals miss (n_owned,) [pN µm], in space."""

@@ -15,7 +15,8 @@ from .segments import Segments
 from .subdomain import Subdomain
 
 # Of particles.
-ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusion_impulse", "external_work")
+ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusion_impulse", "external_work",
+            "network_loss")
 
 
 class Accounts:
@@ -33,6 +34,7 @@ class Accounts:
         Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction on the substrate"),
         Field("protrusion_impulse", "double *", "(n_local,)", "pN µs/µm", "of the push along x"),
         Field("external_work", "double *", "(n_local,)", "pN", "of push, loads, plates, supports and activity"),
+        Field("network_loss", "double *", "(n_local,)", "pN", "dissipation by bonds of networks that break"),
         Field("bond_impulse", "double *", "(n_facets, d, 2 d - 1)", "pN µs/µm", "see `Impulses.bond`"),
         Field("contact_impulse", "double *", "(slots, 2)", "pN µs/µm", "see `Impulses.contact`"),
         Field("contact_slot", "int32_t *", "(n_contact_nodes,)", "", "slot for the impulse of a node"),

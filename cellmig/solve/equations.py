@@ -46,6 +46,7 @@ class Equations:
         self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
+        self._begun = 0.0  # time of that start [µs]
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
 
@@ -69,7 +70,7 @@ class Equations:
         m.loads.set_clock(t)
         m.state.u[:], m.state.v[:] = u, v
         m.state.forget_contacts()
-        a = m.rate()[:, m.scene.dimension :].copy()
+        a = m.rate(t - self._begun)[:, m.scene.dimension :].copy()
         self.evaluated += 1
         late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
         if (m.state.J_of_rows <= 0.0).any() or late:
@@ -87,9 +88,11 @@ class Equations:
         away[self.mechanics.loads.held] = u[self.mechanics.loads.held] - self.mechanics.loads.prescribed()
         return self.inertia * away - force
 
-    def begin(self) -> None:
-        """Note J at the start of a time step; collective."""
-        self.mechanics.rate()
+    def begin(self, time: float) -> None:
+        """Note the state at the start of a step, at a `time` [µs]; collective."""
+        self.mechanics.rate(0.0)  # a step before may have been undone
+        self.mechanics.begin_step()
+        self._begun = time
         self._start = self.mechanics.state.J_of_rows
 
     def _error_of_J(self, first: bool) -> np.ndarray:

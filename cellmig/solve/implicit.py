@@ -267,13 +267,13 @@ class Implicit(Integrator):
         """Take one step of TS, which may try several lengths."""
         ts, m, failed = self.ts, self.mechanics, self.ts.getSNESFailures()
         before, start = m.state.owned.copy(), ts.getTime()
-        self.equations.begin()
+        self.equations.begin(start)
         ts.step()
         failed = ts.getSNESFailures() - failed
         dt = ts.getTime() - start
         if ts.getConvergedReason() < 0 or not dt > 0.0:
             m.state.owned[:] = before
-            m.rate()
+            m.rate(0.0)
             self.fail("no step was short enough for Newton's method", remedy="try a smaller time.step")
         if failed:
             self.failures += failed
@@ -298,7 +298,7 @@ class Implicit(Integrator):
         self._from_petsc()
         m.prescribe(ts.getTime())
         self._account_path(before, start, dt)
-        m.relax_director(dt)
+        m.end_step(dt)
         limits = self._checked_limits()
         if limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
@@ -351,7 +351,7 @@ class Implicit(Integrator):
             m.accounts.add(share * dt)
         m.loads.set_clock(start + dt)
         m.state.owned[:] = after
-        m.rate()
+        m.rate(dt)
         motion = 0.5 * (mass * (v**2 - v_before**2)).sum(axis=1)
         self.scheme_loss += work - motion
         m.accounts.of_particles["artificial_dissipation"] += work - motion

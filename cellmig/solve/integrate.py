@@ -314,7 +314,7 @@ class Integrator:
         before = m.state.owned.copy()
         self._store(u)
         m.prescribe(t)
-        out.setArray(m.rate().ravel())
+        out.setArray(m.rate(t - self._last_time).ravel())
         m.state.owned[:] = before
 
     def _after_step(self, ts: PETSc.TS) -> None:
@@ -325,7 +325,7 @@ class Integrator:
         m.state.exchange()
         dt = ts.getTime() - self._last_time
         self._last_time = ts.getTime()
-        m.relax_director(dt)
+        m.end_step(dt)
         self._account(dt)
         self.count[self.mechanism] = self.count.get(self.mechanism, 0) + 1
         widen(self.extremes, "dt", dt, dt)

@@ -18,6 +18,7 @@ from .accounts import ACCOUNTS, Accounts
 from .director import Director
 from .loads import Loads
 from .modes import Modes
+from .network import Network
 from .protrusion import Protruding, Protrusion
 from .segments import Segments
 from .state import State
@@ -40,8 +41,8 @@ class Extremes(NamedTuple):
     J_max: float
 
 
-FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Director.FIELDS, *Protrusion.FIELDS,
-          *Accounts.FIELDS)
+FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Network.FIELDS, *Director.FIELDS,
+          *Protrusion.FIELDS, *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -55,6 +56,7 @@ class Mechanics:
     segments : Segments -- of surfaces, and search lists.
     modes : Modes -- the fastest ones of sound and viscosity.
     loads : Loads -- supports, loads and plates.
+    network : Network -- None if no material has one.
     director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
     accounts : Accounts -- dissipation, work, impulses.
@@ -74,6 +76,7 @@ class Mechanics:
         self.modes = Modes(part, kernel)
         self.loads = Loads(part, kernel, boundary)
         self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
+        self.network = Network(part, kernel, self.state) if terms.network else None
         self.director = Director(part, kernel, self.state) if terms.has_director else None
         self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments, protruding)
         self.accounts = Accounts(part, kernel, self.segments)
@@ -82,6 +85,7 @@ class Mechanics:
         self.prescribe(0.0)
         self.renew_lists()
         kernel("deformation")
+        self.begin_step()
 
     def _load(self, swarm: Swarm) -> None:
         """Copy state and accounts from the swarm, whose particles are ordered by id."""
@@ -130,17 +134,38 @@ class Mechanics:
         t.accounted_dt = 0.5 * (t.dt_prev + dt) if n == 1 else dt
         t.F_lag = t.dt_prev = dt
 
-    def rate(self) -> np.ndarray:
+    def rate(self, since: float | None = None) -> np.ndarray:
         """(v, a) of the owned particles (n_owned, 2 d) [µm/µs, µm/µs²] in the current state; collective.
 
         Updates F, reactions and loads.  Raises PETSc.Error where an exchange of ghosts failed.
+
+        since : within a step of an integrator other than leapfrog, time since its begin [µs].
         """
         out = np.zeros((self.n_owned + 4, 2 * self.scene.dimension))
         self.state.exchange()
-        if self.kernel("rate", out, float(self.times.accounted_dt)):
+        if since is not None and self.network is not None:
+            self.network.reach(since)
+        if self.kernel("rate", out, float(self.times.F_lag), float(self.times.accounted_dt)):
             raise PETSc.Error(75)
         self.times.F_lag = self.times.accounted_dt = 0.0
         return out[: self.n_owned]
+
+    def begin_step(self) -> None:
+        """Begin a step of an integrator other than leapfrog, in the state for which F is current."""
+        if self.network is not None:
+            self.network.begin()
+
+    def end_step(self, dt: float) -> None:
+        """End a step of `dt` [µs] of an integrator other than leapfrog, and begin the next; collective.
+
+        Networks are renewed; directors, which were still within the step, relax.  Raises PETSc.Error where an exchange
+        of ghosts failed.
+        """
+        if self.network is not None:
+            self.network.reach(dt)
+            self.kernel("deformation")
+            self.network.renew()
+        self.relax_director(dt)
 
     def relax_director(self, dt: float) -> None:
         """Relax the director by dt [µs], for integrators that keep it constant within a step; collective.
@@ -155,6 +180,7 @@ class Mechanics:
     def changing(self) -> dict[str, np.ndarray]:
         """Writable arrays that steps change, by name, of any shape and unit."""
         found = self.state.changing | self.accounts.changing | self.loads.changing
+        found |= self.network.by_block if self.network is not None else {}
         found |= self.protrusion.changing if self.protrusion is not None else {}
         return found | (self.director.changing if self.director is not None else {})
 
@@ -244,9 +270,10 @@ class Mechanics:
         """Energy of the director that nodal integrals miss (n_owned,) [pN µm], in space."""
         return self.director.missed_energy() if self.director is not None else np.zeros(self.n_owned)
 
-    def director_fields(self) -> dict[str, np.ndarray]:
-        """Gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows, if they matter: see `Director`."""
-        return self.director.of_rows() if self.director is not None else {}
+    def internal_fields(self) -> dict[str, np.ndarray]:
+        """What laws take of the rows besides F and Ḟ, by their names there: those of network and director."""
+        return {name: values for part in (self.network, self.director) if part is not None
+                for name, values in part.of_rows().items()}
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -60,21 +60,23 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():
         values[:] = particle[name][m.ids]
-    block, lane = m.part.blocks.lanes_of
     for name, blocks in _by_blocks(m).items():  # with the rows of ghosts, which have the same bits
-        blocks[block, :, lane] = particle[name][m.part.row_ids]
+        m.state.set_by_row(blocks, particle[name][m.part.row_ids])
     m.segments.renewals = about["renewals"]
     for name in asdict(m.times):
         setattr(m.times, name, about[name])
     if m.loads.there:
         m.loads.set_clock(*about["clock"])
+    if m.network is not None:
+        m.network.begin()
     m.state.solution.stateIncrease()
     m.state.exchange()
     if m.director is not None:
         m.director.exchange()
 
 
-_ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work")  # by blocks, until particles get them
+# By blocks, until particles get them.
+_ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work", "network_loss")
 
 
 def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
@@ -88,8 +90,9 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
 
 
 def _by_blocks(m: Mechanics) -> dict[str, np.ndarray]:
-    """Writable arrays by blocks (n_blocks, k, 4): F, Laplacians, and forces and stresses of the last kick."""
+    """Writable arrays by blocks (n_blocks, k, 4): F, Laplacians, A, and forces and stresses of the last kick."""
     found = {**{name: m.state.changing[name] for name in ("F", "bend")}, **_step_memory(m)}
+    found |= m.network.by_block if m.network is not None else {}
     return found | m.director.by_block if m.director is not None else found
 
 

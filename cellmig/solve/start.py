@@ -19,7 +19,7 @@ LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
     """Initial fields of all particles, by their names in the swarm.
 
-    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, 5),
+    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, 6),
     zero.
     """
     n, X = scene.size, scene.X
@@ -30,7 +30,7 @@ def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
         v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
         v[on] += place @ np.array(c.velocity_gradient).T
         director[on] = initial(case.director, X[on] - np.array(c.centre))
-    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, 5))}
+    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, 6))}
 
 
 def discretise(case: Case) -> Scene:

@@ -176,6 +176,11 @@ class State(GhostedField):
         block, lane = self._part.blocks.lanes_of
         return blocks[block, :, lane]
 
+    def set_by_row(self, blocks: np.ndarray, values: np.ndarray) -> None:
+        """Set an array by `blocks` (n_blocks, k, 4) to values by row (n_rows, k), in its unit."""
+        block, lane = self._part.blocks.lanes_of
+        blocks[block, :, lane] = values
+
     def tensors(self) -> tuple[np.ndarray, np.ndarray]:
         """F and Ḟ of the rows, owned first, (d, d, n_rows) each [-], [1/µs]; current after `Mechanics.rate`."""
         rates, d = np.zeros_like(self._kernel["F"]), self.dimension

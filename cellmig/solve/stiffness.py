@@ -80,7 +80,7 @@ class Stiffness:
         """
         m, terms, d = self.mechanics, self.mechanics.terms, self.dimension
         F, rate = m.state.tensors()
-        given = {"F": F, "Fdot": rate, **m.director_fields()}
+        given = {"F": F, "Fdot": rate, **m.internal_fields()}
         A = np.zeros((d, d, d, d, F.shape[-1]))
         present = {"stress": True, "viscous_stress": True, "director_stress": terms.director != "none",
                    "active_stress": terms.active}

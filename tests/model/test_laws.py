@@ -156,10 +156,10 @@ def test_moduli_at_rest_are_those_that_the_law_states(name: str) -> None:
     law, h = example("material", name), 1e-5
     shear = np.array([[1.0, h], [0.0, 1.0]])[:, :, None]
     dilation = ((1.0 + 0.5 * h) * np.eye(2))[:, :, None]
-    modulus = law.bulk_modulus if not hasattr(law, "reduced_bulk_modulus") else law.reduced_bulk_modulus
+    wave = law.density * law.sound_speed**2  # P-wave modulus K + 4 G/3
     assert stress(law, shear)[0, 1, 0] / h == pytest.approx(law.shear_modulus, rel=1e-4, abs=1e-9)
     # in the plane the response to dilation is K + G/3; measured 1e-5
-    assert stress(law, dilation)[0, 0, 0] / h == pytest.approx(modulus + law.shear_modulus / 3.0, rel=1e-4)
+    assert stress(law, dilation)[0, 0, 0] / h == pytest.approx(wave - law.shear_modulus, rel=1e-4)
 
 
 @DIMENSIONS

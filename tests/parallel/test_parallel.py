@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scenes import built, case
+from scenes import NETWORK, built, case
 
 from mpi4py import MPI
 
@@ -168,7 +168,7 @@ def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
     n = 101
     rng = np.random.default_rng(3)
     whole = {name: rng.standard_normal((n, width)) if width > 1 else rng.standard_normal(n)
-             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": 5}.items()} | {"id": np.arange(n)}
+             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": 6}.items()} | {"id": np.arange(n)}
     mine = rng.integers(0, comm.size, n) == comm.rank
     owner = rng.integers(0, comm.size, n)
     swarm = Swarm(comm, {name: values[mine] for name, values in whole.items()})
@@ -266,6 +266,7 @@ RUNS: dict[str, Callable[[], Case]] = {
                                     'director.start="radial"'),
     "three active cells under a body force": lambda: case("all_protrude", 'materials.cytoplasm.zeta="-300 Pa"',
                                               'body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]'),
+    "three cells with a network": lambda: case("all_protrude", *NETWORK),
     "a cell from a mesh": lambda: case("mesh"),
     "rk": lambda: case("paper", "cells.0.repeat=[2]", 'time.integrator="rk"', 'time.step="1 ns"'),
 }

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import DAMPED, built, case, everywhere, forces, set_motion, smooth
+from scenes import DAMPED, NETWORK, built, case, everywhere, forces, set_motion, smooth
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.schema import Case
@@ -29,6 +29,7 @@ SCENES: dict[str, Callable[[], Case]] = {
     "frozen director": lambda: case("one_cell", *SOFT, 'materials.cytoplasm.eta="200 pN"', 'director.law="frozen"',
                                     'director.start="radial"'),
     "relaxing director": lambda: case("director_radial", *SOFT, 'director.anchoring="none"'),
+    "network": lambda: case("one_cell", *SOFT, *NETWORK),
     "active": lambda: case("all_protrude", *SOFT, NO_ETA, 'materials.cytoplasm.zeta="-300 Pa"',
                            'director.law="frozen"', 'director.start="tangential"'),
     "director and activity": lambda: case("director_radial", *SOFT, 'materials.cytoplasm.zeta="300 Pa"',

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import assert_close, deformations, directions, gradients, rates, slope, vectors
+from samples import assert_close, deformations, directions, fractions, gradients, networks, rates, slope, vectors
 from scenes import BALL, DAMPED, DISC, built, case, everywhere, example, forces, set_motion, smooth
 from scipy import sparse
 from scipy.optimize import brentq
@@ -44,7 +44,8 @@ MATERIALS = [(name, method, by) for name, law in laws("material").items() for me
 @pytest.mark.parametrize(("name", "method", "by"), MATERIALS)
 def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method: str, by: str, d: int) -> None:
     law = example("material", name)
-    given = {"F": deformations(d=d), "Fdot": rates(d=d), "gradient": gradients(d=d), "director": directions(d=d)}
+    given = {"F": deformations(d=d), "Fdot": rates(d=d), "gradient": gradients(d=d), "director": directions(d=d),
+             "network": networks(d=d), "kept": fractions()}
     found = tangent(law, method, given, by)
     expected = np.zeros_like(found)
     for k, l in np.ndindex(d, d):

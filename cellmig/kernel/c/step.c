@@ -24,6 +24,10 @@ static void settle_accounts(const KernelData *s)
             s->viscous_loss[block.row + i] += memory->viscous_loss[i];
             s->artificial_dissipation[block.row + i] += memory->artificial_dissipation[i];
             memory->viscous_loss[i] = memory->artificial_dissipation[i] = 0;
+            if (NETWORK) {
+                s->network_loss[block.row + i] += memory->network_loss[i];
+                memory->network_loss[i] = 0;
+            }
             if (!ACTIVE) continue;
             s->external_work[block.row + i] += memory->external_work[i];
             memory->external_work[i] = 0;
@@ -58,10 +62,12 @@ int advance(const KernelData *s, long n, double dt, double F_lag, double account
     return 0;
 }
 
-/* Rates (v, a) of the owned particles for the state as it is; the work of the last kick is completed. */
-int rate(const KernelData *s, double *out, double accounted_dt)
+/* Rates (v, a) of the owned particles for the state as it is; the work of the last kick is completed.  F_lag: time
+ * since F was updated. */
+int rate(const KernelData *s, double *out, double F_lag, double accounted_dt)
 {
     if (before_stress(s)) return 1;
+    if (NETWORK && F_lag > 0) networks_follow(s, F_lag);
     deformation(s);
     stress_of_rate(s, 0.0, accounted_dt, 0.0);
     surface_forces(s, accounted_dt, 0.0);
@@ -88,6 +94,7 @@ void account(const KernelData *s, double dt)
 {
     deformation(s);
     stress_of_rate(s, 0.0, 0.0, 2.0 * dt);
+    if (NETWORK) networks_lose(s, dt);
     account_holds(s, dt);
     settle_accounts(s);
     surface_forces(s, 0.0, 0.0);

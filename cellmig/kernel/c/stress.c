@@ -34,8 +34,6 @@ static inline v4 work_of_bending(float *memory, const v4 q[D], const v4 rate[D],
     return work;
 }
 
-static inline void add(double *account, v4 amount) { store(account, load(account) + amount); }
-
 /* P += A. */
 static inline void add_stress(v4 P[D][D], v4 A[D][D])
 {
@@ -50,7 +48,12 @@ static inline void scale(v4 A[D][D], v4 V)
 /* V P of what stores energy: the material, and the gradient of the director. */
 INLINED void elastic(const KernelData *s, long b, const int material, const v4 F[D][D], v4 V, v4 P[D][D])
 {
-    stress(s, material, F, P);
+    v4 A[D][D] = {{{0}}}, kept = {0};
+    if (NETWORK) {
+        load_network(s, b, A);
+        kept = splat(s->network_share[material]);
+    }
+    stress(s, material, F, A, kept, P);
     if (has_director_stress(material)) {
         v4 g[M][D], T[D][D];
         load_director_gradient(s, b, g);
@@ -110,9 +113,10 @@ static inline v4 bulk_damping(StepMemory *memory, v4 viscosity, const v4 F[D][D]
     return work;
 }
 
-/* Stress of block b, of this material, from F and Ḟ (entries by columns); work over the steps is accounted. */
+/* Stress of block b, of this material, from F and Ḟ (entries by columns), after a network has followed F for F_lag;
+ * work over the steps is accounted. */
 INLINED void stress_of_block(const KernelData *s, long b, const int material, const v4 f[D * D], const v4 r[D * D],
-                             const v4 bend[2 * D], double accounted_dt, double dt)
+                             const v4 bend[2 * D], double F_lag, double accounted_dt, double dt)
 {
     const Block *block = block_at(s, b);
     v4 F[D][D], R[D][D];
@@ -121,6 +125,11 @@ INLINED void stress_of_block(const KernelData *s, long b, const int material, co
     const v4 V = load(s->volume + 4L * block->stencil);
     StepMemory *memory = s->step_memory + b;
     v4 P[D][D], bent[D] = {{0}};
+    if (NETWORK && F_lag > 0) {
+        v4 before[D][D];
+        for (int k = 0; k < D * D; k++) before[k % D][k / D] = f[k] - F_lag * r[k];
+        renew_network(s, b, material, before, F, F_lag);
+    }
     elastic(s, b, material, F, V, P);
     if (STIFFENED)
         for (int i = 0; i < D; i++) bent[i] = load(s->bending_modulus + 4L * block->stencil) * bend[i];
@@ -157,7 +166,7 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
         }
         extend_range(f, block[m].lanes, range);
         switch (block->material) {
-#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], bend, accounted_dt, dt); break;
+#define CASE(i) case i: stress_of_block(s, b + m, i, f, r[m], bend, F_lag, accounted_dt, dt); break;
             EACH_MATERIAL(CASE)
         }
     }

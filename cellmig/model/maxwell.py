@@ -1,0 +1,86 @@
+"""Cytoplasm with a network whose bonds break and form again: an addition to the model of Bai, Lin & Zeng (2019)."""
+
+from __future__ import annotations
+
+from numpy import log, sqrt
+
+from ..case.registry import law, quantity
+from .nematic import Nematic
+from .tensors import cofactors, combined, contracted, determinant, identity, product, transposed
+
+
+@law("material", "maxwell")
+class Maxwell(Nematic):
+    r"""The fluid of equation (7) and a network whose bonds break at the rate 1/τ, and form again without stress.
+
+    A material point remembers A, the mean of C⁻¹ at which its present bonds formed; A = I at first, and
+
+        dA/dt = (C⁻¹ - A)/τ,   b = F A Fᵀ,   W = G (tr b - 3 - ln det b) / 2,   σ = G (b - I) / J.
+
+    This is the upper-convected Maxwell model of shear modulus G and viscosity G τ: an elastic solid within τ, a fluid
+    for longer.  What bonds lose is G (tr b + tr b⁻¹ - 6) / 2τ ≥ 0.  In plane strain A33 stays 1.
+
+    A step of a time t = r τ, in which C⁻¹ changes linearly, is closed: A becomes κ A* + (1 - κ) C⁻¹ with
+    A* = (2 A + r C⁻¹ at its start) / (2 + r), κ = (2 + r) / (2 + 2 r + r²).  It is of second order, A remains positive
+    definite, and at r → ∞ the stress is that of the viscosity G τ.
+
+    Source: Green & Tobolsky (1946); Lubliner (1985) for A = C_v⁻¹; weights of the step: derived here, from the (0, 2)
+    Padé approximant of exp(-r).
+    """
+
+    energy_column = "elastic"  # of the ledger, for the energies of fluid and network
+
+    shear_modulus: float = quantity("Pa", "shear modulus G of the network", above=0)
+    relaxation_time: float = quantity("us", "relaxation time τ, the mean life of a bond", above=0)
+
+    @property
+    def sound_speed(self) -> float:
+        """Speed of compression waves far faster than τ, sqrt((k + 2 G)/ρ), with the reduced modulus k [µm/µs]."""
+        return float(sqrt((self.reduced_bulk_modulus + 2.0 * self.shear_modulus) / self.density))
+
+    def energy(self, F, network=None):
+        """Energy of compression and of the network A [-], by default A = I, per reference volume [Pa]."""
+        A = identity(len(F)) if network is None else network
+        b = contracted(product(transposed(F), F), A)
+        stretched = b - float(len(F)) - 2.0 * log(self.volume_ratio(F)) - log(determinant(A))
+        return self.compression(F) + 0.5 * self.shear_modulus * stretched
+
+    def stress(self, F, network=None, kept=1.0):
+        """First Piola-Kirchhoff stress of pressure and network, P = -J p F⁻ᵀ + κ G (F A* - F⁻ᵀ) [Pa].
+
+        At the end of a step `network` is A* and `kept` κ; before, and between steps, κ is 1 and A* is A.
+        """
+        A = identity(len(F)) if network is None else network
+        g = kept * self.shear_modulus
+        return combined((1.0, self.pressure_stress(F)), (g, product(F, A)),
+                        (-g / self.volume_ratio(F), cofactors(F)))
+
+    def network_begun(self, before, network, time):
+        """A* of a step of a `time` [µs] that begins at A = `network` and F = `before`, [-]."""
+        r = time / self.relaxation_time
+        share = 1.0 / (2.0 + r)
+        return combined((2.0 * share, network), (r * share, self.unstressed(before)))
+
+    def network_kept(self, time):
+        """Share κ of A* in A after a step of a `time` [µs], [-]."""
+        r = time / self.relaxation_time
+        return (2.0 + r) / (2.0 + r * (2.0 + r))
+
+    def network_renewed(self, F, network, kept):
+        """A at the end of a step with A* = `network` and κ = `kept`, where the deformation gradient is F, [-]."""
+        return combined((kept, network), (1.0 - kept, self.unstressed(F)))
+
+    def unstressed(self, F):
+        """C⁻¹, the A of a network without stress [-]."""
+        c, J = cofactors(F), self.volume_ratio(F)
+        return combined((1.0 / (J * J), product(transposed(c), c)))
+
+    def network_loss(self, F, network):
+        """Dissipation G (tr b + tr b⁻¹ - 6) / 2τ of the network A, per reference volume [Pa/µs]."""
+        C, rJ = product(transposed(F), F), 1.0 / determinant(network)
+        b, inverse = contracted(C, network), contracted(self.unstressed(F), cofactors(network)) * rJ
+        return 0.5 * self.shear_modulus / self.relaxation_time * (b + inverse - 2.0 * float(len(F)))
+
+    def out_of_plane(self, F):
+        """Cauchy stress normal to the plane, σ33 = -p [Pa]: there the network has no stretch."""
+        return self.mean_stress(F)

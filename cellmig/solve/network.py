@@ -1,0 +1,88 @@
+"""Networks whose bonds break and form again: what the rows of a rank remember of their deformation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..kernel.fields import Field
+from ..kernel.kernel import Kernel
+from .state import State
+from .subdomain import Subdomain
+
+
+class Network:
+    """A of the rows; those of ghosts follow from F as on the rank of their owner, with the same bits.
+
+    Leapfrog renews A in the kernel, step by step.  Other integrators `begin` a step, `reach` the times at which they
+    need stresses, always from the same start, and `renew` A where a step ends.
+
+    Source: the law maxwell, with the symbols A, A* and κ.
+    """
+
+    FIELDS = (
+        Field("network", "double *", "(n_blocks, d², 4)", "-", "A, within a step A*: entries by columns, by lanes"),
+        Field("network_share", "double *", "(n_materials,)", "-", "κ of the step so far, 1 between steps"),
+    )
+
+    def __init__(self, part: Subdomain, kernel: Kernel, state: State):
+        """Begin with A = I."""
+        self._kernel, self._state, self._d = kernel, state, part.scene.dimension
+        of_block = part.blocks.table[:, 4]
+        self._material = part.scene.material[part.row_ids]
+        self._laws = [(i, law, of_block == i) for i, law in enumerate(part.scene.materials)
+                      if hasattr(law, "network_renewed")]
+        kernel["network"] = np.zeros((len(of_block), self._d**2, 4))
+        kernel["network"][:, :: self._d + 1] = 1.0
+        kernel["network_share"] = np.ones(len(part.scene.materials))
+        self._start = self._before = self.by_block["network"]
+
+    @property
+    def by_block(self) -> dict[str, np.ndarray]:
+        """A (n_blocks, d², 4) [-], writable, which steps change, by the name of the field."""
+        return {"network": self._kernel["network"]}
+
+    @property
+    def rows(self) -> np.ndarray:
+        """A of the rows, owned first (d, d, n_rows) [-]."""
+        return self._state.by_row(self._kernel["network"]).reshape(-1, self._d, self._d).transpose(2, 1, 0)
+
+    def set_rows(self, values: np.ndarray) -> None:
+        """Set A of the rows to `values` (d, d, n_rows) [-], symmetric and positive definite."""
+        self._state.set_by_row(self._kernel["network"], values.transpose(2, 1, 0).reshape(-1, self._d**2))
+        self._start = self._kernel["network"].copy()
+
+    def of_rows(self) -> dict[str, np.ndarray]:
+        """A (d, d, n_rows) and κ (n_rows,) [-] of the rows, by their names in laws."""
+        return {"network": self.rows, "kept": self._kernel["network_share"][self._material]}
+
+    def begin(self) -> None:
+        """Begin a step, at A and F as they are."""
+        self._start, self._before = self._kernel["network"].copy(), self._kernel["F"].copy()
+
+    def reach(self, time: float) -> None:
+        """Set A* and κ for stresses a `time` [µs] after the begin of the step."""
+        for i, law, on in self._laws:
+            self._set(on, law.network_begun, self._before, self._start, time)
+            self._kernel["network_share"][i] = law.network_kept(time)
+
+    def renew(self) -> None:
+        """End the step at the time that was reached last, and begin the next; F has to be current."""
+        for i, law, on in self._laws:
+            kept = self._kernel["network_share"][i]
+            self._set(on, law.network_renewed, self._kernel["F"], self._kernel["network"], kept)
+            self._kernel["network_share"][i] = 1.0
+        self.begin()
+
+    def form(self) -> None:
+        """Let all bonds form anew, without stress; F has to be current."""
+        for _, law, on in self._laws:
+            self._set(on, law.unstressed, self._kernel["F"])
+
+    def _set(self, on: np.ndarray, formula: Callable[..., Any], *given: Any) -> None:
+        """Set A on some blocks to a formula of tensors by blocks, and of numbers."""
+        d = self._d
+        A = formula(*(a[on].reshape(-1, d, d, 4).transpose(2, 1, 0, 3) if np.ndim(a) else a for a in given))
+        self._kernel["network"][on] = np.array(A).transpose(2, 1, 0, 3).reshape(-1, d * d, 4)
