@@ -10,6 +10,7 @@ import numpy as np
 
 from . import units
 from .gaps import OUTLINE, depth, near
+from .held import unheld
 from .messages import show, suggest
 from .pairs import paired
 from .schema import Cell, Particles
@@ -35,6 +36,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _pairs(source, found)
     _walls(source, found)
     _equilibria(source, found)
+    _without_inertia(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
     if found["dimension"] == 3:
         _in_space(source, found)
@@ -198,6 +200,26 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
             if item.load_curve.value(0.0) and _acts(item):
                 source.reject((*path, "load_curve"), f"{why} under loads that grow with time from zero: "
                              'expects such as { law = "ramp", duration = "1 us" }')
+
+
+def _without_inertia(source: Source, found: dict[str, Any]) -> None:
+    """Note what an overdamped case cannot have: cells that nothing holds, initial velocities."""
+    if found["time"] is None or found["time"].integrator != "overdamped":
+        return
+    why = "\"overdamped\" is motion without inertia"
+    cells = {path: (cell, path) for cell, path in found["cells"]}.values()
+    for cell, path in cells:
+        for key in ("velocity", "velocity_gradient"):
+            still = default_in(declared(Cell)[key], len(cell.centre))
+            if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):
+                source.reject((*path, key), f"{why}, where forces alone decide velocities: leave it out")
+    loose = set(unheld([cell for cell, _ in cells], [item for item, _ in found["supports"]], found["friction"],
+                       found["substrate"], found.get("medium")))
+    for cell, path in cells:
+        if cell in loose:
+            source.reject((*path, "centre"), f"{why}: nothing holds '{cell.name}', so that the least force would move "
+                          "it at once; give [medium] a viscosity, [friction] to a cell that rests on the substrate, or "
+                          "[[supports]]")
 
 
 def _acts(item: Any) -> bool:

@@ -1,0 +1,26 @@
+"""What resists rigid motion of a cell: without inertia it has to be there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from .schema import Cell, Support
+
+
+def unheld(cells: Sequence[Cell], supports: Sequence[Support], friction: Any, substrate: Any,
+           medium: Any) -> Iterator[Cell]:
+    """The cells that neither a medium, nor friction on the substrate that they rest on, nor supports hold.
+
+    friction, substrate, medium : laws, or None.  A support counts for the directions in which it is not free.
+    """
+    if medium is not None and medium.viscosity:
+        return
+    for cell in cells:
+        rubs = friction is not None and substrate is not None and substrate.work > 0.0
+        if rubs and cell.centre[-1] + cell.shape.lowest() < substrate.cutoff:
+            continue
+        directions = {axis for s in supports if not s.cells or cell.name in s.cells
+                      for axis, value in enumerate(s.displacement) if value != "free"}
+        if len(directions) < len(cell.centre):
+            yield cell
