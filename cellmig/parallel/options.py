@@ -16,7 +16,7 @@ from .ghosts import petsc_library
 
 IMPLICIT = ("alpha2", "beuler", "theta", "cn", "bdf")  # TS types that use our tangent
 EXPLICIT = ("leapfrog", "euler", "rk", "ssp")  # TS types that need the right-hand side only
-OVERDAMPED = tuple(kind for kind in IMPLICIT if kind != "alpha2")  # for motion without inertia, of first order
+OVERDAMPED = tuple(kind for kind in IMPLICIT if kind not in ("alpha2", "cn"))  # for motion without inertia
 
 _OURS = {"no_signal_handler"}
 # Options that print something, or say where to stop, do not affect results.

@@ -15,6 +15,7 @@ from ..parallel.reduce import exact_sum, global_maximum
 from .equations import Equations
 from .implicit import BALANCE, Implicit
 
+SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
@@ -148,13 +149,11 @@ class Overdamped(Implicit):
         self.ts.setTimeStep(left / np.ceil(left / longest * (1.0 - 1e-12)))
 
     def _first_step(self) -> float:
-        """First step [µs]: that in which drag and viscosity let the typical force strain a body by START."""
-        m, h = self.mechanics, self.equations.spacing
-        resistance = max(law.viscosity for law in m.scene.materials)
-        if m.terms.friction is not None:
-            resistance = max(resistance, m.terms.friction.coefficient * h)
-        force = self.scale / h ** (m.scene.dimension - 2)
-        return START * h * resistance / force if resistance else 1e-3 * m.comm.bcast(self.ts.getMaxTime())
+        """First step [µs]: that in which the least viscous fluid strains by START under the typical force."""
+        h, scene = self.equations.spacing, self.mechanics.scene
+        force = self.scale / h ** (scene.dimension - 2)
+        viscosity = min((law.viscosity for law in scene.materials if law.viscosity), default=0.0)
+        return START * h * viscosity / force if viscosity else SOLID * self.ts.getMaxTime()
 
     def _accept(self, before: np.ndarray, dt: float) -> bool:
         """Whether the error of a step of dt [µs] from the state `before` is small enough; sets the next; collective."""

@@ -1,0 +1,144 @@
+"""Motion without inertia: forces in balance, scales that do not matter, drag against load, leapfrog at a small Reynolds
+number, orders in time, ranks, checkpoints.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import built, everywhere
+
+from mpi4py import MPI
+
+from cellmig.case.load import from_dict
+from cellmig.case.schema import Case
+from cellmig.model.adhesion import bonds_of
+from cellmig.parallel.options import OVERDAMPED, default_options
+from cellmig.simulation import Simulation
+
+GEL = {"law": "gel", "density": "1000 kg/m^3", "viscosity": "100 Pa s", "shear_modulus": "200 Pa",
+       "bulk_modulus": "1 MPa", "reduced_bulk_modulus": "1 MPa"}
+BONDS = {"bond_density": "8000 /um^2", "well_depth": "0.03 pN um", "equilibrium_distance": "50 nm", "cutoff": "1 um"}
+BOX = {"name": "Box", "shape": "rectangle", "width": "6 um", "height": "3 um", "centre": ["0 um"]}
+DISC = {"name": "Disc", "shape": "disc", "radius": "3 um", "centre": ["0 um"]}
+
+
+def crawler(body: dict = DISC, count: int = 93, *, material: dict | None = None, time: dict | None = None,
+            friction: str = "3000 Pa s/um", **tables: Any) -> Case:
+    """A cell of gel that rests on the substrate, with friction."""
+    clock = {"end": "100 s", "samples": 10, "frames": 1, "integrator": "overdamped"} | (time or {})
+    return from_dict({"time": clock, "particles": {"per_cell": count}, "materials": {"gel": GEL | (material or {})},
+                      "cells": [body | {"rest": True, "material": "gel"}], "adhesion": {"substrate": BONDS},
+                      "friction": {"coefficient": friction}, **tables})
+
+
+def at(sim: Simulation, seconds: float) -> np.ndarray:
+    """Displacements of all particles (size, d) at a time [s]."""
+    sim.sample()
+    sim.go(1e6 * seconds)
+    return everywhere(sim, sim.mechanics.state.u)
+
+
+def positions(scene: Case, seconds: float, comm: MPI.Comm = MPI.COMM_WORLD) -> np.ndarray:
+    """The same of a case."""
+    with built(scene, comm) as sim:
+        return at(sim, seconds)
+
+
+def bonded(sim: Simulation) -> float:
+    """Length of closed bonds on the substrate [µm]."""
+    ends, x = sim.scene.templates[0].facets, sim.scene.X + everywhere(sim, sim.mechanics.state.u)
+    closed = bonds_of(sim.terms.substrate).closed(*x[ends, 1].T)
+    return float(sim.scene.templates[0].facet_size @ np.clip(closed, 0.0, 1.0))
+
+
+def test_forces_are_in_balance_at_every_step() -> None:
+    with built(crawler(cortex={"line_tension": "50 pN/um"})) as sim:
+        at(sim, 1.0)
+        assert sim.integrator.steps > 20
+        assert sim.integrator.record()["out_of_balance"] < 1e-5  # of one particle; measured 3e-6, 1e-6 in the mean
+        entries = sim.sample()[1]
+        assert entries["kinetic_pn"] == 0.0
+        assert entries["energy_error"] < 1e-4  # measured 2e-6
+
+
+@pytest.mark.parametrize("stiff", [1.0, 3.0])
+def test_a_loaded_box_slides_with_force_over_drag(stiff: float) -> None:
+    """v = F / (c L) with the length L of closed bonds, whatever viscosity and stiffness."""
+    force = 0.5  # pN/µm³: 9 pN/µm
+    scene = crawler(BOX, material={"viscosity": f"{100 * stiff} Pa s", "shear_modulus": f"{2000 * stiff} Pa"},
+                    loads=[{"name": "pull", "body": [f"{force} Pa/um", "0 Pa/um"]}])
+    with built(scene) as sim:
+        at(sim, 100.0)
+        speed = 1e6 * everywhere(sim, sim.mechanics.state.v)[:, 0]
+        assert speed == pytest.approx(18.0 * force / (3000.0 * bonded(sim)), rel=1e-3)  # measured 1e-4
+
+
+def test_the_density_does_not_matter() -> None:
+    """Not even in the last bit."""
+    light, heavy = (positions(crawler(material={"density": f"{rho} kg/m^3"}), 0.2) for rho in (1000.0, 10000.0))
+    assert np.array_equal(light, heavy)
+    assert np.abs(light).max() > 0.01
+
+
+def test_all_viscosities_and_times_together_scale_time_alone() -> None:
+    slow = crawler(material={"viscosity": "1000 Pa s"}, friction="30000 Pa s/um")
+    fast, slow = positions(crawler(), 0.2), positions(slow, 2.0)
+    assert np.abs(slow - fast).max() < 1e-9 * np.abs(fast).max()  # measured 1e-13
+
+
+def test_a_body_force_moves_a_heavier_body_faster() -> None:
+    """The force is ρ times the acceleration, though the density counts nowhere else."""
+    force = {"acceleration": ["300 m/s^2", "0 m/s^2"]}
+    x = [positions(crawler(BOX, material={"density": f"{rho} kg/m^3", "shear_modulus": "2000 Pa"}, body_force=force),
+                   20.0)[:, 0].mean() for rho in (1000.0, 2000.0)]
+    assert x[0] == pytest.approx(20.0 * 0.3 * 18.0 / (3000.0 * 6.0), rel=0.1)  # measured 0.077: the body settles at first
+    assert x[1] == pytest.approx(2.0 * x[0], rel=0.01)
+
+
+@pytest.mark.parametrize("kind", OVERDAMPED)
+def test_steps_converge_with_the_order_of_their_type(kind: str) -> None:
+    """A bar that is held on the left and pulled on the right."""
+    def bar(step: float) -> np.ndarray:
+        clock = {"integrator": "overdamped", "end": "1 s", "step": f"{step} s", "samples": 1, "frames": 1}
+        body = {"name": "Bar", "shape": "rectangle", "width": "4 um", "height": "2 um", "centre": ["0 um", "0 um"],
+                "material": "gel"}
+        pull = {"name": "pull", "parts": ["right"], "traction": ["200 Pa", "0 Pa"],
+                "load_curve": {"law": "smooth", "duration": "0.8 s"}}
+        soft = {"bulk_modulus": "5 kPa", "reduced_bulk_modulus": "5 kPa"}
+        scene = from_dict({"time": clock, "particles": {"per_cell": 60}, "materials": {"gel": GEL | soft},
+                           "cells": [body], "supports": [{"name": "left", "parts": ["left"]}], "loads": [pull]})
+        return positions(scene, 1.0)
+
+    with default_options({"ts_type": kind}):
+        x = [bar(step) for step in (0.05, 0.025, 0.0125)]
+    change = [np.abs(a - b).max() for a, b in zip(x, x[1:], strict=False)]
+    order = 1 if kind == "beuler" else 2
+    assert math.log2(change[0] / change[1]) == pytest.approx(order, abs=0.25), change
+
+
+def test_any_number_of_ranks_finds_the_same() -> None:
+    ours, alone = positions(crawler(), 0.1), positions(crawler(), 0.1, MPI.COMM_SELF)
+    assert np.abs(ours - alone).max() < 1e-6 * np.abs(alone).max()
+
+
+def test_a_resumed_run_goes_on_with_the_same_bits() -> None:
+    with built(crawler()) as sim:
+        at(sim, 0.1)
+        about, arrays = sim.saved()
+        expected = at(sim, 0.2)
+    with built(crawler()) as sim:
+        sim.restore(about, arrays)
+        assert np.array_equal(at(sim, 0.2), expected)
+
+
+def test_errors_of_steps_follow_the_tolerance() -> None:
+    def moved(tolerance: float) -> np.ndarray:
+        with default_options({"ts_atol": str(tolerance)}):
+            return positions(crawler(), 0.5)
+
+    loose, tight, finest = map(moved, (8e-3, 2e-3, 2.5e-4))
+    assert np.sqrt(((tight - finest) ** 2).mean() / ((loose - finest) ** 2).mean()) < 0.6
