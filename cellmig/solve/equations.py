@@ -82,7 +82,7 @@ class Equations:
         return self.mass * (a - self.acceleration(t, u, v))
 
     def imbalance(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Residual -f(u, v, t), of held components the stiffness times u - ū, as `residual`; collective."""
+        """Residual -f(u, v, t), of held components the stiffness times u - ū [pN/µm]; all as `residual`; collective."""
         force = self.free * self.mass * self.acceleration(t, u, v)
         away = np.zeros_like(u)
         away[self.mechanics.loads.held] = u[self.mechanics.loads.held] - self.mechanics.loads.prescribed()

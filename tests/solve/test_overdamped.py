@@ -95,7 +95,7 @@ def test_a_body_force_moves_a_heavier_body_faster() -> None:
     force = {"acceleration": ["300 m/s^2", "0 m/s^2"]}
     x = [positions(crawler(BOX, material={"density": f"{rho} kg/m^3", "shear_modulus": "2000 Pa"}, body_force=force),
                    20.0)[:, 0].mean() for rho in (1000.0, 2000.0)]
-    assert x[0] == pytest.approx(20.0 * 0.3 * 18.0 / (3000.0 * 6.0), rel=0.1)  # measured 0.077: the body settles at first
+    assert x[0] == pytest.approx(20.0 * 0.3 * 18.0 / (3000.0 * 6.0), rel=0.1)  # settling: 0.077
     assert x[1] == pytest.approx(2.0 * x[0], rel=0.01)
 
 
