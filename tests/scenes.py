@@ -27,7 +27,7 @@ CASES = {path.stem: path for path in sorted((ROOT / "cases").glob("*.toml"))}
 # What stands in for a parameter without a default, or whose default of zero would make a test say nothing.
 EXAMPLES = {"": 0.5, "kg/m^3": 1000.0, "Pa": 2000.0, "Pa s": 1e-3, "pN": 100.0, "pN um": 0.03, "1/um^2": 8000.0,
             "um": 0.01, "um^2/us": 1.0, "rad": 0.7, "1/us": 1.0, "um/us": 1.0, "us": 1.0, "pN/um": 10.0,
-            "Pa us/um": 10.0}
+            "Pa us/um": 10.0, "pN/nm": 0.5, "1/s": 2e6}
 
 
 def example(kind: str, name: str) -> Any:

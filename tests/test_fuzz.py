@@ -45,7 +45,7 @@ VALUES = """0 -1 1 7 91 1e308 -1e308 1e-320 nan inf -inf true "" "auto" "free" [
 "relaxing" "frozen" "radial" "surface" "left" ["left"] ["surface"] 0.5 2.2 1e6 100000000""".split()
 LINES = ["[[cells]]", "[cells]", "[adhesion.cells]", "[[adhesion.pairs]]", "[director]", "[time]", "[[loads]]",
          "[[supports]]", "[[plates]]", "[[probes]]", "[particles]", "[materials.nucleus]", "[cortex]", "[friction]",
-         'extends = "paper.toml"',
+         "[medium]", 'extends = "paper.toml"',
          'cells = ["Cell-1", "Cell-2"]', 'cells = [["Cell-{}"], "Cell-1"]', 'name = "x"', 'parts = ["surface"]',
          'traction = ["0 Pa", "1 Pa"]', 'pressure = "1 kPa"', "holes = [[", "}",
          'load_curve = { law = "sine", period = "1 us" }', 'holes = [["0 um", "0 um", "0.2 um"]]', "a = {b = {c = {}}}",

@@ -186,8 +186,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
             ("substrate", ("adhesion", "substrate"), "adhesion"), ("contact", ("adhesion", "cells"), "adhesion"),
             ("pairs", ("adhesion", "pairs"), "adhesion"),
             ("protrusion", ("protrusion",), "protrusion"), ("cortex", ("cortex",), "cortex"),
-            ("friction", ("friction",), "friction"), ("director", ("director",), "director"),
-            ("body_force", ("body_force",), "body force")):
+            ("friction", ("friction",), "friction"), ("medium", ("medium",), "medium"),
+            ("director", ("director",), "director"), ("body_force", ("body_force",), "body force")):
         if found[name] not in (None, []):
             source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():

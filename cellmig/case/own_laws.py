@@ -20,6 +20,7 @@ NEEDED = {
                  "potential", "slope", "primitive"),
     "protrusion": ("cells", "protrusion_ratio", "height", "ramp", "ramp_slope", "front", "hold", "random"),
     "cortex": ("energy", "tension"), "friction": ("coefficient", "drag"),
+    "medium": ("coefficient", "force"),
     "load_curve": ("value", "rate", "acceleration"),
     "shape": ("area", "lowest", "outline", "particles", "parts"),
 }

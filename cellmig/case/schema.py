@@ -219,6 +219,8 @@ class Case:
     cortex: Any = _law("cortex", "tension of the cells' surfaces; by default none, as in the paper",
                        default_law="line-tension")
     friction: Any = _law("friction", "drag on the substrate; by default none, as in the paper", default_law="bonds")
+    medium: Any = _law("medium", "drag of the liquid around the cells; by default none, as in the paper",
+                       default_law="stokes")
     director: Any = _law("director", "director field of the cytoplasm; by default uniform")
     body_force: tuple | None = parameter("acceleration due to a body force", None, unit="m/s^2", shape=("d",),
                                          at=("body_force", "acceleration"))

@@ -84,16 +84,16 @@ def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
     for term in SURFACE_TERMS:
         found = term.formula(terms)
         if isinstance(found, tuple):
-            functions.append(_of_laws(term, found, vectors))
+            functions.append(_of_laws(term, found, terms.dimension, vectors))
         elif found is not None:
-            text, vectors[term.name] = _functions(term, found)
+            text, vectors[term.name] = _functions(term, found, terms.dimension)
             functions.append(text)
     return "\n".join(functions)
 
 
-def _functions(term: SurfaceTerm, formula: Any) -> tuple[str, list[float]]:
+def _functions(term: SurfaceTerm, formula: Any, dimension: int) -> tuple[str, list[float]]:
     """Functions of a term's formula, and its parameters."""
-    t = Translator(formula, "double")
+    t = Translator(formula, "double", dimension)
     text = []
     for method, results in term.methods.items():
         t.number = "v4" if method in term.in_fours else "double"
@@ -101,12 +101,12 @@ def _functions(term: SurfaceTerm, formula: Any) -> tuple[str, list[float]]:
     return "\n".join(text), t.vector()
 
 
-def _of_laws(term: SurfaceTerm, formulas: tuple, vectors: dict[str, list[float]]) -> str:
+def _of_laws(term: SurfaceTerm, formulas: tuple, dimension: int, vectors: dict[str, list[float]]) -> str:
     """Functions of a term of several laws, for the parameters of each in turn, before which is the kind of the law."""
     kinds: dict[str, int] = {}
     rows = []
     for formula in formulas:
-        text, values = _functions(term, formula)
+        text, values = _functions(term, formula, dimension)
         rows.append([float(kinds.setdefault(text, len(kinds))), *values])
     wide = max(map(len, rows))
     vectors[term.name] = [number for row in rows for number in row + [0.0] * (wide - len(row))]

@@ -72,6 +72,7 @@ SURFACE_TERMS = (
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
         t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),
+    SurfaceTerm("medium", lambda t: t.medium, {"force": ()}),
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _with_bonds(
         t, t.protrusion, ProtrusionForce, ProtrusionPush),
                 {"grip": (), "hold": (), "force": ()}),

@@ -109,6 +109,12 @@ class Template:
         return self._by_law("density") * self.V * self.heaviness
 
     @cached_property
+    def radius(self) -> float:
+        """Radius of the disc of the same area, or the ball of the same volume [µm]."""
+        content = float(self.V.sum())
+        return float(np.sqrt(content / np.pi) if self.X.shape[1] == 2 else np.cbrt(0.75 * content / np.pi))
+
+    @cached_property
     def facet_size(self) -> np.ndarray:
         """Reference lengths [µm] or areas [µm²] of the facets (m,)."""
         return facet_sizes(self.X[self.facets])

@@ -13,7 +13,7 @@ from ..case.pairs import Pairing, paired
 from ..case.registry import laws
 from ..case.schema import Case, particle_count
 from ..geometry.polygons import convex
-from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, ProtrusionLaw
+from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, Medium, ProtrusionLaw
 from ..model.seifert import WALL, BetweenCells, solid
 from .boundary import load_curves_of
 
@@ -55,8 +55,8 @@ class Terms:
 
     Attributes
     ----------
-    substrate, contact, protrusion, cortex, friction : law or None -- terms of the surface; `contact` is that of all
-        pairs of cells without exceptions.
+    substrate, contact, protrusion, cortex, friction, medium : law or None -- terms of the surface; `contact` is that of
+        all pairs of cells without exceptions.
     contacts : Contacts or None -- laws of all pairs of cells, and of a cell with itself.
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
@@ -76,6 +76,7 @@ class Terms:
     protrusion: ProtrusionLaw | None = None
     cortex: Cortex | None = None
     friction: Friction | None = None
+    medium: Medium | None = None
     director: str = "none"
     director_law: DirectorLaw | None = None
     active: bool = False
@@ -113,9 +114,6 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
         skipped[term] = reason
         return absent if prune else value
 
-    def why(*conditions: tuple[bool, str]) -> str | None:
-        return next((reason for holds, reason in conditions if holds), None)
-
     nothing: Any = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=0.01)
     substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
                        solid(case.substrate) if case.substrate else nothing)
@@ -150,19 +148,24 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     damped = unless(why(still, (case.overdamped, "there is no sound without inertia"),
                         (not case.numerics.bulk_viscosity, "its viscosity is zero")),
                     "bulk damping", True, False)
-    cortex = unless(why((case.cortex is None, "the case has none")), "cortex", case.cortex)
+    force = case.body_force if any(case.body_force or ()) else None
+    cortex, medium, force = (unless(None if value else "the case has none", term, value) for term, value in (
+        ("cortex", case.cortex), ("drag of a medium", case.medium), ("body force", force)))
     friction = unless(why((case.friction is None, "the case has none"),
                           (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
                       case.friction if case.substrate is not None else None)
-    force = case.body_force if case.body_force and any(case.body_force) else None
-    force = unless(None if force else "the case has none", "body force", force, None)
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
-                 friction=friction, director=director, director_law=law, active=active, stabilised=stabilised,
-                 bulk_damped=damped, stiffened=stiffened, acceleration=force, load_curves=outside, single=_single(case),
-                 network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
-                 inertia=not (case.overdamped or case.static), skipped=skipped)
+                 friction=friction, medium=medium, director=director, director_law=law, active=active,
+                 stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
+                 load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
+                 dimension=case.dimension, inertia=not (case.overdamped or case.static), skipped=skipped)
+
+
+def why(*conditions: tuple[bool, str]) -> str | None:
+    """The reason of the first condition that holds, None if none does."""
+    return next((reason for holds, reason in conditions if holds), None)
 
 
 def _single(case: Case) -> bool:

@@ -170,6 +170,17 @@ class Friction(Law, Protocol):
         """Traction [Pa] at a share of closed bonds [-] and a speed [µm/µs]."""
 
 
+class Medium(Law, Protocol):
+    """Drag of the liquid around cells."""
+
+    @property
+    def coefficient(self) -> float:
+        """Largest traction over speed, times the radius of a cell [Pa µs]."""
+
+    def force(self, size: Value, velocity: Value) -> Value:
+        """Force [pN/µm, in space pN] on a length or area over the radius [-, µm] at a velocity [µm/µs]."""
+
+
 class DirectorLaw(Law, Protocol):
     """How the director begins and moves."""
 

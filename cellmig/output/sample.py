@@ -233,7 +233,7 @@ class Sampler:
             parts[name] = m.surface_force(term)[1] if law is not None else 0.0
         if terms.cortex is not None:
             parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
-        for name in ("external_work", "viscous_loss", "friction_loss", "artificial_dissipation"):
+        for name in ("external_work", "viscous_loss", "friction_loss", "medium_loss", "artificial_dissipation"):
             parts[name] = m.accounts.of_particles[name] + half_step * (powers or {}).get(name, 0.0)
         parts["network_loss"] = m.accounts.of_particles["network_loss"]  # networks are at the time of u
         if terms.acceleration is not None:  # work of the body force, a potential

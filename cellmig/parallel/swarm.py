@@ -15,7 +15,7 @@ class Swarm:
     """Particles of this rank, with their fields.
 
     These are id; positions X and displacements u (n, d) [µm], velocities v (n, d) [µm/µs], directors (n,) [rad] or
-    (n, 3) [-], and the losses and impulses accumulated so far (n, 6).
+    (n, 3) [-], and the losses and impulses accumulated so far (n, k).
     """
 
     def __init__(self, comm: MPI.Intracomm, fields: dict[str, np.ndarray]):

@@ -197,10 +197,11 @@ def span(values: list) -> str:
 
 
 def describe_dissipation(entries: dict[str, float]) -> str:
-    """Viscous, frictional and artificial dissipation, and of networks, from a row of the ledger; empty without any."""
+    """Dissipation by viscosity, networks, friction and media, and artificial, of a row of the ledger; "" if there is none."""
     unit, text = ("pn", "pN") if "viscous_loss_pn" in entries else ("pn_um", "pN µm")
     parts = [(name, entries.get(f"{column}_{unit}", 0.0)) for name, column in (
         ("viscous", "viscous_loss"), ("of networks", "network_loss"), ("frictional", "friction_loss"),
+        ("by the medium", "medium_loss"),
         ("artificial", "artificial_dissipation"))]
     total = sum(abs(value) for _, value in parts)
     if not total > 0.0:

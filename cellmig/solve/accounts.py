@@ -15,8 +15,8 @@ from .segments import Segments
 from .subdomain import Subdomain
 
 # Of particles.
-ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "protrusion_impulse", "external_work",
-            "network_loss")
+ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "medium_loss", "protrusion_impulse",
+            "external_work", "network_loss")
 
 
 class Accounts:
@@ -32,6 +32,7 @@ class Accounts:
         Field("viscous_loss", "double *", "(n_local,)", "pN", "dissipation by viscosity, with what is restored of it"),
         Field("artificial_dissipation", "double *", "(n_local,)", "pN", "dissipation by other numerical viscosities"),
         Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction on the substrate"),
+        Field("medium_loss", "double *", "(n_local,)", "pN", "dissipation by drag of the liquid around"),
         Field("protrusion_impulse", "double *", "(n_local,)", "pN µs/µm", "of the push along x"),
         Field("external_work", "double *", "(n_local,)", "pN", "of push, loads, plates, supports and activity"),
         Field("network_loss", "double *", "(n_local,)", "pN", "dissipation by bonds of networks that break"),

@@ -17,6 +17,7 @@ from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
 from .director import Director
 from .loads import Loads
+from .medium import Immersed
 from .modes import Modes
 from .network import Network
 from .protrusion import Protruding, Protrusion
@@ -42,7 +43,7 @@ class Extremes(NamedTuple):
 
 
 FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Network.FIELDS, *Director.FIELDS,
-          *Protrusion.FIELDS, *Accounts.FIELDS)
+          *Protrusion.FIELDS, *Immersed.FIELDS, *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -59,6 +60,7 @@ class Mechanics:
     network : Network -- None if no material has one.
     director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
+    immersed : Immersed -- None without a medium.
     accounts : Accounts -- dissipation, work, impulses.
     times : Times -- of the previous step.
     undo : Undo -- copy of an earlier state.
@@ -79,6 +81,7 @@ class Mechanics:
         self.network = Network(part, kernel, self.state) if terms.network else None
         self.director = Director(part, kernel, self.state) if terms.has_director else None
         self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments, protruding)
+        self.immersed = Immersed(part, kernel) if terms.medium is not None else None
         self.accounts = Accounts(part, kernel, self.segments)
         self.times, self.undo = Times(), Undo()
         self._load(swarm)
@@ -182,6 +185,7 @@ class Mechanics:
         found = self.state.changing | self.accounts.changing | self.loads.changing
         found |= self.network.by_block if self.network is not None else {}
         found |= self.protrusion.changing if self.protrusion is not None else {}
+        found |= self.immersed.changing if self.immersed is not None else {}
         return found | (self.director.changing if self.director is not None else {})
 
     def save(self) -> None:

@@ -106,9 +106,10 @@ def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
     """Values of the owned surface particles, to write to: u when the lists were made, x at the last row of the tables,
-    forces of plates.
+    drag of a medium, forces of plates.
     """
     found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
+    found |= m.immersed.changing if m.immersed is not None else {}
     return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
 
 

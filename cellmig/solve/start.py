@@ -12,6 +12,7 @@ from ..meshfree.body import Scene, template
 from ..meshfree.rkpm import factorised
 from ..model.director import initial, numbers
 from ..parallel.direct import solve_positive
+from .accounts import ACCOUNTS
 
 LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in the setup
 
@@ -19,7 +20,7 @@ LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in 
 def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
     """Initial fields of all particles, by their names in the swarm.
 
-    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, 6),
+    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, k),
     zero.
     """
     n, X = scene.size, scene.X
@@ -30,7 +31,7 @@ def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
         v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
         v[on] += place @ np.array(c.velocity_gradient).T
         director[on] = initial(case.director, X[on] - np.array(c.centre))
-    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, 6))}
+    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, len(ACCOUNTS)))}
 
 
 def discretise(case: Case) -> Scene:

@@ -85,6 +85,13 @@ def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
         yield _of_facets("pressure", formula, corners.T, pressure=pressure)
 
 
+def _medium(m: Mechanics, formula: Any) -> Iterator[Stencil]:
+    """Surface particles one by one."""
+    nodes, size = m.kernel["immersed"], m.kernel["immersed_size"]
+    if len(nodes):
+        yield Stencil("medium", nodes[None], lambda x, v: (formula.force(size, v[0]),))
+
+
 def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
     """A stencil for each protruding cell, as its push depends on its whole surface."""
     k = m.kernel
@@ -205,4 +212,5 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 
 
 # Others have stencils of facets.
-OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "protrusion": _protrusion, "loads": _loads}
+OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "medium": _medium, "protrusion": _protrusion,
+                                                 "loads": _loads}

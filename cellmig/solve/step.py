@@ -75,6 +75,7 @@ class StepControl:
             self.typical[1] = math.inf  # of a cell with itself
         self._size_per_mass = max(_size_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._size_per_mass if terms.friction and terms.substrate else 0.0
+        drag += max(terms.medium.coefficient / t.radius * _size_per_mass(t) for t in used) if terms.medium else 0.0
         tension = terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
         self._follows = not terms.director_acts  # the modes lack its stresses and torques

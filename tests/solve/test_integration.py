@@ -189,6 +189,7 @@ LOOKED_AT = {
     "push": lambda: stepped("all_protrude", 1.0, "protrusion.protrusion_ratio=0.6"),
     "friction, cortex": lambda: stepped("all_protrude", 1.0, 'friction.coefficient="10 Pa us/um"',
                                         'cortex.line_tension="50 pN/um"'),
+    "medium": lambda: stepped("all_protrude", 1.0, 'medium.viscosity="50 mPa s"'),
     "director": lambda: stepped("director_radial", 1.0),
     "ringing": lambda: stepped("nucleus", 1.0),
     "load": lambda: piece(step="1 ns", loads=[{"name": "press", "box": RIGHT, "pressure": "1 kPa",

@@ -28,6 +28,7 @@ SCENES = {
     "cortex and friction": lambda: case("one_cell", 'cortex.line_tension="500 pN/um"',
                                         'friction.coefficient="30 Pa us/um"'),
     "network": lambda: case("two_three", "protrusion.cells=[]", FAST, *NETWORK),
+    "medium": lambda: case("one_cell", 'medium.viscosity="50 mPa s"', FAST),
     "elastic": lambda: case("nucleus"),
     "supports and loads": lambda: piece(supports=[WALL], loads=[PRESS]),
     "plates": lambda: piece(plates=[plate("top", 2.0, -1.0, -0.2), plate("bottom", 0.0, 1.0, 0.2)]),
