@@ -197,7 +197,7 @@ def span(values: list) -> str:
 
 
 def describe_dissipation(entries: dict[str, float]) -> str:
-    """Dissipation by viscosity, networks, friction and media, and artificial, of a row of the ledger; "" if there is none."""
+    """Dissipation by viscosity, networks, friction and media, and artificial, of a row of the ledger, if any."""
     unit, text = ("pn", "pN") if "viscous_loss_pn" in entries else ("pn_um", "pN µm")
     parts = [(name, entries.get(f"{column}_{unit}", 0.0)) for name, column in (
         ("viscous", "viscous_loss"), ("of networks", "network_loss"), ("frictional", "friction_loss"),
