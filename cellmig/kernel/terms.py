@@ -68,7 +68,7 @@ SURFACE_TERMS = (
                  "face_apart": ("load", "stored", "holds", "stiff"), "edge_apart": ("load", "stored", "holds", "stiff"),
                  **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}},
                 ("face_apart", "edge_apart", "vertex", "face_stiffness", "edge_stiffness", "vertex_stiffness"),
-                files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c")),
+                files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
         t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),

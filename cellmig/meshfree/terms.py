@@ -41,6 +41,11 @@ class Contacts:
         """Distances beyond which the laws do not act (laws,) [µm]: repulsion alone ends where bonds are at rest."""
         return np.array([law.cutoff if law.work else law.equilibrium_distance for law in self.laws])
 
+    @property
+    def thinnest(self) -> float:
+        """Least equilibrium distance of the laws [µm]."""
+        return min(law.equilibrium_distance for law in self.laws)
+
     def of_pair(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Number in `laws` of that between the cells a (k,) int and b (k,) int, in either order (k,) int."""
         return self.pairing.of(a, b)

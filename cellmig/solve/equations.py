@@ -15,6 +15,7 @@ from .stiffness import Stiffness, fill
 
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
 MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
+DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
@@ -49,6 +50,7 @@ class Equations:
         self._begun = 0.0  # time of that start [µs]
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
+        self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
 
     def halves(self, x: PETSc.Vec) -> list[np.ndarray]:
         """Both halves (n_owned, d) of a Vec of (n_owned, 2 d), such as u [µm] and v [µm/µs] of (u, v)."""
@@ -64,7 +66,9 @@ class Equations:
 
         Returns
         -------
-        (n_owned, d) float -- [µm/µs²]; nan where a particle is inverted, surfaces cross or are beyond the search lists.
+        (n_owned, d) float -- [µm/µs²]; nan where a particle is inverted, or surfaces are far inside each other or
+            beyond the search lists.  The wall between cells is finite: edges that meet at speed cross for a while, and
+            it still drives them apart.
         """
         m = self.mechanics
         m.loads.set_clock(t)
@@ -72,7 +76,7 @@ class Equations:
         m.state.forget_contacts()
         a = m.rate(t - self._begun)[:, m.scene.dimension :].copy()
         self.evaluated += 1
-        late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.cross)
+        late = self._touches and (m.segments.displaced() > 0.5 * m.segments.skin or m.segments.depth > self._deepest)
         if (m.state.J_of_rows <= 0.0).any() or late:
             a[:] = np.nan  # Newton's method shortens its step, else TS cuts the time step
         return a

@@ -60,6 +60,7 @@ class Segments:
         Field("contact_edge", "int32_t *", "(…, 3)", "", "ends of edges of other cells, end of the next edge"),
         Field("stiffness_of_contact", "double *", "(n_local,)", "1/µs²", "the bounds over the mass"),
         Field("stiffest_contact", "double *", "(1,)", "1/µs²", "largest of them; infinite where surfaces cross"),
+        Field("deepest_contact", "double *", "(1,)", "µm", "how far surfaces that cross reach into each other"),
         Field("listed", "int32_t *", "(…, 2)", "", "pairs that may act soon, and what of them: the edge, the vertex"),
         Field("first_listed", "long *", "(n_contact_segments + 1,)", "", "those of each segment"),
         Field("listed_x", "double *", "(n_contact_nodes, 2)", "µm", "positions when they were listed"),
@@ -258,6 +259,11 @@ class Segments:
     def cross(self) -> bool:
         """Whether a segment of this rank crossed another outline since contacts were forgotten."""
         return bool(np.isinf(self._kernel["stiffest_contact"][0]))
+
+    @property
+    def depth(self) -> float:
+        """How far surfaces of this rank reached into others since contacts were forgotten [µm], 0 if none did."""
+        return float(self._kernel["deepest_contact"][0])
 
     def displaced(self) -> float:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""

@@ -104,6 +104,7 @@ class State(GhostedField):
         k["Q"], k["bent"] = np.zeros((part.capacity, 4 if d == 2 else 12)), np.zeros((part.capacity, 2))
         k["force"] = np.zeros((part.capacity, d))
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
+        k["deepest_contact"] = np.zeros(1)
         for name in ("bound", "viscous_weight", "elastic_weight"):
             k[name] = scene.field(name)[part.ids]
         k["acceleration"] = part.terms.acceleration or (0.0,) * d
@@ -165,7 +166,8 @@ class State(GhostedField):
 
     def forget_contacts(self) -> None:
         """Begin the extremes of gaps and contacts again."""
-        self._kernel["least_gap"][:], self._kernel["stiffest_contact"][:] = np.inf, 0.0
+        self._kernel["least_gap"][:] = np.inf
+        self._kernel["stiffest_contact"][:] = self._kernel["deepest_contact"][:] = 0.0
 
     def x(self, numbers: np.ndarray) -> np.ndarray:
         """Current positions (..., d) [µm] of the particles with local `numbers` (...) int."""

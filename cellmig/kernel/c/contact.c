@@ -44,7 +44,10 @@ static double add_edge(const KernelData *s, const Source *S, const Edge *e)
     if (!positive(S, e->along[0], e->along[1], range) || !positive(S, before[0], before[1], range)) return 0;
     const double gap[2] = {g[0] + range[0] * (g[1] - g[0]), g[0] + range[1] * (g[1] - g[0])};
     if (behind(gap)) return 0;
-    if (gap[0] < 0 || gap[1] < 0) *s->stiffest_contact = INFINITY; /* S crosses the edge */
+    if (gap[0] < 0 || gap[1] < 0) { /* S crosses the edge */
+        *s->stiffest_contact = INFINITY;
+        *s->deepest_contact = d_maximum(*s->deepest_contact, -d_minimum(gap[0], gap[1]) / sqrt(e->square));
+    }
     if (!positive(S, g[0], g[1], range)) return 0;
     if (g[0] * g[0] > far || g[1] * g[1] > far)
         if (!positive(S, sqrt(far) - g[0], sqrt(far) - g[1], range)) return 0;

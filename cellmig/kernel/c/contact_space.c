@@ -103,12 +103,13 @@ static double follow_nodes(const KernelData *s)
     return sqrt(most);
 }
 
-/* What the faces do that may act, in call number `now`. */
-static int add_faces(const KernelData *s, int32_t now, double *energy)
+/* What the faces do that may act, in call number `now`; how far any triangle goes through one. */
+static double add_faces(const KernelData *s, int32_t now, double *energy)
 {
     FacePieces found;
     const double gone = s->contact_gone[0];
-    found.n = found.pierced = 0;
+    found.n = 0;
+    found.pierced = 0;
     found.law = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
         const long first = s->listed_face_from[k], end = s->listed_face_from[k + 1];
@@ -193,7 +194,9 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
         list_kind(n, s->first_vertex, s->vertex_rest, gone[1], s->listed_vertex_from, s->listed_vertex);
     }
     gone[2] = step;
-    if (add_faces(s, now, energy)) *s->stiffest_contact = INFINITY;
+    const double pierced = add_faces(s, now, energy);
+    if (pierced > 0) *s->stiffest_contact = INFINITY;
+    *s->deepest_contact = d_maximum(*s->deepest_contact, pierced);
     add_edges(s, now, energy);
     add_vertices(s, now, energy);
     for (long m = 0; m < s->n_contact_nodes; m++) {

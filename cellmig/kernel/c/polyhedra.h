@@ -180,11 +180,11 @@ static void set_face(Face *f, const double *const x[3])
 /* A piece over a face: its corners, as shares of those of T and of the face, the normal, and what it acts on. */
 typedef struct { v4 on[3], below[3], normal; double *on_T[3], *on_face[3], *energy; } FacePiece;
 
-/* Pieces of one law that wait for what acts on them; whether any triangle goes through a face. */
+/* Pieces of one law that wait for what acts on them; how far any triangle goes through a face. */
 typedef struct {
     const double *law;
-    int n, pierced;
-    double area[MOST_PIECES], gap[3][MOST_PIECES];
+    int n;
+    double pierced, area[MOST_PIECES], gap[3][MOST_PIECES];
     FacePiece piece[MOST_PIECES];
 } FacePieces;
 
@@ -233,9 +233,13 @@ static double over_face(const Triangle *T, const Face *f, double *const force[3]
     cut_by(&p, &four, 7 & signs(least), below);
     if (p.n && least[3] < 0) {
         int behind = 0;
-        for (int k = 0; k < p.n; k++) behind |= signs(below[k]) & 8;
+        double deepest = 0;
+        for (int k = 0; k < p.n; k++) {
+            behind |= signs(below[k]) & 8;
+            deepest = d_maximum(deepest, -below[k][3]);
+        }
         cut_by(&p, &four, behind, below);
-        found->pierced |= behind && p.n;
+        if (p.n) found->pierced = d_maximum(found->pierced, deepest);
     }
     if (!p.n) return 0;
     if (found->law != T->law || found->n + p.n > MOST_PIECES) act_on_faces(found);

@@ -1,0 +1,119 @@
+/* The tangent of contact in space, by central differences of what a triangle and a feature do to each other. */
+
+enum { OVER_FACE, BESIDE_EDGE, BESIDE_VERTEX, MOST_IN_PAIR = 4 + MOST_SPOKES, MOST_MOVED = 6 };
+
+/* A triangle near another cell and a feature of that: particles on which it depends, on the first `moved` of which it
+ * acts, those of the triangle first; their places, and what acts on them. */
+typedef struct {
+    long triangle;
+    int kind, n, moved;
+    int32_t node[MOST_IN_PAIR];
+    double x[MOST_IN_PAIR][D], force[MOST_MOVED][D + 1];
+} Pair;
+
+/* The pair of triangle k and feature m of those of a kind, of which n particles are given. */
+static void set_pair(const KernelData *s, Pair *p, int kind, long k, const int32_t *feature, int n, int moved)
+{
+    p->triangle = k, p->kind = kind, p->n = 3 + n, p->moved = 3 + moved;
+    memcpy(p->node, s->contact_segment + 3 * k, 3 * sizeof *p->node);
+    memcpy(p->node + 3, feature, (size_t)n * sizeof *p->node);
+    for (int i = 0; i < p->n; i++) memcpy(p->x[i], contact_place(s, p->node[i]), sizeof p->x[i]);
+}
+
+/* Sets what acts in a pair; whether anything does. */
+static int act_in_pair(const KernelData *s, Pair *p)
+{
+    Triangle T = triangle_at(s, p->triangle, 0);
+    const double *x[MOST_IN_PAIR];
+    double *force[MOST_MOVED];
+    memset(p->force, 0, sizeof p->force);
+    for (int i = 3; i < p->n; i++) x[i - 3] = p->x[i];
+    for (int i = 3; i < p->moved; i++) force[i - 3] = p->force[i];
+    for (int i = 0; i < 3; i++) T.x[i] = p->x[i], T.force[i] = p->force[i];
+    set_sides(&T);
+    if (p->kind == OVER_FACE) {
+        FacePieces found = {.n = 0};
+        Face f;
+        set_face(&f, x);
+        over_face(&T, &f, force, &found);
+        act_on_faces(&found);
+    } else if (p->kind == BESIDE_EDGE) {
+        Lines found = {.n = 0};
+        Edge3 e;
+        set_edge(&e, x);
+        beside_edge3(&T, &e, force, &found);
+        act_on_lines(&found);
+    } else {
+        Points found = {.n = 0};
+        Vertex v;
+        const Ball ball = ball_around(&T);
+        set_vertex(&v, x[0], x + 1, p->n - 4);
+        beside_vertex3(&T, &ball, &v, force[0], &found);
+        act_on_points(&found);
+    }
+    int any = 0;
+    for (int i = 0; i < p->moved; i++)
+        for (int c = 0; c < D; c++) any |= p->force[i][c] != 0;
+    return any;
+}
+
+/* Where blocks are stored: rows and columns, numbers of particles; their number so far. */
+typedef struct { double h; long *row, *column, n; double *block; } Blocks;
+
+/* Adds the blocks -∂f/∂u of a pair that acts, or without memory their number alone. */
+static void add_pair(const KernelData *s, Pair *p, Blocks *out)
+{
+    if (!act_in_pair(s, p)) return;
+    for (int j = 0; out->row && j < p->n; j++)
+        for (int c = 0; c < D; c++) {
+            double before[MOST_MOVED][D + 1];
+            const double x = p->x[j][c];
+            p->x[j][c] = x - out->h;
+            act_in_pair(s, p);
+            memcpy(before, p->force, sizeof before);
+            p->x[j][c] = x + out->h;
+            act_in_pair(s, p);
+            p->x[j][c] = x;
+            for (int i = 0; i < p->moved; i++) {
+                const long b = out->n + (long)j * p->moved + i;
+                out->row[b] = s->contact_node[p->node[i]];
+                out->column[b] = s->contact_node[p->node[j]];
+                for (int r = 0; r < D; r++)
+                    out->block[D * (D * b + r) + c] = (before[i][r] - p->force[i][r]) / (2 * out->h);
+            }
+        }
+    out->n += (long)p->n * p->moved;
+}
+
+/* Number of blocks -∂f/∂u of the pairs that acted when forces were last added; without `row` that alone, else also the
+ * blocks (D, D) with their rows and columns, local numbers.  h : by how much places change. */
+int contact_blocks(const KernelData *s, double h, long *row, long *column, double *block)
+{
+    Blocks out = {h, row, column, 0, block};
+    const double gone = s->contact_gone[0];
+    Pair p;
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
+            const long m = s->listed_face[n];
+            if (s->face_rest[m] > gone) continue;
+            set_pair(s, &p, OVER_FACE, k, s->contact_face + 3L * s->near_face[m], 3, 3);
+            add_pair(s, &p, &out);
+        }
+        for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
+            const long m = s->listed_side[n];
+            if (s->side_rest[m] > gone) continue;
+            set_pair(s, &p, BESIDE_EDGE, k, s->contact_side + 4L * s->near_side[m], 4, 2);
+            add_pair(s, &p, &out);
+        }
+        for (long n = s->listed_vertex_from[k]; n < s->listed_vertex_from[k + 1]; n++) {
+            const long m = s->listed_vertex[n], v = s->near_vertex[m], first = s->first_ring[v];
+            if (s->vertex_rest[m] > gone) continue;
+            const int around = (int)(s->first_ring[v + 1] - first);
+            int32_t feature[MOST_SPOKES + 1] = {s->contact_vertex[v]};
+            memcpy(feature + 1, s->contact_ring + first, (size_t)around * sizeof *feature);
+            set_pair(s, &p, BESIDE_VERTEX, k, feature, 1 + around, 1);
+            add_pair(s, &p, &out);
+        }
+    }
+    return (int)out.n;
+}
