@@ -282,6 +282,51 @@ class Rectangle(_Solid):
         return 0.5 * np.array([self.width, self.height]) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
+@law("shape", "segment")
+class Segment(_Solid):
+    """Segment of a circle that rests with its base, a chord, on a line, as a spread cell does; the base has the origin.
+
+    It is given by its width and either its height or its contact angle.  Parts of its surface: base, cap.
+    """
+
+    width: float = quantity("um", "width of the base, along x", above=0)
+    height: float | None = quantity("um", "height of the top above the base", None, above=0)
+    contact_angle: float | None = quantity("rad", "angle between base and cap, measured inside", None, above=0)
+
+    def __post_init__(self) -> None:
+        """Check height and contact angle.
+
+        Raises ValueError unless there is one of them that a segment can have; the message is for the user.
+        """
+        if (self.height is None) == (self.contact_angle is None):
+            raise ValueError("expects one of height and contact_angle")
+        if self.contact_angle is not None and self.contact_angle >= np.pi:
+            raise ValueError("contact_angle: is less than 180 degrees, that of a whole circle")
+        super().__post_init__()
+
+    @property
+    def _angle(self) -> float:
+        """Contact angle, which is half of the angle of the arc as well [rad]."""
+        return self.contact_angle or 2.0 * float(np.arctan(2.0 * (self.height or 0.0) / self.width))
+
+    @property
+    def _edges(self) -> dict[str, Any]:
+        return {"base": holes.FINE, "cap": np.arange(holes.FINE)}
+
+    @cached_property
+    def _border(self) -> np.ndarray:
+        """The arc from the right to the left end of the base, which is the last edge."""
+        angle = np.longdouble(self._angle)
+        at = angle * np.linspace(1.0, 0.0, holes.FINE // 2 + 1)  # from the top
+        unit = np.column_stack([np.sin(at), np.cos(at) - np.cos(angle)])
+        right = polygons.snapped(0.5 * self.width / np.sin(angle) * unit)
+        return np.concatenate([right, right[-2::-1] * [-1.0, 1.0]])
+
+    @property
+    def _centre(self) -> np.ndarray:
+        return polygons.centroid(self._border)
+
+
 def _exchanged(corners: tuple, numbers: np.ndarray, p: np.ndarray) -> str:
     """End of a message: adjacent ones of the corners p = corners[numbers] (k, 2) that may be in the wrong order.
 

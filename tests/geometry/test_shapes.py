@@ -40,6 +40,8 @@ SHAPES = {
                                       (-5.0, 4.0))}, 40, 0.16),
     "star": ("polygon", {"corners": tuple(STAR), "nucleus_ratio": 0.3}, 60, 0.13),
     "rectangle": ("rectangle", {"width": 8.0, "height": 3.0, "nucleus_ratio": 0.3}, 19, 0.17),
+    "spread cell": ("segment", {"width": 16.0, "height": 4.0, "nucleus_ratio": 0.3}, 19, 0.13),
+    "high segment": ("segment", {"width": 6.0, "contact_angle": 2.0}, 19, 0.23),
     "plate with holes": ("rectangle", {"width": 8.0, "height": 6.0, "holes": ((-2.0, 0.5, 1.2), (2.0, 0.0, 1.0))}, 150,
                          0.13),
     "ring": ("ellipse", {"a": 4.0, "b": 4.0, "holes": ((0.0, 0.0, 2.0),)}, 60, 0.2),
@@ -430,3 +432,25 @@ def test_too_few_particles_for_an_outline_are_a_mistake_of_the_case() -> None:
     few = from_dict(polygon_case(STAR) | {"particles": {"per_cell": 10}})
     with pytest.raises(CaseError, match="'Cell-1': 10 particles are too few for such an outline"), built(few):
         pass
+
+
+@pytest.mark.parametrize("angle", [0.2, 0.9, np.pi / 2, 2.0, 3.0])
+def test_a_segment_rests_on_its_base_and_has_the_height_and_area_of_its_circle(angle: float) -> None:
+    segment = laws("shape")["segment"](width=10.0, contact_angle=angle)
+    radius, border = 5.0 / np.sin(angle), segment.outline(4000)
+    assert segment.lowest() == 0.0 and np.array_equal(border[border[:, 1] == 0.0].min(axis=0), [-5.0, 0.0])
+    assert border[:, 1].max() == pytest.approx(radius * (1.0 - np.cos(angle)), rel=1e-12)
+    exact = radius**2 * (angle - np.sin(angle) * np.cos(angle))
+    assert segment.area == pytest.approx(exact, rel=2e-6)  # of 2,000 chords; measured 2.5e-7 to 1.4e-6
+    same = laws("shape")["segment"](width=10.0, height=float(border[:, 1].max()))
+    assert np.allclose(same.outline(4000), border, rtol=0.0, atol=1e-11)
+    assert set(segment.parts) == {"surface", "outline", "base", "cap"}
+
+
+@pytest.mark.parametrize(("more", "message"), [
+    ({}, "expects one of height and contact_angle"), ({"height": 1.0, "contact_angle": 1.0}, "expects one of"),
+    ({"contact_angle": 3.2}, "contact_angle: is less than 180 degrees"),
+    ({"height": 4.0, "nucleus_ratio": 0.5, "nucleus_offset": (0.0, -2.0)}, "nucleus_offset: the nucleus there")])
+def test_a_segment_that_cannot_be_is_refused(more: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        laws("shape")["segment"](width=10.0, **more)
