@@ -38,6 +38,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _equilibria(source, found)
     _without_inertia(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
+    _renewal(source, found)
     if found["dimension"] == 3:
         _in_space(source, found)
     if on_substrate:
@@ -73,6 +74,20 @@ def _in_space(source: Source, found: dict[str, Any]) -> None:
     if getattr(found["director"], "angle", 0.0):
         source.reject(("director", "angle"), "has no meaning in three dimensions: give three numbers, such as "
                       "direction = [1, 0, 0]")
+
+
+def _renewal(source: Source, found: dict[str, Any]) -> None:
+    """Note where neighbours cannot be found anew."""
+    if found["numerics"] is None or isinstance(found["numerics"].renewal, str):
+        return
+    director = found["director"]
+    eta = any(getattr(law, "eta", 0.0) for law in (found["materials"] or {}).values())
+    for wrong, why in (
+            (found["dimension"] == 3, "neighbours are found anew in two dimensions only: take \"never\""),
+            (eta and director is not None and not director.uniform, "neighbours are not found anew where directors "
+             "exert stresses: take \"never\", or materials with eta = 0")):
+        if wrong:
+            source.reject(("numerics", "renewal"), why)
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:

@@ -56,6 +56,9 @@ class Numerics:
 
     bulk_viscosity: float = quantity("", "numerical bulk viscosity over ρ c h, with the speed of sound c", 0.05,
                                      minimum=0)
+    renewal: float | str = quantity("", "stretch of a fluid at which its particles' neighbours are found anew, such as "
+                                    "1.3, so that it may flow without limit; \"never\": they stay those of the start",
+                                    "never", above=1, maximum=3, words=("never",))
     accuracy: str | None = parameter("error such as \"20 %\": those of per_cell, dilation, step_factor and the reduced "
                                      "bulk modulus that the case does not give are the cheapest with a measured error "
                                      "below it", None)

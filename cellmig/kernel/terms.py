@@ -149,4 +149,5 @@ def sizes(terms: Terms) -> dict[str, int]:
     return {"D": terms.dimension, "M": numbers(terms.dimension), "STABILISED": terms.stabilised,
             "STIFFENED": terms.stiffened, "BENDS": terms.stabilised or terms.stiffened,
             "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
-            "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network}
+            "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network,
+            "RENEWED": terms.renewal is not None}

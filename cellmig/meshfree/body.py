@@ -50,6 +50,9 @@ class Template:
     spacing : float -- mean distance of particles h [µm].
     laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
     damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
+    dilation : float -- support radius of RKPM over the spacing, 0 for averages of finite elements [-].
+    x0, F0 : (n, D) [µm], (n, D, D) [-], or None -- positions from the centre and deformation gradients when the
+        neighbours were found, where that was not in the reference configuration: see `renewal.renewed`.
     """
 
     X: np.ndarray
@@ -70,6 +73,22 @@ class Template:
     spacing: float
     laws: tuple
     damping: np.ndarray
+    dilation: float
+    x0: np.ndarray | None = None
+    F0: np.ndarray | None = None
+
+    @cached_property
+    def base(self) -> np.ndarray:
+        """Deformation gradients [-] and a row of Laplacians C x [1/µm] where u = 0 (n, D + 1, D), to which G u and C u
+        add: the identity and zero but where neighbours were found anew.  Source: derived here.
+        """
+        n, D = self.X.shape
+        at_zero = np.concatenate([np.eye(D), np.zeros((1, D))])
+        if self.x0 is None or self.F0 is None:
+            return np.broadcast_to(at_zero, (n, D + 1, D))
+        u = self.x0 - self.X
+        gradient = np.stack([g @ u for g in self.G], axis=2)
+        return np.concatenate([self.F0 - gradient, -(self.C @ u)[:, None]], axis=1)
 
     @cached_property
     def places(self) -> np.ndarray:
@@ -289,7 +308,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
     heaviness = np.ones(count) if D == 2 else by_area(X, V, triangles) / V
     return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
-                    weight * modulus, weight, R, spacing, laws, bulk_viscosity * spacing * wave)
+                    weight * modulus, weight, R, spacing, laws, bulk_viscosity * spacing * wave, dilation)
 
 
 def _spacing(X: np.ndarray, layout: Any) -> float:

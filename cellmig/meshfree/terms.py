@@ -72,6 +72,7 @@ class Terms:
     load_curves : tuple or None -- laws of kind load_curve of supports, loads and plates.
     single : bool -- whether the coefficients of neighbours are stored in single precision.
     dimension : int -- 2, plane strain, or 3.
+    renewal : float or None -- stretch of fluids at which the neighbours are found anew [-]; None if they never are.
     skipped : dict -- by name of an absent term, the reason for the log.
     """
 
@@ -94,6 +95,7 @@ class Terms:
     single: bool = False
     dimension: int = 2
     inertia: bool = True
+    renewal: float | None = None
     skipped: dict = field(default_factory=dict)
 
     @property
@@ -165,7 +167,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  friction=friction, medium=medium, director=director, director_law=law, active=active,
                  stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
                  load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
-                 dimension=case.dimension, inertia=not (case.overdamped or case.static), skipped=skipped)
+                 dimension=case.dimension, inertia=not (case.overdamped or case.static), renewal=_renewal(case),
+                 skipped=skipped)
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
@@ -176,7 +179,13 @@ def why(*conditions: tuple[bool, str]) -> str | None:
 def _single(case: Case) -> bool:
     """Whether coefficients are stored in single precision."""
     shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
-    return sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM
+    return sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM and _renewal(case) is None
+
+
+def _renewal(case: Case) -> float | None:
+    """Stretch [-] at which neighbours are found anew; None if they never are, or nothing flows."""
+    stretch, flows = case.numerics.renewal, any(m.viscosity for m in case.materials.values())
+    return None if isinstance(stretch, str) or case.static or not flows else stretch
 
 
 def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool, repels: list[bool]) -> Contacts:

@@ -8,6 +8,8 @@ from .tensors import SPACE, applied, cofactors, combined, contracted, determinan
 class Continuum:
     """Base class of material laws: the deformation gradient is F (2, 2, ...) in plane strain or (3, 3, ...) [-]."""
 
+    fluid = False
+
     def volume_ratio(self, F):
         """Current over reference volume, J = det F [-].  Source: Holzapfel (2000)."""
         return determinant(F)

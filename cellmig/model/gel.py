@@ -18,6 +18,7 @@ class Gel(Nematic):
     """
 
     energy_column = "elastic"  # of the ledger, for the energies of fluid and network
+    fluid = False
 
     shear_modulus: float = quantity("Pa", "shear modulus G of the network", minimum=0)
 

@@ -30,6 +30,7 @@ class Nematic(Continuum):
                                     "integration misses", 1.0, minimum=0)
 
     energy_column = "compression"
+    fluid = True
     shear_modulus = 0.0
     numerical_modulus = 0.0  # a fluid has no elastic stabilisation
 

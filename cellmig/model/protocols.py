@@ -22,6 +22,7 @@ class Material(Law, Protocol):
     """A material; those with a director or activity have eta and zeta, and the methods of `Nematic`, besides."""
 
     energy_column: str
+    fluid: bool  # whether energy and stress know F by J alone: the rest is forgotten when neighbours are found anew
 
     @property
     def density(self) -> float:

@@ -94,7 +94,8 @@ Units are in the names of the columns; that of times is the one in which the cas
   largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,
   activity and body forces, `friction_loss` what drag on the substrate took,
-  `medium_loss` what the liquid around the cells did, `network_loss` what bonds of a network lost that broke.
+  `medium_loss` what the liquid around the cells did, `network_loss` what bonds of a network lost that broke,
+  `renewal_loss` the energy that was lost where neighbours were found anew (`numerics.renewal`).
 - `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that
   was taken.  At an instant forces ring with each bond that snaps; columns with `now` have those at the sample itself.
   The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread

@@ -50,11 +50,20 @@ class Sampler:
         for c in range(self.n_cells):
             self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]])
         self.surface = self.surface[ids]
-        self._rows_material = scene.material[m.part.row_ids]
-        self._recovery = Recovery(scene, m.part.row_ids, m.n_owned)
+        self._recovered: tuple[Any, Recovery | None] = None, None
         self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self.start: dict[str, float] | None = None
         self.contacts = np.zeros((0, 2), int), np.zeros(0)
+
+    @property
+    def _recovery(self) -> Recovery:
+        """The recovery of stress for the present neighbours."""
+        m = self.mechanics
+        of, found = self._recovered
+        if found is None or of is not m.part:
+            found = Recovery(m.scene, m.part.row_ids, m.n_owned)
+            self._recovered = m.part, found
+        return found
 
     def _sum(self, values: np.ndarray) -> np.ndarray:
         """Sums by cell of values at the owned particles; collective."""
@@ -100,8 +109,9 @@ class Sampler:
 
     def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:
         """Laws and their rows, at most AT_A_TIME at a time, to limit memory."""
+        material = self.mechanics.scene.material[self.mechanics.part.row_ids]
         for i, law in enumerate(self.mechanics.scene.materials):
-            rows = np.flatnonzero(self._rows_material == i)
+            rows = np.flatnonzero(material == i)
             yield from ((law, rows[k : k + AT_A_TIME]) for k in range(0, len(rows), AT_A_TIME))
 
     def fields(self) -> dict[str, np.ndarray]:
@@ -241,6 +251,7 @@ class Sampler:
         parts["artificial_dissipation"] = parts["artificial_dissipation"] + m.stabilisation_energy()
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
+        entries["renewal_loss"] = m.renewal_loss
         drift = self._sum(self.mass[:, None] * v)
         error = self._energy_error(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
         unit = ENERGY[m.scene.dimension]

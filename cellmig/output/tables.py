@@ -26,7 +26,8 @@ HISTORY = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xyz"[:d]), *(f"u{a
                *MEASURES[d], *FORM[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
 MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") for d in (2, 3)}  # means
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
-            "external_work", "viscous_loss", "network_loss", "friction_loss", "medium_loss", "artificial_dissipation")
+            "external_work", "viscous_loss", "network_loss", "friction_loss", "medium_loss", "artificial_dissipation",
+            "renewal_loss")
 ENERGY = {2: "pn", 3: "pn_um"}  # unit of energies: in two dimensions per µm of thickness
 IMPULSE = {2: "pN_us_per_um", 3: "pN_us"}  # units of momentum, as in names of keys
 LEDGER = {d: ("time_us", *(f"{name}_{unit}" for name in ENERGIES), "energy_error") for d, unit in ENERGY.items()}
@@ -242,7 +243,8 @@ _COLUMNS: dict[str, dict[int, tuple[str, ...]]] = {
     **{f"{name}.csv": {d: tuple(c for c in columns if not any(part in c for part in later))
                        for d, columns in kinds.items()}
        for name, kinds, later in (("neighbours", NEIGHBOURS, ("contact",)),
-                                  ("ledger", LEDGER, ("friction_loss", "medium_loss", "network_loss")))}}
+                                  ("ledger", LEDGER, ("friction_loss", "medium_loss", "network_loss",
+                                                       "renewal_loss")))}}
 
 
 def names_of(history: Mapping[str, np.ndarray]) -> dict[int, str]:

@@ -29,6 +29,9 @@ class StateView(Protocol):
     def tensors(self) -> tuple[np.ndarray, np.ndarray]:
         """F [-] and Ḟ [1/µs] of the rows (2, 2, n_rows)."""
 
+    def since_renewal(self) -> np.ndarray:
+        """Deformation gradients (2, 2, n_owned) [-] of the owned particles since their neighbours were found."""
+
 
 class PartView(Protocol):
     """Particles of this rank."""
@@ -109,6 +112,8 @@ class View(Protocol):
     surfaces: Surfaces
     ids: np.ndarray
     n_owned: int
+    renewals: int
+    renewal_loss: float
 
     @property
     def part(self) -> PartView:

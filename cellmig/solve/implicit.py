@@ -98,6 +98,23 @@ class Implicit(Integrator):
             ts.setIJacobian(self._tangent, self.reduction.matrix)
             ts.setSolution(self._x)
 
+    def _take_neighbours(self) -> None:
+        """Set equations, tangent and bounds of the step anew; the next step is one without a history; collective."""
+        super()._take_neighbours()
+        counted = self.equations.evaluated, self.equations.assembled
+        self._close_equations()
+        self.equations = self._equations()
+        self.equations.evaluated, self.equations.assembled = counted
+        self._pose()
+        self._to_petsc()
+        self.ts.restartStep()
+
+    def _close_equations(self) -> None:
+        """Free the PETSc objects of the equations."""
+        if self.reduction is not None:
+            self.reduction.close()
+        self.equations.close()
+
     def _displacements(self) -> PETSc.Vec:
         """A Vec of the components of vectors (n_owned, d); collective."""
         d = self.mechanics.scene.dimension
@@ -241,6 +258,7 @@ class Implicit(Integrator):
         m.renew_lists()
         self._to_petsc()
         while ts.getTime() < stop and not self.finished:
+            self.follow_neighbours()
             self._choose_step(stop)
             self._step()
         m.state.exchange()
@@ -361,6 +379,4 @@ class Implicit(Integrator):
         for number in [n for n, other in _ALIVE.items() if other is self]:
             del _ALIVE[number]
             self.ts.destroy()
-            if self.reduction is not None:
-                self.reduction.close()
-            self.equations.close()
+            self._close_equations()

@@ -11,8 +11,11 @@ import numpy as np
 
 from petsc4py import PETSc
 
+from ..parallel.collect import computed_on_root
 from ..parallel.options import default_options, original_errors, requested_integrator, requested_step
+from .leapfrog import Leapfrog
 from .mechanics import Mechanics
+from .renewal import due, renew
 from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, widen
 
 BATCH = 200  # largest number of steps before the stable step is computed again
@@ -23,7 +26,6 @@ COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
-CROSSED = 100  # batches in turn after which surfaces cross, which end the run
 _COUNTED = ("dt", "mechanism", "stable", "count", "redone", "crossed", "extremes")
 VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
 
@@ -72,7 +74,7 @@ class Integrator:
         """Give TS the equations of motion."""
         if self.leapfrog:
             self.ts.setPythonContext(Leapfrog(self))
-            self.ts.setPostStep(lambda ts: self.after_batch(ts.getTime()))
+            self.ts.setPostStep(self._after_batch)
         else:
             self.ts.setRHSFunction(self._rate, self.mechanics.state.solution.duplicate())
             self.ts.setPostStep(self._after_step)
@@ -138,6 +140,8 @@ class Integrator:
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
         self.gaps = np.array(about["gaps"])
+        if self.mechanics.renewals:
+            self._take_neighbours()
         self.ts.setTime(about["time"])
         self.ts.setStepNumber(about["steps"])
 
@@ -169,6 +173,15 @@ class Integrator:
             if stop <= ts.getTime():
                 return ts.getTime()
         ts.setMaxTime(stop)
+        while True:
+            self._go(stop)
+            if self.finished or ts.getTime() >= stop or not due(m):
+                return ts.getTime()
+
+    def _go(self, stop: float) -> None:
+        """Integrate to the time `stop` [µs], or until neighbours are to be found anew; collective."""
+        ts, m = self.ts, self.mechanics
+        self.follow_neighbours()
         if not self.leapfrog:
             self._expect_gaps()
             self.begin_batch()
@@ -187,7 +200,27 @@ class Integrator:
             self._store(m.state.solution)
             m.state.exchange()
         self._checked_limits()
-        return ts.getTime()
+
+    def follow_neighbours(self) -> None:
+        """Find neighbours anew where they are due, with the bounds of the step that follow; collective."""
+        m = self.mechanics
+        if m.terms.renewal is None:
+            return
+        m.resume()
+        if due(m):
+            renew(m, self.time)
+            self._take_neighbours()
+
+    def _take_neighbours(self) -> None:
+        """Set what depends on the neighbours, after they were found anew; collective."""
+        m = self.mechanics
+        self.control = computed_on_root(m.comm, lambda: StepControl(m.scene, m.terms))
+
+    def _after_batch(self, ts: PETSc.TS) -> None:
+        """Tell that a batch is done, and end the solve where neighbours are to be found anew."""
+        self.after_batch(ts.getTime())
+        if due(self.mechanics):
+            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
 
     def equal_steps(self, stop: float) -> tuple[int, float]:
         """Number of equal steps from now to the time `stop` [µs], and their length [µs]."""
@@ -334,7 +367,7 @@ class Integrator:
         if self._checked_limits()["displaced"] > 0.5 * m.segments.skin:
             m.renew_lists()
             ts.restartStep()
-        self.after_batch(ts.getTime())
+        self._after_batch(ts)
 
     def _account_start(self) -> None:
         self._loss, self._last_time = self.mechanics.powers(), self.ts.getTime()
@@ -351,50 +384,3 @@ class Integrator:
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.ts.destroy()
-
-
-class Leapfrog:
-    """TS type of leapfrog: v += dt a(u, v), then u += dt v, with velocities half a step behind positions.
-
-    PETSc calls `step` once a batch.  Without a fixed step, the steps of a batch are such that equal ones end exactly at
-    the time of `TS.setMaxTime`.  TS counts single steps, so that -ts_max_steps has its usual meaning.
-
-    Source: Verlet (1967); Hairer, Lubich & Wanner (2003).
-    """
-
-    def __init__(self, integrator: Integrator):
-        self._integrator = integrator
-
-    def step(self, ts: PETSc.TS) -> None:
-        """Take one batch of steps, and repeat it with a smaller step where it was not stable; collective."""
-        run, m = self._integrator, self._integrator.mechanics
-        allowed = run.begin_batch()
-        t, stop, taken = ts.getTime(), ts.getMaxTime(), ts.getStepNumber()
-        if run.touches:
-            m.save()
-        while True:
-            left, dt = run.equal_steps(stop)
-            m.loads.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
-            n = min(allowed, left, ts.getMaxSteps() - taken)
-            m.advance(n, dt)
-            m.meet()
-            seen = m.extremes()
-            late = seen.displaced > 0.5 * m.segments.skin
-            gaps = run.control.gaps(seen.gap, seen.contact)
-            if not run.touches or (run.was_stable(dt, gaps) and not (late and n > 1)):
-                break
-            m.go_back()
-            run.choose()
-            run.redone += n
-            allowed = max(1, n // 4) if late else allowed
-        run.crossed = run.crossed + 1 if math.isinf(seen.contact) else 0
-        if run.crossed > CROSSED:
-            run.fail("surfaces of cells cross and do not part",
-                     remedy="try a smaller load, a slower impact or finer particles")
-        widen(run.extremes, "J", seen.J_min, seen.J_max)
-        m.state.solution.stateIncrease()
-        run.count[run.mechanism] = run.count.get(run.mechanism, 0) + n
-        widen(run.extremes, "dt", dt, dt)
-        ts.setTimeStep(dt)
-        ts.setTime(stop if n == left else (taken + n) * dt if run.fixed_step else t + n * dt)
-        ts.setStepNumber(taken + n - 1)  # PETSc adds the last step itself

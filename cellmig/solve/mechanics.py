@@ -64,31 +64,48 @@ class Mechanics:
     accounts : Accounts -- dissipation, work, impulses.
     times : Times -- of the previous step.
     undo : Undo -- copy of an earlier state.
+    renewals : int -- how often neighbours were found anew: see `renewal.renew`.
+    renewal_loss : float -- energy of the elastic stabilisation that was lost then [pN].
     """
 
     def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, protruding: Protruding, owner: np.ndarray,
                  swarm: Swarm):
         """Begin with the particles of a `swarm`;  `owner` (size,) int : ranks of all particles; collective."""
-        self.scene, self.terms, self.comm = scene, terms, swarm.comm
-        self.part = part = Subdomain.of(self.comm, scene, terms, owner, protruding.cells)
-        self.surfaces, self.n_owned, self.ids = part.surfaces, part.n_owned, part.ids
-        self.kernel = kernel = Kernel(scene.materials, terms, FIELDS)
-        self.state = State(part, kernel)
-        self.segments = Segments(part, kernel, self.state)
-        self.modes = Modes(part, kernel)
-        self.loads = Loads(part, kernel, boundary)
-        self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
-        self.network = Network(part, kernel, self.state) if terms.network else None
-        self.director = Director(part, kernel, self.state) if terms.has_director else None
-        self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments, protruding)
-        self.immersed = Immersed(part, kernel) if terms.medium is not None else None
-        self.accounts = Accounts(part, kernel, self.segments)
-        self.times, self.undo = Times(), Undo()
+        self.terms, self.comm = terms, swarm.comm
+        self._boundary, self._protruding, self._owner = boundary, protruding, owner
+        self.kernel = Kernel(scene.materials, terms, FIELDS)
+        self.renewals, self.renewal_loss = 0, 0.0
+        self._make(scene)
         self._load(swarm)
         self.prescribe(0.0)
         self.renew_lists()
-        kernel("deformation")
+        self.kernel("deformation")
         self.begin_step()
+
+    def _make(self, scene: Scene) -> None:
+        """Make all parts for a scene, at rest; collective."""
+        self.scene, terms, kernel = scene, self.terms, self.kernel
+        self.part = part = Subdomain.of(self.comm, scene, terms, self._owner, self._protruding.cells)
+        self.surfaces, self.n_owned, self.ids = part.surfaces, part.n_owned, part.ids
+        self.state = State(part, kernel)
+        self.segments = Segments(part, kernel, self.state)
+        self.modes = Modes(part, kernel)
+        self.loads = Loads(part, kernel, self._boundary)
+        self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
+        self.network = Network(part, kernel, self.state) if terms.network else None
+        self.director = Director(part, kernel, self.state) if terms.has_director else None
+        self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments,
+                                                                           self._protruding)
+        self.immersed = Immersed(part, kernel) if terms.medium is not None else None
+        self.accounts = Accounts(part, kernel, self.segments)
+        self.times, self.undo = Times(), Undo()
+
+    def remake(self, scene: Scene) -> None:
+        """Make all parts again, at rest, for the same particles with other neighbours; collective."""
+        skin = self.segments.skin
+        self.destroy()
+        self._make(scene)
+        self.segments.skin = skin
 
     def _load(self, swarm: Swarm) -> None:
         """Copy state and accounts from the swarm, whose particles are ordered by id."""

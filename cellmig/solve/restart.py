@@ -11,8 +11,12 @@ from mpi4py import MPI
 
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
-from ..parallel.collect import broadcast, gathered
+from ..meshfree.renewal import with_renewed
+from ..meshfree.rkpm import factorised
+from ..parallel.collect import broadcast, computed_on_root, gathered
+from ..parallel.direct import solve_positive
 from .mechanics import Mechanics
+from .start import LARGE
 
 SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rounding is 1e-15
 
@@ -24,7 +28,7 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     have the units of the fields.
     """
     m.resume()
-    about = asdict(m.times) | {"renewals": m.segments.renewals}
+    about = asdict(m.times) | {"renewals": m.segments.renewals, "neighbours": [m.renewals, m.renewal_loss]}
     if m.loads.there:
         about["clock"] = m.loads.clock
     by_row = {name: m.state.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
@@ -38,6 +42,8 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
                for name, values in _of_segments(m).items()}
     if m.terms.contacts is not None:
         arrays |= m.accounts.impulses.saved(m.comm)
+    if m.terms.renewal is not None and m.comm.rank == 0:
+        arrays |= _reference(m.scene)
     return about, {name: values for name, values in arrays.items() if values is not None}
 
 
@@ -45,6 +51,8 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit on rank 0; collective."""
     m.undo.aside = False
     everything = broadcast(m.comm, arrays)
+    if m.terms.renewal is not None:
+        _find_neighbours(m, everything["neighbours x"], everything["neighbours F"])
     particle, surface, facet = ({name.removeprefix(kind): values for name, values in everything.items()
                                  if name.startswith(kind)} for kind in ("particle ", "surface ", "facet "))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
@@ -62,7 +70,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
         values[:] = particle[name][m.ids]
     for name, blocks in _by_blocks(m).items():  # with the rows of ghosts, which have the same bits
         m.state.set_by_row(blocks, particle[name][m.part.row_ids])
-    m.segments.renewals = about["renewals"]
+    m.segments.renewals, (m.renewals, m.renewal_loss) = about["renewals"], about["neighbours"]
     for name in asdict(m.times):
         setattr(m.times, name, about[name])
     if m.loads.there:
@@ -73,6 +81,26 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     m.state.exchange()
     if m.director is not None:
         m.director.exchange()
+
+
+def _reference(scene: Scene) -> dict[str, np.ndarray]:
+    """Where neighbours were found: x (size, d) from the centres [µm], F (size, d, d) [-], nan where never anew."""
+    d, used = scene.dimension, [scene.templates[k] for k in scene.kind]
+    x, F = np.full((scene.size, d), np.nan), np.full((scene.size, d, d), np.nan)
+    for c, t in enumerate(used):
+        if t.x0 is not None:
+            on = slice(*scene.offset[c : c + 2])
+            x[on], F[on] = t.x0, t.F0
+    return {"neighbours x": x, "neighbours F": F}
+
+
+def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray) -> None:
+    """Find the neighbours of cells anew that have others for these results of `_reference`; collective."""
+    before, first = _reference(m.scene)["neighbours x"], m.scene.offset[:-1]
+    cells = np.flatnonzero(np.logical_or.reduceat((x != before).any(axis=1), first) & np.isfinite(x[first, 0]))
+    if len(cells):
+        solve = solve_positive if np.diff(m.scene.offset)[cells].max() > LARGE else factorised
+        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, solve)))
 
 
 # By blocks, until particles get them.

@@ -42,6 +42,8 @@ class State(GhostedField):
         Field("inverse_mass", "double *", "(n_rows,)", "µm/fg", "1/m"),
         Field("F", "double *", "(n_blocks, d², 4)", "-", "deformation gradients: entries by columns, by lanes"),
         Field("bend", "double *", "(n_blocks, d, 4)", "1/µm", "Laplacians C u: components by lanes"),
+        Field("base", "double *", "(n_blocks, d² + d, 4)", "-, 1/µm",
+              "F and C x at u = 0, where neighbours are found anew"),
         Field("Q", "double *", "(n_rows, 4) or (n_rows, 3, 4)", "pN, pN µm",
               "V P, from the first pass to the second; in three dimensions (V P, bent) of each component"),
         Field("bent", "double *", "(n_rows, 2)", "pN µm", "of stabilisation, from the first pass to the second"),
@@ -101,6 +103,8 @@ class State(GhostedField):
         k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["bend"] = np.zeros((n_blocks, d * d, 4)), np.zeros((n_blocks, d, 4))
+        if part.terms.renewal is not None:
+            self._set_base()
         k["Q"], k["bent"] = np.zeros((part.capacity, 4 if d == 2 else 12)), np.zeros((part.capacity, 2))
         k["force"] = np.zeros((part.capacity, d))
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
@@ -108,6 +112,25 @@ class State(GhostedField):
         for name in ("bound", "viscous_weight", "elastic_weight"):
             k[name] = scene.field(name)[part.ids]
         k["acceleration"] = part.terms.acceleration or (0.0,) * d
+
+    def _set_base(self) -> None:
+        """Set what F and C u are where u = 0, and the inverse of F when the neighbours were found."""
+        part, d = self._part, self.dimension
+        block, lane = part.blocks.lanes_of
+        base = part.scene.field("base")[part.row_ids]
+        entries = np.concatenate([base[:, :d].transpose(0, 2, 1).reshape(len(base), -1), base[:, d]], axis=1)
+        self._kernel["base"] = np.zeros((len(part.blocks.table), d * d + d, 4))
+        self._kernel["base"][block, :, lane] = entries
+        parts = [(t.F0 if t.F0 is not None else np.broadcast_to(np.eye(d), (len(t.X), d, d)))
+                 for t in (part.scene.templates[k] for k in part.scene.kind)]
+        self._inverse = np.linalg.inv(np.concatenate(parts)[part.ids])
+
+    def since_renewal(self) -> np.ndarray:
+        """Deformation gradients (d, d, n_owned) [-] since the neighbours were found; as current as F."""
+        F = self.F_of_rows[: self._part.n_owned].reshape(-1, self.dimension, self.dimension).transpose(0, 2, 1)
+        if self._part.terms.renewal is not None:
+            F = F @ self._inverse
+        return F.transpose(1, 2, 0)
 
     def set_blocks(self, loaded: np.ndarray) -> None:
         """Set the kernel's blocks; `loaded` (k,) int : local numbers of particles with forces besides stresses."""

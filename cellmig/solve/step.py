@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..meshfree.body import Scene, Template
+from ..meshfree.renewal import at_rest
 from ..meshfree.terms import Terms
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
@@ -55,8 +56,8 @@ class StepControl:
     """
 
     def __init__(self, scene: Scene, terms: Terms):
-        """Find the largest eigenvalues of the scene's kinds of cells."""
-        used = [scene.templates[k] for k in np.unique(scene.kind)]
+        """Find the largest eigenvalues of the scene's kinds of cells, as they were when their neighbours were found."""
+        used = [at_rest(scene.templates[k]) for k in np.unique(scene.kind)]
         rates = np.array([t.rates for t in used])
         self.stabilisation, self.viscous, self.elastic, self.stiffening = rates.max(axis=0)  # 1/µs twice, 1/µs² twice
         self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)

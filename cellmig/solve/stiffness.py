@@ -55,6 +55,7 @@ class Stiffness:
             bending[np.searchsorted(_places(self._G), _places(near))] = near.data
             columns.append(bending)
             self._laplacian = csr_rows(scene, base, C, base.n_rows, len(base.ids))
+            self._base = scene.field("base")[m.part.row_ids, d]
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
         self._lists = d, len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
@@ -97,6 +98,7 @@ class Stiffness:
         if self._laplacian is None:
             return A
         bend = (self._laplacian @ m.state.memory[: self._laplacian.shape[1]]).T
+        bend[:d] += self._base.T
         wider = _of_both(self._bent, {name: np.concatenate([a, b[:, None]], axis=1) for name, a, b in (
             ("F", F, bend[:d]), ("Fdot", rate, bend[d:]))}, by_u, by_v)
         wider[:, :d, :, :d] += A

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from ..output.view import View
+from ..parallel.reduce import global_maximum
 
 # In shear flow between cylinders, with a thousand particles, the torque has grown by 5 % at this stretch, by 14 % at
 # 3.9 (docs/fluid.md).
 STRETCH_LIMIT = 3.0
+LONG = 4.0  # length of a segment of the surface of a fluid beyond which a run warns [spacings]
 
 
-def _doublings(stretch: float) -> int:
-    """How many of 1, 2, 4, 8 times the limit, and so on, are below a stretch [-]."""
-    return max(0, math.ceil(math.log2(stretch / STRETCH_LIMIT)))
+def _doublings(stretch: float, limit: float = STRETCH_LIMIT) -> int:
+    """How many of 1, 2, 4, 8 times the `limit`, and so on, are below a stretch [-]."""
+    return max(0, math.ceil(math.log2(stretch / limit)))
 
 
 def stretch(F: np.ndarray) -> np.ndarray:
@@ -34,7 +36,10 @@ def stretch(F: np.ndarray) -> np.ndarray:
 class StrainWatch:
     """The largest stretch of the fluid in a run; warns at 1, 2, 4, 8 times the limit, and so on.
 
-    largest : stretch [-], None without a fluid;  crossed_at : when it exceeded the limit [µs], None if it did not.
+    The stretch is that since the neighbours were found.
+
+    largest : stretch [-], None without a fluid;  crossed_at : when it exceeded the limit [µs], None if it did not;
+    longest : segment of a surface where neighbours are found anew, which its segments are not [spacings].
 
     Source: derived here, from the error of shear flow between cylinders.
     """
@@ -46,17 +51,35 @@ class StrainWatch:
         self._fluid = viscous[mechanics.scene.material[mechanics.ids]]
         self.largest: float | None = 1.0 if viscous.any() else None
         self.crossed_at: float | None = None
+        self.longest = 1.0
 
     def check(self, time: float) -> str:
         """Warning, or an empty string, at the time [µs] of a sample, when F is up to date; collective."""
-        m = self.mechanics
         if self.largest is None:
             return ""
-        stretches = stretch(m.state.tensors()[0][..., : m.n_owned])
+        return self._stretched(time) or self._coarse(time)
+
+    def _coarse(self, time: float) -> str:
+        """Warning where a surface has become coarse by flow; collective."""
+        m, before = self.mechanics, self.longest
+        if m.terms.renewal is None:
+            return ""
+        x = m.segments.owned()[1]
+        sizes = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) / min(t.spacing for t in m.scene.templates)
+        self.longest = max(before, float(global_maximum(m.comm, np.array([sizes.max(initial=0.0)]))[0]))
+        if _doublings(self.longest, LONG) <= _doublings(before, LONG):
+            return ""
+        return (f"WARNING at {time:.6g} µs: a segment of a surface is {self.longest:.3g} spacings long: neighbours are "
+                "found anew, segments are not, so that shapes and contacts are coarse there; take finer particles")
+
+    def _stretched(self, time: float) -> str:
+        """Warning where neighbours are too far apart; collective."""
+        m, before = self.mechanics, self.largest
+        assert before is not None
+        stretches = stretch(m.state.since_renewal())
         found = np.where(self._fluid, stretches, 0.0)
         i = int(found.argmax()) if len(found) else -1
         most, particle = max(m.comm.allgather((float(found[i]), -int(m.ids[i])) if i >= 0 else (0.0, 0)))
-        before = self.largest
         self.largest = largest = max(before, most)
         if _doublings(largest) <= _doublings(before):
             return ""
@@ -80,14 +103,17 @@ class StrainWatch:
 
     def saved(self) -> dict[str, Any]:
         """State for a checkpoint."""
-        return {"largest": self.largest, "crossed_at": self.crossed_at}
+        return {"largest": self.largest, "crossed_at": self.crossed_at, "longest": self.longest}
 
     def restore(self, about: dict[str, Any]) -> None:
         """Set the state from `about`, which `saved` returned."""
-        self.largest, self.crossed_at = about["largest"], about["crossed_at"]
+        self.largest, self.crossed_at, self.longest = (about[name] for name in ("largest", "crossed_at", "longest"))
 
     def record(self) -> dict[str, Any] | None:
         """Entries for the manifest; None without a fluid."""
         if self.largest is None:
             return None
-        return {"largest": self.largest, "limit": STRETCH_LIMIT, "crossed_at_us": self.crossed_at}
+        about = {"largest": self.largest, "limit": STRETCH_LIMIT, "crossed_at_us": self.crossed_at}
+        m = self.mechanics
+        renewed = {"neighbours_found_anew": m.renewals, "longest_segment_spacings": self.longest}
+        return about | (renewed if m.terms.renewal is not None else {})

@@ -234,7 +234,7 @@ def test_a_ledger_of_an_older_version_is_read_under_the_new_names(tmp_path) -> N
         "time_us,kinetic,elastic,compression,director,adhesion_substrate,adhesion_cells,protrusion_work,viscous_loss,"
         "numerical_loss,closure\n0.0,1.0,0.0,0.0,0.0,0.0,0.0,5.0,2.0,3.0,0.0\n")
     found = read_table(tmp_path / "ledger.csv")
-    later = ("friction_loss_pn", "medium_loss_pn", "network_loss_pn")
+    later = ("friction_loss_pn", "medium_loss_pn", "network_loss_pn", "renewal_loss_pn")
     assert tuple(found) == tuple(name for name in LEDGER[2] if name not in later)
     assert [found[f"{name}_pn"].tolist() for name in ("external_work", "artificial_dissipation")] == [[5.0], [3.0]]
     for old, new in (("protrusion_work", "external_work_pn"), ("closure", "energy_error"), ("kinetic", "kinetic_pn")):

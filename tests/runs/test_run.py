@@ -95,7 +95,7 @@ def test_a_run_leaves_the_files_of_the_contract(runs, ranks):
     assert (run / "ledger.csv").read_text().splitlines()[0] == (
         "time_us,kinetic_pn,elastic_pn,compression_pn,director_pn,adhesion_substrate_pn,adhesion_cells_pn,"
         "external_work_pn,viscous_loss_pn,network_loss_pn,friction_loss_pn,medium_loss_pn,artificial_dissipation_pn,"
-        "energy_error")
+        "renewal_loss_pn,energy_error")
 
 
 def test_the_tables_have_a_row_for_every_sample_and_cell_and_the_ledger_closes(runs):

@@ -59,9 +59,11 @@ class Driven:
         self.X = sim.scene.X[sim.mechanics.ids[self.mine]]
 
     def go(self, stop: float) -> None:
-        m, owned = self.sim.mechanics, self.sim.mechanics.state.owned
+        m, run = self.sim.mechanics, self.sim.integrator
         while self.time < stop:
-            dt = 0.8 * min(self.sim.control.stable(m.limits()).values())
+            run.follow_neighbours()
+            owned = m.state.owned
+            dt = 0.8 * min(run.control.stable(m.limits()).values())
             steps = min(100, int(np.ceil((stop - self.time) / dt)))
             dt = min(dt, (stop - self.time) / steps)
             for _ in range(steps):

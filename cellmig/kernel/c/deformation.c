@@ -1,12 +1,22 @@
 /* Deformation gradients F and their rates, by blocks, entries by columns. */
 
-/* F = I + ∇u, and Laplacians C u, from the displacements as they are. */
+/* F = I + ∇u of block b, and Laplacians C u, from the displacements as they are; where neighbours have been found anew,
+ * `base` has what both are for u = 0. */
+static inline void deformation_of_block(const KernelData *s, long b, v4 F[1][D * D], v4 bend[1][D])
+{
+    gather_both(s, block_at(s, b), 1, BENDS, s->state, F, bend);
+    const double *base = s->base + 4 * D * (D + 1) * b;
+    for (int c = 0; !RENEWED && c < D; c++) F[0][(D + 1) * c] += 1.0;
+    for (int k = 0; RENEWED && k < D * D; k++) F[0][k] += load(base + 4 * k);
+    for (int c = 0; RENEWED && BENDS && c < D; c++) bend[0][c] += load(base + 4 * (D * D + c));
+}
+
+/* F and Laplacians of all blocks. */
 void deformation(const KernelData *s)
 {
     for (long b = 0; b < s->n_blocks; b++) {
         v4 h[1][D * D], bend[1][D];
-        gather_both(s, block_at(s, b), 1, BENDS, s->state, h, bend);
-        for (int c = 0; c < D; c++) h[0][(D + 1) * c] += 1.0;
+        deformation_of_block(s, b, h, bend);
         for (int k = 0; k < D * D; k++) store(s->F + 4 * (D * D * b + k), h[0][k]);
         for (int c = 0; BENDS && c < D; c++) store(s->bend + 4 * (D * b + c), bend[0][c]);
     }

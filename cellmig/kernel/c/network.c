@@ -42,9 +42,8 @@ INLINED void renew_network(const KernelData *s, long b, const int material, cons
 static inline void networks_follow(const KernelData *s, double time)
 {
     for (long b = 0; b < s->n_blocks; b++) {
-        v4 h[1][D * D], F0[D][D], F1[D][D];
-        gather(s, block_at(s, b), 1, s->state, h);
-        for (int c = 0; c < D; c++) h[0][(D + 1) * c] += 1.0;
+        v4 h[1][D * D], bend[1][D], F0[D][D], F1[D][D];
+        deformation_of_block(s, b, h, bend);
         matrix_of(h[0], F1);
         load_F(s, b, F0);
         renew_network(s, b, block_at(s, b)->material, F0, F1, time);
