@@ -16,7 +16,7 @@ from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, i
 
 # Shapes of tensors by their names, in d dimensions with m numbers of a director.
 TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d",
-           "network": "dd", "before": "dd", "velocity": "d"}
+           "network": "dd", "velocity": "d"}
 ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
 
 

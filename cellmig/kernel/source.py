@@ -17,15 +17,14 @@ from .terms import PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, formulas, sizes
 
 FOLDER = Path(__file__).parent / "c"
 # Stresses of materials, and what networks need besides, method by method: the quantities that they may take, and the
-# shape of the result.
-STRESSES = {"stress": ("F, network, kept", "[D][D]"), "viscous_stress": ("F, Fdot", "[D][D]"),
-            "director_stress": ("F, gradient", "[D][D]"), "active_stress": ("F, director", "[D][D]"),
-            "director_flux": ("F, gradient", "[M][D]"), "network_begun": ("before, network, time", "[D][D]"),
-            "network_kept": ("time", ""), "network_renewed": ("F, network, kept", "[D][D]"),
-            "network_loss": ("F, network", "")}
+# result.
+STRESSES = {"stress": ("F, network, share", "v4 out[D][D]"), "viscous_stress": ("F, Fdot", "v4 out[D][D]"),
+            "director_stress": ("F, gradient", "v4 out[D][D]"), "active_stress": ("F, director", "v4 out[D][D]"),
+            "director_flux": ("F, gradient", "v4 out[M][D]"), "network_shares": ("time", "double out[2]"),
+            "network_renewed": ("F, network, share", "v4 out[D][D]"), "network_loss": ("F, network", "v4 out[1]")}
 _ARGUMENTS = {"F": "const v4 F[D][D]", "Fdot": "const v4 Fdot[D][D]", "gradient": "const v4 gradient[M][D]",
-              "director": "const v4 director[D]", "network": "const v4 network[D][D]", "kept": "const v4 kept",
-              "before": "const v4 before[D][D]", "time": "const v4 time"}
+              "director": "const v4 director[D]", "network": "const v4 network[D][D]", "share": "const v4 share",
+              "time": "const double time"}
 
 
 @cache
@@ -147,14 +146,16 @@ def _load_curves(laws: Sequence | None, vectors: dict[str, list[float]]) -> str:
 def _materials(materials: Sequence, terms: Terms, vectors: dict[str, list[float]]) -> str:
     """Stresses of each material, and for each method the choice among those that have it."""
     parts, translators = [], [Translator(material, "v4", terms.dimension) for material in materials]
-    for method, (taken, shape) in STRESSES.items():
+    for method, (taken, result) in STRESSES.items():
         absent = (method.startswith("director") and terms.director == "none") or (
             method == "active_stress" and not terms.active)
         having = [] if absent else [i for i, m in enumerate(materials) if hasattr(type(m), method)]
-        parts += [translators[i].function(method, f"{method}_{i}") for i in having]
-        calls = [f"    if (material == {i}) {_call(materials[i], method, i, shape)}" for i in having]
+        for i in having:
+            translators[i].number = result.split()[0]
+            parts.append(translators[i].function(method, f"{method}_{i}"))
+        calls = [f"    if (material == {i}) {_call(materials[i], method, i, result)}" for i in having]
         arguments = ", ".join(["const KernelData *s", "const int material",
-                               *(_ARGUMENTS[a] for a in taken.split(", ")), f"v4 out{shape or '[1]'}"])
+                               *(_ARGUMENTS[a] for a in taken.split(", ")), result])
         any_of = " || ".join(f"material == {i}" for i in having) or "0"
         parts += [f"INLINED void {method}({arguments})\n{{\n" + "\n".join(calls) + "\n}\n",
                   f"static inline int has_{method}(const int material) {{ return {any_of}; }}\n"]
@@ -163,7 +164,7 @@ def _materials(materials: Sequence, terms: Terms, vectors: dict[str, list[float]
     return "\n".join(parts)
 
 
-def _call(material: Any, method: str, number: int, shape: str) -> str:
-    """The call of a method of a material, with the quantities that it takes, for a result of a shape."""
+def _call(material: Any, method: str, number: int, result: str) -> str:
+    """The call of a method of a material, with the quantities that it takes."""
     given = ", ".join([f"s->material_{number}", *shapes_of(getattr(type(material), method))])
-    return f"{method}_{number}({given}, out);" if shape else f"out[0] = {method}_{number}({given});"
+    return f"out[0] = {method}_{number}({given});" if result.endswith("[1]") else f"{method}_{number}({given}, out);"

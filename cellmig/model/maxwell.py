@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numpy import log, sqrt
+from numpy import exp, log, maximum, sqrt, tanh
 
 from ..case.registry import law, quantity
 from .nematic import Nematic
@@ -20,12 +20,11 @@ class Maxwell(Nematic):
     This is the upper-convected Maxwell model of shear modulus G and viscosity G τ: an elastic solid within τ, a fluid
     for longer.  What bonds lose is G (tr b + tr b⁻¹ - 6) / 2τ ≥ 0.  In plane strain A33 stays 1.
 
-    A step of a time t = r τ, in which C⁻¹ changes linearly, is closed: A becomes κ A* + (1 - κ) C⁻¹ with
-    A* = (2 A + r C⁻¹ at its start) / (2 + r), κ = (2 + r) / (2 + 2 r + r²).  It is of second order, A remains positive
-    definite, and at r → ∞ the stress is that of the viscosity G τ.
+    A step replaces a share of the bonds at its begin, and another at its end, by bonds without stress.  The shares are
+    such that A is exact where C⁻¹ changes linearly in time: at a constant strain, and to second order at any other.
+    A stays positive definite, and steps far longer than τ leave the stress of the viscosity G τ.
 
-    Source: Green & Tobolsky (1946); Lubliner (1985) for A = C_v⁻¹; weights of the step: derived here, from the (0, 2)
-    Padé approximant of exp(-r).
+    Source: Green & Tobolsky (1946); Lubliner (1985) for A = C_v⁻¹; shares of a step: derived here.
     """
 
     energy_column = "elastic"  # of the ledger, for the energies of fluid and network
@@ -45,30 +44,28 @@ class Maxwell(Nematic):
         stretched = b - float(len(F)) - 2.0 * log(self.volume_ratio(F)) - log(determinant(A))
         return self.compression(F) + 0.5 * self.shear_modulus * stretched
 
-    def stress(self, F, network=None, kept=1.0):
-        """First Piola-Kirchhoff stress of pressure and network, P = -J p F⁻ᵀ + κ G (F A* - F⁻ᵀ) [Pa].
+    def stress(self, F, network=None, share=0.0):
+        """First Piola-Kirchhoff stress of pressure and network, P = -J p F⁻ᵀ + (1 - share) G (F A - F⁻ᵀ) [Pa].
 
-        At the end of a step `network` is A* and `kept` κ; before, and between steps, κ is 1 and A* is A.
+        `share` [-] : of the bonds of A, those that form anew at F.
         """
         A = identity(len(F)) if network is None else network
-        g = kept * self.shear_modulus
+        g = (1.0 - share) * self.shear_modulus
         return combined((1.0, self.pressure_stress(F)), (g, product(F, A)),
                         (-g / self.volume_ratio(F), cofactors(F)))
 
-    def network_begun(self, before, network, time):
-        """A* of a step of a `time` [µs] that begins at A = `network` and F = `before`, [-]."""
-        r = time / self.relaxation_time
-        share = 1.0 / (2.0 + r)
-        return combined((2.0 * share, network), (r * share, self.unstressed(before)))
+    def network_shares(self, time):
+        """Shares [-] of the bonds that form anew at the begin and at the end of a step of a `time` [µs].
 
-    def network_kept(self, time):
-        """Share κ of A* in A after a step of a `time` [µs], [-]."""
-        r = time / self.relaxation_time
-        return (2.0 + r) / (2.0 + r * (2.0 + r))
+        With r = time/τ and κ = (1 - exp(-r))/r they are 1 - exp(-r)/κ and 1 - κ; tanh keeps digits of a small r.
+        """
+        r = maximum(time / self.relaxation_time, 1e-300)
+        left, slope = exp(-r), tanh(0.5 * r) / (0.5 * r)
+        return 1.0 - 2.0 * left / ((1.0 + left) * slope), 1.0 - 0.5 * (1.0 + left) * slope
 
-    def network_renewed(self, F, network, kept):
-        """A at the end of a step with A* = `network` and κ = `kept`, where the deformation gradient is F, [-]."""
-        return combined((kept, network), (1.0 - kept, self.unstressed(F)))
+    def network_renewed(self, F, network, share):
+        """A [-] after a `share` of the bonds has formed anew at F, (1 - share) A + share C⁻¹."""
+        return combined((1.0 - share, network), (share, self.unstressed(F)))
 
     def unstressed(self, F):
         """C⁻¹, the A of a network without stress [-]."""

@@ -17,14 +17,16 @@ class Network:
     """A of the rows; those of ghosts follow from F as on the rank of their owner, with the same bits.
 
     Leapfrog renews A in the kernel, step by step.  Other integrators `begin` a step, `reach` the times at which they
-    need stresses, always from the same start, and `renew` A where a step ends.
+    need stresses, always from the same start, and `renew` A where a step ends.  In between A has the bonds that formed
+    anew at the begin; the share that does so at the end is taken with the stress.
 
-    Source: the law maxwell, with the symbols A, A* and κ.
+    Source: the law maxwell.
     """
 
     FIELDS = (
-        Field("network", "double *", "(n_blocks, d², 4)", "-", "A, within a step A*: entries by columns, by lanes"),
-        Field("network_share", "double *", "(n_materials,)", "-", "κ of the step so far, 1 between steps"),
+        Field("network", "double *", "(n_blocks, d², 4)", "-", "A: entries by columns, by lanes"),
+        Field("network_share", "double *", "(n_materials,)", "-", "share that forms anew at F, 0 between steps"),
+        Field("network_step", "double *", "(n_materials, 2)", "-", "shares at begin and end of a step of leapfrog"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, state: State):
@@ -36,7 +38,7 @@ class Network:
                       if hasattr(law, "network_renewed")]
         kernel["network"] = np.zeros((len(of_block), self._d**2, 4))
         kernel["network"][:, :: self._d + 1] = 1.0
-        kernel["network_share"] = np.ones(len(part.scene.materials))
+        kernel["network_share"], kernel["network_step"] = (np.zeros((len(part.scene.materials), n)) for n in (1, 2))
         self._start = self._before = self.by_block["network"]
 
     @property
@@ -55,25 +57,25 @@ class Network:
         self._start = self._kernel["network"].copy()
 
     def of_rows(self) -> dict[str, np.ndarray]:
-        """A (d, d, n_rows) and κ (n_rows,) [-] of the rows, by their names in laws."""
-        return {"network": self.rows, "kept": self._kernel["network_share"][self._material]}
+        """A (d, d, n_rows) and the share of its bonds that form anew (n_rows,) [-], by their names in laws."""
+        return {"network": self.rows, "share": self._kernel["network_share"][self._material, 0]}
 
     def begin(self) -> None:
         """Begin a step, at A and F as they are."""
         self._start, self._before = self._kernel["network"].copy(), self._kernel["F"].copy()
 
     def reach(self, time: float) -> None:
-        """Set A* and κ for stresses a `time` [µs] after the begin of the step."""
+        """Set A and the share for stresses a `time` [µs] after the begin of the step."""
         for i, law, on in self._laws:
-            self._set(on, law.network_begun, self._before, self._start, time)
-            self._kernel["network_share"][i] = law.network_kept(time)
+            first, self._kernel["network_share"][i] = law.network_shares(time)
+            self._set(on, law.network_renewed, self._before, self._start, first)
 
     def renew(self) -> None:
         """End the step at the time that was reached last, and begin the next; F has to be current."""
         for i, law, on in self._laws:
-            kept = self._kernel["network_share"][i]
-            self._set(on, law.network_renewed, self._kernel["F"], self._kernel["network"], kept)
-            self._kernel["network_share"][i] = 1.0
+            last = self._kernel["network_share"][i, 0]
+            self._set(on, law.network_renewed, self._kernel["F"], self._kernel["network"], last)
+            self._kernel["network_share"][i] = 0.0
         self.begin()
 
     def form(self) -> None:

@@ -202,7 +202,7 @@ def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(meth
 
 def pointwise_methods(kind: str) -> list[tuple[str, str]]:
     """(law, method) for all methods of formulas: those with arguments that the translator knows."""
-    known = {"material": {*TENSORS, "kept", "time"}, "adhesion": {"r"}, "protrusion": {"g"}}[kind]
+    known = {"material": {*TENSORS, "share", "time"}, "adhesion": {"r"}, "protrusion": {"g"}}[kind]
     functions = [(name, method, set(inspect.signature(f).parameters) - {"self"}) for name, cls in laws(kind).items()
                  for method, f in inspect.getmembers(cls, inspect.isfunction) if not method.startswith(("_", "pair"))]
     return [(name, method) for name, method, arguments in functions if arguments and arguments <= known]
@@ -213,7 +213,7 @@ def pointwise_methods(kind: str) -> list[tuple[str, str]]:
 def test_material_is_the_same_in_c(name: str, method: str, d: int) -> None:
     law = example("material", name)
     given = {"F": deformations(d=d), "Fdot": rates(d=d), "gradient": gradients(d=d), "director": directions(d=d),
-             "network": networks(d=d), "before": deformations(d=d)[..., ::-1], "kept": fractions(), "time": fractions()}
+             "network": networks(d=d), "share": fractions(), "time": fractions()}
     arguments = {k: given[k] for k in list(inspect.signature(getattr(type(law), method)).parameters)[1:]}
     expected = np.asarray(getattr(law, method)(*arguments.values()))
     found = in_c(law, method, "v4", arguments, d=d)

@@ -16,7 +16,9 @@ from samples import (
     determinant,
     directions,
     distances,
+    fractions,
     gradients,
+    networks,
     rates,
     rotations,
     slope,
@@ -178,6 +180,73 @@ def test_rigid_rotation_meets_no_viscosity(name: str, d: int) -> None:
     law, F = example("material", name), deformations(d=d)
     turning = np.einsum("ij,jkn->ikn", spin(d), F)
     assert np.abs(viscous(law, F, turning)).max() <= 1e-13 * np.abs(viscous(law, F, F)).max()  # measured 4e-16
+
+
+# ------------------------------------------------------------------------------------------------------- networks
+
+NETWORKS = pytest.mark.parametrize("name", with_method("network_renewed"))
+
+
+@DIMENSIONS
+@NETWORKS
+def test_stress_of_a_network_is_the_gradient_of_its_energy(name: str, d: int) -> None:
+    law, F, A = example("material", name), deformations(d=d), networks(d=d)
+    # measured 1e-11
+    assert_close(gradient(lambda F: law.energy(F, A), F), np.array(law.stress(F, A)), 1e-9)
+
+
+@DIMENSIONS
+@NETWORKS
+def test_bonds_that_form_anew_have_no_stress_and_the_stress_of_a_share_is_that_of_the_rest(name: str, d: int) -> None:
+    law, F, A, share = example("material", name), deformations(d=d), networks(d=d), fractions()
+    everything, part = (np.array(law.network_renewed(F, A, s)) for s in (1.0, share))
+    pressure = np.array(law.pressure_stress(F))
+    assert_close(law.stress(F, everything), pressure, 1e-12)  # measured 1e-14
+    assert_close(np.array(law.stress(F, A, share)) - pressure, np.array(law.stress(F, part)) - pressure, 1e-12)
+    assert_close(law.energy(F, everything), law.compression(F), 1e-12)
+    assert_close(np.array(law.unstressed(F)), everything, 1e-15)
+
+
+@DIMENSIONS
+@NETWORKS
+def test_what_bonds_lose_is_what_the_energy_falls_by_at_a_constant_strain(name: str, d: int) -> None:
+    law, F, A = example("material", name), deformations(d=d), networks(d=d)
+    rate = (np.array(law.unstressed(F)) - A) / law.relaxation_time
+    loss = np.asarray(law.network_loss(F, A))
+    assert (loss > 0.0).all()
+    assert_close(loss, -slope(lambda s: law.energy(F, A + s * rate), 0.0, 1e-4), 1e-6)  # measured 1e-9
+    assert np.abs(law.network_loss(F, np.array(law.unstressed(F)))).max() < 1e-12 * loss.max()
+
+
+@DIMENSIONS
+@NETWORKS
+def test_a_network_is_the_same_in_any_frame_and_in_plane_strain_what_it_is_in_space(name: str, d: int) -> None:
+    law, F, A = example("material", name), deformations(d=d), networks(d=d)
+    turned = np.einsum("ijn,jkn->ikn", rotations(F.shape[2], 5, d), F)
+    for method in ("energy", "network_loss"):
+        assert_close(getattr(law, method)(turned, A), getattr(law, method)(F, A), 1e-12)
+    assert_close(np.array(law.network_renewed(turned, A, 0.3)), np.array(law.network_renewed(F, A, 0.3)), 1e-12)
+    if d == 2:
+        wide, held = np.zeros((2, 3, 3, F.shape[2]))
+        wide[:2, :2], wide[2, 2], held[:2, :2], held[2, 2] = F, 1.0, A, 1.0
+        for method in ("energy", "network_loss"):
+            assert_close(getattr(law, method)(wide, held), getattr(law, method)(F, A), 1e-12)
+        P = np.array(law.stress(wide, held))
+        assert_close(P[:2, :2], np.array(law.stress(F, A)), 1e-13)
+        assert_close(P[2, 2] / determinant(F), law.out_of_plane(F), 1e-12)
+        assert_close(np.array(law.network_renewed(wide, held, 0.3))[2, 2], np.ones(F.shape[2]), 1e-15)
+
+
+@NETWORKS
+def test_a_strain_that_is_held_leaves_as_many_bonds_as_time_does_in_steps_of_any_length(name: str) -> None:
+    law = example("material", name)
+    for r in (0.0, 1e-12, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e9):
+        first, last = law.network_shares(r * law.relaxation_time)
+        assert 0.0 <= first <= 1.0 and 0.0 <= last <= 1.0
+        assert (1.0 - first) * (1.0 - last) == pytest.approx(np.exp(-r), rel=1e-14, abs=1e-15)
+        assert first + last == pytest.approx(r, rel=1e-3) or r > 1e-3
+        if r > 1e-3:  # where C⁻¹ grows from 0 to 1: ∫ exp(s - r) s/r ds
+            assert last == pytest.approx(1.0 + np.expm1(-r) / r, rel=1e-11)
 
 
 @DIMENSIONS

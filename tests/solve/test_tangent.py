@@ -45,7 +45,7 @@ MATERIALS = [(name, method, by) for name, law in laws("material").items() for me
 def test_tangent_of_a_material_is_the_derivative_of_its_stress(name: str, method: str, by: str, d: int) -> None:
     law = example("material", name)
     given = {"F": deformations(d=d), "Fdot": rates(d=d), "gradient": gradients(d=d), "director": directions(d=d),
-             "network": networks(d=d), "kept": fractions()}
+             "network": networks(d=d), "share": fractions()}
     found = tangent(law, method, given, by)
     expected = np.zeros_like(found)
     for k, l in np.ndindex(d, d):

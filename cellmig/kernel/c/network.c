@@ -19,16 +19,24 @@ INLINED void lose(const KernelData *s, long b, const int material, const v4 F[D]
     add(s->step_memory[b].network_loss, time * load(s->volume + 4L * block_at(s, b)->stencil) * rate[0]);
 }
 
-/* Bonds break and form while the block is deformed from F0 to F1 in a time; the loss is that of the middle. */
+/* Shares of the bonds that form anew at the begin and the end of steps of a time. */
+static inline void set_network_step(const KernelData *s, double time)
+{
+#define SHARES(i) if (has_network_shares(i)) network_shares(s, i, time, s->network_step + 2 * (i));
+    EACH_MATERIAL(SHARES)
+}
+
+/* Bonds of a block break and form while it is deformed from F0 to F1 in a time, for which the shares are set; the loss
+ * is that of the middle. */
 INLINED void renew_network(const KernelData *s, long b, const int material, const v4 F0[D][D], const v4 F1[D][D],
                            double time)
 {
     if (!has_network_renewed(material)) return;
-    v4 A[D][D], begin[D][D], end[D][D], kept[1], F[D][D];
+    const double *share = s->network_step + 2 * material;
+    v4 A[D][D], begin[D][D], end[D][D], F[D][D];
     load_network(s, b, A);
-    network_begun(s, material, F0, A, splat(time), begin);
-    network_kept(s, material, splat(time), kept);
-    network_renewed(s, material, F1, begin, kept[0], end);
+    network_renewed(s, material, F0, A, splat(share[0]), begin);
+    network_renewed(s, material, F1, begin, splat(share[1]), end);
     for (int i = 0; i < D; i++)
         for (int j = 0; j < D; j++) {
             store(s->network + 4 * (D * D * b + i + D * j), end[i][j]);
@@ -41,6 +49,7 @@ INLINED void renew_network(const KernelData *s, long b, const int material, cons
 /* The same for all blocks, from F as it was to that of the displacements as they are. */
 static inline void networks_follow(const KernelData *s, double time)
 {
+    set_network_step(s, time);
     for (long b = 0; b < s->n_blocks; b++) {
         v4 h[1][D * D], bend[1][D], F0[D][D], F1[D][D];
         deformation_of_block(s, b, h, bend);

@@ -48,12 +48,12 @@ static inline void scale(v4 A[D][D], v4 V)
 /* V P of what stores energy: the material, and the gradient of the director. */
 INLINED void elastic(const KernelData *s, long b, const int material, const v4 F[D][D], v4 V, v4 P[D][D])
 {
-    v4 A[D][D] = {{{0}}}, kept = {0};
+    v4 A[D][D] = {{{0}}}, share = {0};
     if (NETWORK) {
         load_network(s, b, A);
-        kept = splat(s->network_share[material]);
+        share = splat(s->network_share[material]);
     }
-    stress(s, material, F, A, kept, P);
+    stress(s, material, F, A, share, P);
     if (has_director_stress(material)) {
         v4 g[M][D], T[D][D];
         load_director_gradient(s, b, g);
@@ -176,6 +176,7 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
 void stress_of_rate(const KernelData *s, double F_lag, double accounted_dt, double dt)
 {
     v4 range[2] = {load(s->J_range), load(s->J_range + 4)};
+    if (NETWORK && F_lag > 0) set_network_step(s, F_lag);
 #define STRESS(n) stress_of_blocks(s, b, n, F_lag, accounted_dt, dt, range)
     EACH_BLOCK(0, s->n_owned_blocks, STRESS)
     EACH_BLOCK(s->n_owned_blocks, s->n_blocks, STRESS)
