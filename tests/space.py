@@ -19,6 +19,7 @@ from cellmig.output.sample import Sampler
 from cellmig.parallel.collect import gathered
 from cellmig.parallel.partition import partition
 from cellmig.parallel.swarm import Swarm
+from cellmig.solve.accounts import ACCOUNTS
 from cellmig.solve.integrate import Integrator
 from cellmig.solve.mechanics import Mechanics
 from cellmig.solve.protrusion import Protruding
@@ -68,7 +69,7 @@ class Space:
         self.scene, self.comm, self.size = scene, comm, n
         owner, own = partition(scene.X, scene.cell, scene.material, comm.size), np.arange(n)[comm.rank :: comm.size]
         fields = {"id": np.arange(n), "X": scene.X, "u": u + np.zeros((n, 3)), "v": v + np.zeros((n, 3)),
-                  "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]), "loss": np.zeros((n, 6))}
+                  "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]), "loss": np.zeros((n, len(ACCOUNTS)))}
         self.swarm = Swarm(comm, {name: values[own] for name, values in fields.items()})
         self.swarm.migrate(owner[own])
         boundary = Boundary((), (), some.reshape(0, 2), none, some, some, some, none.reshape(0, 3), some,

@@ -25,6 +25,7 @@ from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, global_maximum
 from cellmig.parallel.swarm import Swarm
+from cellmig.solve.accounts import ACCOUNTS
 from cellmig.solve.start import discretise
 from cellmig.solve.surface_exchange import SurfacePlaces
 
@@ -168,7 +169,7 @@ def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
     n = 101
     rng = np.random.default_rng(3)
     whole = {name: rng.standard_normal((n, width)) if width > 1 else rng.standard_normal(n)
-             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": 6}.items()} | {"id": np.arange(n)}
+             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": len(ACCOUNTS)}.items()} | {"id": np.arange(n)}
     mine = rng.integers(0, comm.size, n) == comm.rank
     owner = rng.integers(0, comm.size, n)
     swarm = Swarm(comm, {name: values[mine] for name, values in whole.items()})
