@@ -8,8 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cellmig.case.expression import evaluate
-from cellmig.case.gaps import Arrangement
+from cellmig.case.gaps import Arrangement, arrangement
+from cellmig.case.held import unheld
 from cellmig.case.schema import Case, Cell
+
+SMALL, BRIEF, LASTING = 0.1, 10.0, 1e5  # Reynolds number; times over that in which momentum spreads [-]
 
 
 class Expected(NamedTuple):
@@ -17,8 +20,8 @@ class Expected(NamedTuple):
 
     push : protrusion on the fastest cells, per cell [pN/µm];  speed, distance : of these at the end [µm/µs], [µm];
     spreading : initial speed of the contact line [µm/µs];  start : largest initial speed of the case [µm/µs];
-    size : diameter 2 √(A/π) of the largest cell [µm];  reynolds : ρ v L/μ with the largest of these speeds and L =
-    `size`, None without a fluid.
+    size : diameter 2 √(A/π) of the largest cell [µm];  reynolds, momentum : of the least viscous fluid ρ v L/μ with the
+    largest of these speeds and L = `size`, and the time ρ L²/μ in which momentum spreads [µs], None without a fluid.
     """
 
     push: float
@@ -28,11 +31,23 @@ class Expected(NamedTuple):
     start: float
     size: float
     reynolds: float | None
+    momentum: float | None
+
+    def fades(self, end: float) -> bool:
+        """Whether momentum matters neither in the motion nor for a time `end` [µs]; False without a fluid."""
+        return self.momentum is not None and self.reynolds < SMALL and end > BRIEF * self.momentum
 
     @property
     def fastest(self) -> float:
         """Largest of the speeds [µm/µs]."""
         return max(self.speed, self.spreading, self.start)
+
+
+def inertia_is_gone(case: Case) -> bool:
+    """Whether the motion of a case is one without inertia, and can be computed so: something holds every cell."""
+    e = expected(case, arrangement(case), case.time.end)
+    moving = e.start or any(unheld(case.cells, case.supports, case.friction, case.substrate, case.medium))
+    return e.fades(case.time.end) and case.time.end > LASTING * e.momentum and not moving
 
 
 def expected(case: Case, found: Arrangement, end: float) -> Expected:
@@ -57,8 +72,9 @@ def expected(case: Case, found: Arrangement, end: float) -> Expected:
     size = 2.0 * max(map(_radius, case.cells))
     fluid = [_law(case, c) for c in case.cells if _law(case, c).viscosity]
     fastest = max(speed, spreading, start)
-    reynolds = max((law.density * fastest * size / law.viscosity for law in fluid), default=None)
-    return Expected(push, speed, distance, spreading, start, size, reynolds)
+    momentum = max((law.density * size**2 / law.viscosity for law in fluid), default=None)
+    reynolds = momentum and momentum * fastest / size
+    return Expected(push, speed, distance, spreading, start, size, reynolds, momentum)
 
 
 def _groups(found: Arrangement) -> list[np.ndarray]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from mpi4py import MPI
 
+from cellmig.case.gaps import arrangement
 from cellmig.case.schema import Case, particle_count
 from cellmig.meshfree.body import Template
 from cellmig.meshfree.terms import find_terms
@@ -16,9 +17,11 @@ from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, simulated, two_columns
 from cellmig.parallel.options import IMPLICIT, requested_integrator
 from cellmig.simulation import Simulation
+from cellmig.solve.overdamped import MOVE
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
 
+from .estimates import expected, inertia_is_gone
 from .summary import (
     describe_bodies,
     describe_contacts,
@@ -31,6 +34,7 @@ from .trial import TRIAL, Trial, choose, try_implicit
 
 PROBE = 20_000  # largest number of particles of a timed scene
 TRIED, FEW = {2: 1_500, 3: 150}, 3  # the same for implicit steps, by dimensions; timed steps if their length is fixed
+COARSE, PATIENCE = 150, 10.0  # particles of a cell in a trial of motion without inertia, least time of it [s]
 KIND = 5_000  # largest number of particles of a cell in a timed scene
 LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
 LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
@@ -124,6 +128,8 @@ def report(case: Case) -> str:
         part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
+    if case.overdamped:
+        return _overdamped_report(case, chosen)
     if requested_integrator(case.time.integrator) in IMPLICIT:
         return _implicit_report(case, chosen)
     c = cost(case)
@@ -200,6 +206,46 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     ])
 
 
+def _overdamped_report(case: Case, chosen: list[tuple[str, str]]) -> str:
+    """The report of a case without inertia."""
+    solver, told = _overdamped_time(case)
+    c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
+    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
+        ("time step", solver), ("time", told), ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
+        ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
+        _disk(case, c.particles),
+        *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
+    ])
+
+
+def _overdamped_time(case: Case) -> tuple[str, str]:
+    """Solvers and time of a run without inertia, by a trial of fewer particles of PATIENCE or to the end."""
+    coarse = _coarse(case)
+    with Simulation(coarse, MPI.COMM_SELF) as s:
+        begin = perf_counter()
+        trial, solver = try_implicit(s, TRIAL, PATIENCE), s.integrator.step_description
+        wall, margin = perf_counter() - begin, MOVE * s.mechanics.segments.skin
+    of_steps = (_size(case) / trial.particles) ** (1.0 / case.dimension)  # as many more particles along a contact line
+    times = of_steps * newton_seconds(case) / newton_seconds(coarse)
+    told = f"as a trial of {trial.particles} particles took {trial.taken} steps, {duration(wall)}"
+    if trial.reached < case.time.end:
+        decade = trial.steps / math.log10(trial.reached / (trial.reached - trial.simulated))
+        gone = expected(case, arrangement(case), case.time.end).distance
+        wall += trial.wall / trial.steps * (decade * math.log10(case.time.end / trial.reached) + gone / margin)
+        told += (f" to {duration(1e-6 * trial.reached)}, if each tenfold time takes as many as the last, {decade:.0f}, "
+                 "and cells crawl as above")
+    return solver, f"{duration(wall)} to {duration(times * wall)} on one core, {told}"
+
+
+def _coarse(case: Case) -> Case:
+    """A case with fewer particles and cells, for a trial without inertia."""
+    cells = case.cells[:FEW]
+    count = min(COARSE, max(particle_count(case, shape) for shape in {c.shape for c in cells}))
+    particles = dataclasses.replace(case.particles, per_cell=count, spacing=None)
+    return dataclasses.replace(case, cells=cells, particles=particles)
+
+
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
     """A trial of implicit steps of a part of a case; cost of the case's steps over the part's; the solver."""
     part, ratio = _part(case, TRIED[case.dimension])
@@ -215,6 +261,9 @@ def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about the time of implicit steps, where explicit ones take days."""
     if c.seconds < LONG or case.plates:
         return []
+    if inertia_is_gone(case):
+        slow = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="overdamped", step="auto"))
+        return [("better", f'time.integrator = "overdamped" takes {_overdamped_time(slow)[1]}')]
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
     try:
         trial, times, _ = _tried(implicit, c.particles, LONG_TRIAL)

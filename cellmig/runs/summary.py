@@ -13,10 +13,11 @@ from cellmig.case.time_unit import MICROSECOND, TimeUnit
 from cellmig.meshfree.terms import Terms
 from cellmig.model.protocols import Adhesion
 from cellmig.model.seifert import solid
+from cellmig.output.log import duration
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
 
-from .estimates import expected
+from .estimates import LASTING, SMALL, Expected, expected
 
 FLOATING = 5  # largest number of cells that a warning names
 LISTED = 4  # the same of a pair, and of kinds of cells in space
@@ -96,14 +97,28 @@ def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]
     rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))
     pushed = f"by a push of {e.push:.2g} {'pN/µm' if case.dimension == 2 else 'pN'} a cell; " if e.push else ""
     rows.append(("", f"{pushed}{e.fastest / CRAWLING:.1g} times the 0.1 µm/s of a crawling cell"))
-    if e.reynolds is not None:
-        rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: "
-                                 f"{'inertia counts' if e.reynolds > 0.1 else 'viscosity rules'}"))
-    if e.distance > FAR * e.size:
+    if e.momentum is not None:
+        rules = "inertia counts" if e.reynolds > SMALL else "viscosity rules"
+        rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: {rules}; "
+                                 f"momentum spreads in {duration(1e-6 * e.momentum)}"))
+        rows += _wrong_regime(case, e, end)
+    if e.distance > FAR * e.size and not case.overdamped:
         rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
                                 "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
                                 "protrusion.protrusion_ratio leaves them in shape"))
     return rows
+
+
+def _wrong_regime(case: Case, e: Expected, end: float) -> list[tuple[str, str]]:
+    """A warning of inertia that does not matter up to `end` [µs], or that is left out though it does."""
+    if case.overdamped and e.momentum and not e.fades(end):
+        return [("WARNING", "inertia counts here, and \"overdamped\" leaves it out: it holds for small Reynolds "
+                            "numbers and times far longer than momentum takes to spread; \"leapfrog\" has inertia")]
+    if not case.overdamped and e.momentum and e.fades(end) and end > LASTING * e.momentum:
+        return [("WARNING", f"the run lasts {end / e.momentum:.1g} times as long as momentum takes to spread: "
+                            "time.integrator = \"overdamped\" leaves inertia out, and takes steps of the motion's own "
+                            "time")]
+    return []
 
 
 def _floating(case: Case, found: Arrangement) -> list[tuple[str, str]]:

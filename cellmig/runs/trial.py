@@ -15,6 +15,8 @@ from cellmig.simulation import Simulation
 from cellmig.solve.implicit import Implicit
 from cellmig.solve.step import NumericsError, binding
 
+from .estimates import inertia_is_gone
+
 TRIAL, TRIAL_EXPLICIT = 8, 500  # steps in each part of a trial, implicit and explicit
 GROWING = 1.5  # a trial of implicit steps continues while its speed grows by this factor
 
@@ -29,6 +31,8 @@ def choose(case: Case, comm: MPI.Comm) -> tuple[Case, str]:
 
     if case.plates:
         return with_("leapfrog"), "implicit steps have no plates"
+    if inertia_is_gone(case):
+        return with_("overdamped"), "overdamped: momentum spreads in far less than the run lasts"
     speeds = {kind: _speed(with_(kind), comm) for kind in ("leapfrog", "bdf")}
     best = max(speeds, key=lambda kind: speeds[kind])
     end, took = case.time.end, [duration(case.time.end / v) if v else "for ever" for v in speeds.values()]

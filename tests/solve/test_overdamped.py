@@ -5,6 +5,7 @@ number, orders in time, ranks, checkpoints.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,7 @@ def test_steps_converge_with_the_order_of_their_type(kind: str) -> None:
 
     with default_options({"ts_type": kind}):
         x = [bar(step) for step in (0.05, 0.025, 0.0125)]
-    change = [np.abs(a - b).max() for a, b in zip(x, x[1:], strict=False)]
+    change = [np.abs(a - b).max() for a, b in pairwise(x)]
     order = 1 if kind == "beuler" else 2
     assert math.log2(change[0] / change[1]) == pytest.approx(order, abs=0.25), change
 
