@@ -206,6 +206,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
         if found[name] not in (None, []):
             source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
+        if cell.friction is not None:
+            source.reject((*path, "friction"), f"{why} under supports, loads and plates; it has no friction yet")
         for key in ("displacement", "velocity", "velocity_gradient"):
             still = default_in(declared(Cell)[key], len(cell.centre))
             if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):

@@ -14,10 +14,11 @@ def unheld(cells: Sequence[Cell], supports: Sequence[Support], friction: Any, su
 
     friction, substrate, medium : laws, or None.  A support counts for the directions in which it is not free.
     """
-    if medium is not None and medium.viscosity:
+    if medium is not None and medium.coefficient:
         return
     for cell in cells:
-        rubs = friction is not None and substrate is not None and substrate.work > 0.0
+        law = friction if cell.friction is None else cell.friction
+        rubs = law is not None and law.coefficient > 0.0 and substrate is not None and substrate.work > 0.0
         if rubs and cell.centre[-1] + cell.shape.lowest() < substrate.cutoff:
             continue
         directions = {axis for s in supports if not s.cells or cell.name in s.cells

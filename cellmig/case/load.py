@@ -269,7 +269,7 @@ class _Reader:
                 if renamed:
                     found[renamed] = self.value(values.in_table(fields[renamed], data.get("unit")), value, (*path, key))
         for key, f in fields.items():
-            if key not in found and "default_law" in f.metadata:
+            if key not in found and "default_law" in f.metadata and not f.metadata.get("optional"):
                 found[key] = self.law(f.metadata["kind"], {}, (*path, key), f.metadata["default_law"])
             if key not in found and "d" in f.metadata.get("shape", ()) and f.default and not values.required(f):
                 found[key] = values.default_in(f, self.dimension)

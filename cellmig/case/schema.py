@@ -77,6 +77,9 @@ class Cell:
                            "first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
+    friction: Any = parameter("friction of this cell in place of that of [friction], such as "
+                              "{ coefficient = \"3 kPa s/um\" }", None, kind="friction", default_law="bonds",
+                              optional=True)
     displacement: tuple = quantity("um", "initial displacement; may be formulas of x, y (and z) from the centre",
                                    (0.0, 0.0), shape=("d",), formula=True)
     velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x, y (and z) from the centre", (0.0, 0.0),
@@ -254,6 +257,10 @@ class Case:
         """Whether the case asks for motion without inertia."""
         return self.time.integrator == "overdamped"
 
+    def friction_of(self, cell: Cell) -> Any:
+        """Law of friction of a cell, None without."""
+        return self.friction if cell.friction is None else cell.friction
+
     def resolved(self) -> dict:
         """Tables of a case file for this case, with all defaults; the inverse of `load.from_dict`."""
         tree: dict = {}
@@ -299,10 +306,9 @@ def _table(item: Any) -> dict:
         if f.metadata.get("inline"):
             shape = _table(value)
             table |= {name: shape.pop("law"), **shape}
-        elif "kind" in f.metadata:
-            table[name] = _table(value)
         elif value is not None:
-            table[name] = write(in_table(f, getattr(item, "unit", None)), value)
+            of_law = "kind" in f.metadata
+            table[name] = _table(value) if of_law else write(in_table(f, getattr(item, "unit", None)), value)
     return table
 
 

@@ -70,8 +70,9 @@ SURFACE_TERMS = (
                 ("face_apart", "edge_apart", "vertex", "face_stiffness", "edge_stiffness", "vertex_stiffness"),
                 files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
-    SurfaceTerm("friction", lambda t: t.friction and t.substrate and _with_bonds(
-        t, t.friction, FrictionForce, SlidingFriction), {"force": ()}),
+    SurfaceTerm("friction", lambda t: tuple(
+        _with_bonds(t, law, FrictionForce, SlidingFriction) for law in t.friction.laws)
+        if t.friction and t.substrate else None, {"force": ()}),
     SurfaceTerm("medium", lambda t: t.medium, {"force": ()}),
     SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _with_bonds(
         t, t.protrusion, ProtrusionForce, ProtrusionPush),

@@ -51,6 +51,25 @@ class Contacts:
         return self.pairing.of(a, b)
 
 
+@dataclass(frozen=True)
+class Frictions:
+    """Laws of friction on the substrate.
+
+    Attributes
+    ----------
+    laws : tuple of Friction -- all that differ from each other.
+    of_cell : (cells,) int -- number of the law of each cell.
+    """
+
+    laws: tuple[Friction, ...]
+    of_cell: np.ndarray
+
+    @property
+    def coefficient(self) -> float:
+        """Largest drag of fully bonded membrane [Pa µs/µm]."""
+        return max(law.coefficient for law in self.laws)
+
+
 NO_CONTACTS = Contacts((), Pairing(*np.zeros((3, 0), int)), False)
 
 
@@ -60,8 +79,9 @@ class Terms:
 
     Attributes
     ----------
-    substrate, contact, protrusion, cortex, friction, medium : law or None -- terms of the surface; `contact` is that of
-        all pairs of cells without exceptions.
+    substrate, contact, protrusion, cortex, medium : law or None -- terms of the surface; `contact` is that of all pairs
+        of cells without exceptions.
+    friction : Frictions or None -- laws of all cells.
     contacts : Contacts or None -- laws of all pairs of cells, and of a cell with itself.
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
@@ -81,7 +101,7 @@ class Terms:
     contacts: Contacts | None = None
     protrusion: ProtrusionLaw | None = None
     cortex: Cortex | None = None
-    friction: Friction | None = None
+    friction: Frictions | None = None
     medium: Medium | None = None
     director: str = "none"
     director_law: DirectorLaw | None = None
@@ -158,9 +178,9 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     force = case.body_force if any(case.body_force or ()) else None
     cortex, medium, force = (unless(None if value else "the case has none", term, value) for term, value in (
         ("cortex", case.cortex), ("drag of a medium", case.medium), ("body force", force)))
-    friction = unless(why((case.friction is None, "the case has none"),
-                          (case.substrate is None, "no adhesion to the substrate")), "friction on the substrate",
-                      case.friction if case.substrate is not None else None)
+    rubs = any(case.friction_of(cell) is not None for cell in case.cells)
+    friction = unless(why((not rubs, "the case has none"), (case.substrate is None, "no adhesion to the substrate")),
+                      "friction on the substrate", _frictions(case) if rubs and case.substrate is not None else None)
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
@@ -174,6 +194,14 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
 def why(*conditions: tuple[bool, str]) -> str | None:
     """The reason of the first condition that holds, None if none does."""
     return next((reason for holds, reason in conditions if holds), None)
+
+
+def _frictions(case: Case) -> Frictions:
+    """Laws of friction of all cells, one without drag for those that have none."""
+    known: dict[Any, int] = {}
+    none = laws("friction")["bonds"](coefficient=0.0)
+    of_cell = [known.setdefault(case.friction_of(cell) or none, len(known)) for cell in case.cells]
+    return Frictions(tuple(known), np.array(of_cell))
 
 
 def _single(case: Case) -> bool:

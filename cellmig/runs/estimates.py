@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from cellmig.case.expression import evaluate
 from cellmig.case.gaps import Arrangement, arrangement
@@ -13,18 +15,21 @@ from cellmig.case.held import unheld
 from cellmig.case.schema import Case, Cell
 
 SMALL, BRIEF, LASTING = 0.1, 10.0, 1e5  # Reynolds number; times over that in which momentum spreads [-]
+SLOW = 1e-15  # speed at which any drag is linear [µm/µs]
 
 
 class Expected(NamedTuple):
     """Estimated motion of a case, within a factor of two or three.
 
-    push : protrusion on the fastest cells, per cell [pN/µm];  speed, distance : of these at the end [µm/µs], [µm];
+    push : protrusion on the fastest cells, per cell [pN/µm];  borne : most that their bonds bear of it, infinite if
+    that grows with the speed without bound [pN/µm];  speed, distance : of these at the end [µm/µs], [µm];
     spreading : initial speed of the contact line [µm/µs];  start : largest initial speed of the case [µm/µs];
     size : diameter 2 √(A/π) of the largest cell [µm];  reynolds, momentum : of the least viscous fluid ρ v L/μ with the
     largest of these speeds and L = `size`, and the time ρ L²/μ in which momentum spreads [µs], None without a fluid.
     """
 
     push: float
+    borne: float
     speed: float
     distance: float
     spreading: float
@@ -55,18 +60,19 @@ def expected(case: Case, found: Arrangement, end: float) -> Expected:
 
     *Push.*  The protrusion on a membrane at an angle θ with the substrate is β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ, with
     w = N σ and ᾱ = 1/2.  For a round cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); spread cells are steeper, with a
-    somewhat smaller push.  Cells in contact share their pushes F, and m v' = ΣF - c ΣL v with m = Σρ A, the drag c of
-    the friction and a contact L of one diameter: without friction v = F t/m, and the distance is F t²/2m.
+    somewhat smaller push.  Cells in contact share their pushes F, and m v' = ΣF - c v with m = Σρ A.  The drag is c =
+    ΣF/V, with the speed V at which the friction on a contact of one diameter, and the medium, bear the pushes; without
+    any v = F t/m, and the distance is F t²/2m.
 
     *Spreading.*  Adhesion pulls at the contact line with w, against viscosity or inertia: v = w / (μ + √(ρ R w)).
 
     Source: derived here.
     """
     touching = set(range(len(case.cells))) - set(found.floating.tolist()) if case.substrate else set()
-    best = (0.0, 0.0, 0.0)
+    best = (0.0, 0.0, 0.0, math.inf)
     for members in _groups(found):
         best = max(best, _carried(case, end, [case.cells[n] for n in members], [n in touching for n in members]))
-    speed, distance, push = best
+    speed, distance, push, borne = best
     spreading = max((_spreading(case, case.cells[n]) for n in touching), default=0.0)
     start = max(_start(cell) for cell in {(c.shape, c.velocity, c.velocity_gradient): c for c in case.cells}.values())
     size = 2.0 * max(map(_radius, case.cells))
@@ -74,7 +80,7 @@ def expected(case: Case, found: Arrangement, end: float) -> Expected:
     fastest = max(speed, spreading, start)
     momentum = max((law.density * size**2 / law.viscosity for law in fluid), default=None)
     reynolds = momentum and momentum * fastest / size
-    return Expected(push, speed, distance, spreading, start, size, reynolds, momentum)
+    return Expected(push, borne, speed, distance, spreading, start, size, reynolds, momentum)
 
 
 def _groups(found: Arrangement) -> list[np.ndarray]:
@@ -83,19 +89,51 @@ def _groups(found: Arrangement) -> list[np.ndarray]:
     return np.split(order, np.flatnonzero(np.diff(found.group[order])) + 1)
 
 
-def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float]:
-    """Speed and distance at the end, and push per cell, of cells that move together."""
+def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float, float]:
+    """Speed and distance at the end, push per cell and the most that bonds bear of it, of cells that move together."""
     mass = sum(_law(case, c).density * _content(c) for c in cells)
-    force = sum(_push(case, c) for c, touches in zip(cells, touching, strict=True) if touches)
+    rubbing = [c for c, touches in zip(cells, touching, strict=True) if touches]
+    force = sum(_push(case, c) for c in rubbing)
     along = abs(case.body_force[0]) if case.body_force and case.substrate else math.hypot(*case.body_force or (0.0,))
     acceleration = force / mass + along
-    sizes = [_radius(c) for c, touches in zip(cells, touching, strict=True) if touches]
-    contact = sum(2.0 * r if case.dimension == 2 else math.pi * r**2 for r in sizes)
-    rate = case.friction.coefficient * contact / mass if case.friction is not None else 0.0
+    push, borne = force / len(cells), _borne(case, rubbing) / len(cells)
+    steady = _steady(case, cells, rubbing, mass * acceleration)
+    rate = acceleration / steady
     if rate * end < 1e-6:
-        return acceleration * end, 0.5 * acceleration * end**2, force / len(cells)
+        return acceleration * end, 0.5 * acceleration * end**2, push, borne
     gone = -math.expm1(-rate * end)
-    return acceleration * gone / rate, acceleration * (end - gone / rate) / rate, force / len(cells)
+    return acceleration * gone / rate, acceleration * (end - gone / rate) / rate, push, borne
+
+
+def _steady(case: Case, cells: list[Cell], rubbing: list[Cell], force: float) -> float:
+    """Speed [µm/µs] at which the friction of some cells, and a medium, bear a force [pN/µm]; infinite if none does."""
+    contacts = Counter((case.friction_of(c), _contact(case, c)) for c in rubbing)
+    around = sum(2.0 * math.pi if case.dimension == 2 else 4.0 * math.pi * _radius(c) for c in cells)
+
+    def drag(speed: float) -> float:
+        found = -case.medium.force(around, (speed,))[0] if case.medium is not None else 0.0
+        return found + sum(n * law.drag(1.0, speed) * size for (law, size), n in contacts.items() if law is not None)
+
+    slope = drag(SLOW) / SLOW
+    if not slope > 0.0 or not force > 0.0:
+        return math.inf
+    low, high = 0.0, force / slope
+    for _ in range(200):  # the traction of bonds falls at high speeds
+        if drag(high) >= force:
+            return brentq(lambda speed: drag(speed) - force, low, high, xtol=1e-9 * high)
+        low, high = high, 1.2 * high
+    return math.inf
+
+
+def _borne(case: Case, cells: list[Cell]) -> float:
+    """Largest force [pN/µm] of the friction of some cells, infinite if one of them has no largest traction."""
+    most = [(getattr(case.friction_of(c), "largest", (math.inf,))[0], c) for c in cells]
+    return sum(traction * _contact(case, c) for traction, c in most)
+
+
+def _contact(case: Case, cell: Cell) -> float:
+    """Contact with the substrate of one diameter [µm], in space of a disc [µm²]."""
+    return 2.0 * _radius(cell) if case.dimension == 2 else math.pi * _radius(cell) ** 2
 
 
 def _push(case: Case, cell: Cell) -> float:

@@ -352,7 +352,7 @@ def _frame_bytes(case: Case) -> int:
     """Size of a particle in a frame [B]."""
     present = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
-             "friction": case.friction is not None and case.substrate is not None,
+             "friction": case.substrate is not None and any(map(case.friction_of, case.cells)),
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
     elements = 0 if case.dimension == 2 else 90  # four to six tetrahedra, one triangle
     return 28 + elements + sum(field.stored for field in FIELDS.values() if present[field.term])

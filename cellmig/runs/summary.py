@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -84,10 +85,7 @@ def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]
     """Rows about drag and estimated speeds."""
     e = expected(case, found, end)
     unit = case.time_unit
-    rows = [] if case.substrate is None else [
-        ("drag", f"{unit.number(case.friction.coefficient):g} Pa {unit.label}/µm on bonded membrane that slides"
-         if case.friction else
-         "none: cells slide, and what is pushed goes ever faster; [friction] holds them back")]
+    rows = _drag(case)
     if not e.fastest:
         return rows
     gone = length(float(f"{e.distance:.2g}"))
@@ -95,14 +93,19 @@ def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]
         (e.start, "at the start"), (e.spreading, "while cells spread"),
         (e.speed, f"at the end, {gone} from here")) if value]
     rows.append(("speeds", f"{', '.join(speeds)}: within a factor of 3"))
-    pushed = f"by a push of {e.push:.2g} {'pN/µm' if case.dimension == 2 else 'pN'} a cell; " if e.push else ""
+    force = "pN/µm" if case.dimension == 2 else "pN"
+    pushed = f"by a push of {e.push:.2g} {force} a cell; " if e.push else ""
     rows.append(("", f"{pushed}{e.fastest / CRAWLING:.1g} times the 0.1 µm/s of a crawling cell"))
     if e.momentum is not None:
         rules = "inertia counts" if e.reynolds > SMALL else "viscosity rules"
         rows.append(("Reynolds", f"number {e.reynolds:.2g}, of the largest speed and {length(e.size)}: {rules}; "
                                  f"momentum spreads in {duration(1e-6 * e.momentum)}"))
         rows += _wrong_regime(case, e, end)
-    if e.distance > FAR * e.size and not case.overdamped:
+    if e.push > e.borne:
+        rows.append(("WARNING", f"a push of {e.push:.2g} {force} a cell is more than the {e.borne:.2g} {force} that "
+                                "its bonds bear on a contact of one diameter: it has no steady speed and slips; more "
+                                "bonds, or a smaller protrusion.protrusion_ratio, hold it"))
+    elif e.distance > FAR * e.size and not case.overdamped:
         rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
                                 "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
                                 "protrusion.protrusion_ratio leaves them in shape"))
@@ -119,6 +122,32 @@ def _wrong_regime(case: Case, e: Expected, end: float) -> list[tuple[str, str]]:
                             "time.integrator = \"overdamped\" leaves inertia out, and takes steps of the motion's own "
                             "time")]
     return []
+
+
+def _drag(case: Case) -> list[tuple[str, str]]:
+    """Rows about what holds cells back: friction, by kinds of cells, and a medium."""
+    rows = []
+    of_law: dict[Any, list[str]] = {}
+    for cell in case.cells if case.substrate is not None else ():
+        of_law.setdefault(case.friction_of(cell), []).append(cell.name)
+    for law, names in of_law.items():
+        whose = f"{_named(names)}: " if len(of_law) > 1 else ""
+        rows.append(("" if rows else "drag", whose + _friction_text(law, case.time_unit)))
+    if case.medium is not None:
+        rows.append(("" if rows else "drag", f"of the medium ({case.medium.law}), on all of the surface"))
+    return rows
+
+
+def _friction_text(law: Any, unit: TimeUnit) -> str:
+    """Text of a law of friction: its drag at low speed, and its largest traction if it has one."""
+    if law is None:
+        return "none: cells slide, and what is pushed goes ever faster; [friction] holds them back"
+    text = f"{unit.number(law.coefficient):.4g} Pa {unit.label}/µm on bonded membrane that slides"
+    if (largest := getattr(law, "largest", None)) is None:
+        return text
+    traction, fastest = largest
+    slow, fast = (f"{unit.size * speed:.3g} µm/{unit.label}" for speed in (law.speed, fastest))
+    return f"{text} far below {slow}; at most {traction:.3g} Pa, at {fast}, and less beyond"
 
 
 def _floating(case: Case, found: Arrangement) -> list[tuple[str, str]]:

@@ -46,6 +46,7 @@ class Segments:
         Field("n_facets", "long", doc="all facets"),
         Field("facet", "int32_t *", "(n_facets, d)", "", "their corners"),
         Field("facet_size", "double *", "(n_facets,)", "µm or µm²", "reference lengths or areas"),
+        Field("facet_friction", "int32_t *", "(n_facets,)", "", "numbers of their laws in `Terms.friction`"),
         Field("n_near", "long", doc="facets near the substrate"),
         Field("near", "int32_t *", "(n_near,)", "", "their numbers"),
         Field("n_contact_nodes", "long", doc="particles near another cell, see `ContactLists`"),
@@ -119,6 +120,8 @@ class Segments:
         self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
         k["facet"] = part.numbering.local(s.ids[self.ends])
         k["facet_size"], k["n_facets"] = s.size[self.number], len(self.number)
+        if part.terms.friction is not None:
+            k["facet_friction"] = part.terms.friction.of_cell[s.cell[self.ends[:, 0]]]
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)

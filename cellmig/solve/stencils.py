@@ -85,6 +85,15 @@ def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
         yield _of_facets("pressure", formula, corners.T, pressure=pressure)
 
 
+def _friction(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
+    """Facets near the substrate, by the laws of their cells."""
+    k = m.kernel
+    for number, formula in enumerate(formulas):
+        on = k["near"][k["facet_friction"][k["near"]] == number]
+        if len(on):
+            yield _of_facets("friction", formula, k["facet"][on].T, k["facet_size"][on])
+
+
 def _medium(m: Mechanics, formula: Any) -> Iterator[Stencil]:
     """Surface particles one by one."""
     nodes, size = m.kernel["immersed"], m.kernel["immersed_size"]
@@ -212,5 +221,5 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 
 
 # Others have stencils of facets.
-OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "medium": _medium, "protrusion": _protrusion,
-                                                 "loads": _loads}
+OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "friction": _friction, "medium": _medium,
+                                                 "protrusion": _protrusion, "loads": _loads}

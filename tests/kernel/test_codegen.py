@@ -32,7 +32,7 @@ from cellmig.kernel.source import text_of
 from cellmig.kernel.symbols import LawError
 from cellmig.kernel.terms import ANCHORS, FORMULAS, SURFACE_TERMS
 from cellmig.kernel.toolchain import compiled
-from cellmig.meshfree.terms import Contacts, Terms
+from cellmig.meshfree.terms import Contacts, Frictions, Terms
 from cellmig.model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from cellmig.model.polyhedra import PolyhedronAdhesion
 from cellmig.model.triangles import TriangleBonds
@@ -246,6 +246,7 @@ def formulas() -> Iterator[tuple[Any, str, str, tuple]]:
             chosen = {term.name: example(KINDS[term.name], name)} if name else {}
             laws_of = default | chosen
             contacts = Contacts((laws_of["contact"],), Pairing(*np.zeros((3, 1, 1), int)), False)
+            laws_of["friction"] = Frictions((laws_of["friction"],), np.zeros(1, int))
             formula = term.formula(Terms(**laws_of, contacts=contacts, load_curves=()))
             formula = formula[0] if isinstance(formula, tuple) else formula
             for method, results in term.methods.items() if formula is not None else ():  # of two dimensions

@@ -223,6 +223,34 @@ def test_drag_or_none_is_told_and_a_run_that_goes_far_is_warned_of() -> None:
     assert "drag" not in told(case("nucleus")) and "speeds" not in told(case("beam"))
 
 
+BELL = ('friction={law="bell", bonds="8000 /um^2", stiffness="1 pN/nm", on="1e6 /s", off="1e6 /s", force="2 pN"}',)
+
+
+def test_the_largest_traction_of_bonds_is_told_and_a_push_above_it_is_warned_of() -> None:
+    """N F_b Φ = 8000 · 2 · 0.2185 Pa at 4.503 v0, v0 = 2 nm/µs; the push is 18 pN/µm."""
+    rows = told(case("one_cell", PUSHED, *BELL))
+    assert rows["drag"] == ("4e+06 Pa µs/µm on bonded membrane that slides far below 0.002 µm/µs; at most 3.5e+03 Pa, "
+                            "at 0.00901 µm/µs, and less beyond")
+    assert "WARNING" not in rows
+    weak = told(case("one_cell", PUSHED, *BELL, "friction.bonds=4 /um^2"))
+    assert "a push of 18 pN/µm a cell is more than the 17 pN/µm that its bonds bear" in weak["WARNING"]
+    firm = told(case("one_cell", PUSHED, *BELL, "friction.bonds=5 /um^2"))
+    assert "WARNING" not in firm
+    own = told(case("all_protrude", *BELL, 'cells.Cell-2.friction={coefficient="7 Pa us/um"}'))["drag"]
+    assert own.startswith("Cell-1, Cell-3: 4e+06 Pa") and "Cell-2: 7 Pa µs/µm on bonded membrane" in own
+
+
+def test_the_speed_to_expect_is_that_at_which_bonds_and_medium_bear_the_push() -> None:
+    medium = 'medium.viscosity="20 mPa s"'
+    for sets, drag in (((*BELL, "friction.bonds=20 /um^2"), lambda law, v: 10.0 * law.drag(1.0, v)),
+                       ((medium,), lambda law, v: 3.0 * np.pi * 2e4 * v),
+                       ((*BELL, "friction.bonds=20 /um^2", medium),
+                        lambda law, v: 10.0 * law.drag(1.0, v) + 3.0 * np.pi * 2e4 * v)):
+        found = case("one_cell", PUSHED, *sets)
+        e = expected(found, arrangement(found), 1e6)
+        assert drag(found.friction, e.speed) == pytest.approx(e.push, rel=1e-6)
+
+
 def test_a_trial_goes_on_until_its_steps_are_as_long_as_the_motion_lets_them_be() -> None:
     """The stable step is 0.02 ns; a run of 60 s was measured to take 350 steps, 170 ms long in the mean, and 43 s."""
     stiff = "materials.cytoplasm.viscosity=10 Pa s"

@@ -92,6 +92,34 @@ def test_friction_drags_bonded_membrane_only_and_only_along_the_substrate(name: 
     assert np.abs(lifted).max() == 0.0
 
 
+@pytest.mark.parametrize("name", ["all_protrude", "three_balls"])
+def test_cells_may_have_frictions_of_their_own(name: str) -> None:
+    """Two laws of one kind, and one of another, beside a cell without."""
+    def drag(**of_cells: Any) -> np.ndarray:
+        tree = case(name, per_cell=100).resolved()
+        cells = [cell | ({"friction": of_cells[cell["name"]]} if cell["name"] in of_cells else {})
+                 for cell in tree["cells"]]
+        scene = from_dict(tree | {"cells": cells} | ({"friction": of_cells["all"]} if "all" in of_cells else {}))
+        assert from_dict(scene.resolved()) == scene
+        with built(scene) as sim:
+            set_motion(sim, np.zeros_like(sim.scene.X), np.ones_like(sim.scene.X))
+            force = everywhere(sim, sim.mechanics.surface_force("friction")[0])
+            assert len(sim.terms.friction.laws) == len({str(f) for f in of_cells.values()}) + ("all" not in of_cells)
+            return np.array([force[sim.scene.cell == c] for c in range(3)])
+
+    low, high = {"coefficient": "10 Pa us/um"}, {"coefficient": "30 Pa us/um"}
+    bell = {"law": "bell", "bonds": "500 /um^2", "stiffness": "0.5 pN/nm", "on": "1e6 /s", "off": "5e6 /s",
+            "force": "2 pN"}
+    same, of_bell = drag(all=low), drag(all=bell)
+    assert same.any(axis=(1, 2)).all() and of_bell.any(axis=(1, 2)).all()
+    names = ["Cell-1", "Cell-2", "Cell-3"]
+    mixed = drag(all=low, **{names[1]: high, names[2]: bell})
+    assert np.array_equal(mixed[0], same[0]) and np.array_equal(mixed[2], of_bell[2])
+    assert mixed[1] == pytest.approx(3.0 * same[1], rel=1e-14)
+    alone = drag(**{names[1]: high})
+    assert np.array_equal(alone[1], mixed[1]) and not alone[[0, 2]].any()
+
+
 def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
     def moved(*sets: str) -> tuple[float, float]:
         with built(case("all_protrude", "protrusion.protrusion_ratio=0.5", *sets, per_cell=150)) as sim:

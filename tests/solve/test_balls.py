@@ -16,7 +16,7 @@ from mpi4py import MPI
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import pointwise
 from cellmig.meshfree.body import Scene
-from cellmig.meshfree.terms import Contacts, Terms
+from cellmig.meshfree.terms import Contacts, Frictions, Terms
 from cellmig.model.cortex import LineTension
 from cellmig.model.seifert import BetweenCells
 from cellmig.solve.protrusion_noise import random_factor
@@ -26,9 +26,9 @@ SEED = 5
 SUBSTRATE = example("adhesion", "seifert")
 FLUID, SOLID = example("material", "nematic"), example("material", "mooney-rivlin")
 PUSH = replace(example("protrusion", "edge"), cells=("Cell-1", "Cell-3"), protrusion_ratio=0.06, height=1.0)
+RUBBING = Frictions((example("friction", "bonds"),), np.zeros(3, int))
 ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True,
-            bulk_damped=True, friction=example("friction", "bonds"), acceleration=(1.0, -2.0, 3.0), protrusion=PUSH,
-            dimension=3)
+            bulk_damped=True, friction=RUBBING, acceleration=(1.0, -2.0, 3.0), protrusion=PUSH, dimension=3)
 BETWEEN = BetweenCells(**asdict(replace(SUBSTRATE, bond_density=1000.0, cutoff=0.5)))
 STILL = Terms(stabilised=False, bulk_damped=False, stiffened=True, dimension=3)  # what has an energy
 MOVING = Terms(stabilised=True, bulk_damped=True, dimension=3)  # what resists motion

@@ -78,6 +78,39 @@ def test_a_loaded_box_slides_with_force_over_drag(stiff: float) -> None:
         assert speed == pytest.approx(18.0 * force / (3000.0 * bonded(sim)), rel=1e-3)  # measured 1e-4
 
 
+BELL = {"law": "bell", "bonds": "500 /um^2", "stiffness": "0.5 pN/nm", "on": "1 /s", "off": "5 /s", "force": "2 pN"}
+
+
+@pytest.mark.parametrize("share", [0.3, 0.75])
+def test_a_loaded_box_slides_at_the_speed_at_which_bonds_bear_the_load(share: float) -> None:
+    """Bell's bonds bear 55 Pa at most, 334 pN/µm on 6 µm; a `share` of that is the load."""
+    force = share * 334.0 / 18.0
+    pull = {"name": "pull", "body": [f"{force} Pa/um", "0 Pa/um"], "load_curve": {"law": "ramp", "duration": "1 s"}}
+    scene = crawler(BOX, material={"shear_modulus": "2000 Pa"}, loads=[pull])
+    with built(from_dict(scene.resolved() | {"friction": BELL})) as sim:
+        at(sim, 20.0)
+        speed, law = everywhere(sim, sim.mechanics.state.v)[:, 0].mean(), sim.case.friction
+        assert bonded(sim) * law.drag(1.0, speed) == pytest.approx(18.0 * force, rel=3e-3)  # measured 1.2e-3, 1e-5
+        assert sim.sample()[1]["energy_error"] < 1e-6  # measured 1e-14
+
+
+def test_a_medium_alone_holds_a_cell_without_a_substrate() -> None:
+    """A body force f moves a disc at f A/(3πη), whatever the disc is of."""
+    force, eta = 1e-4, 0.7e-3  # pN/µm³, Pa s
+    pull = {"name": "pull", "body": [f"{force} Pa/um", f"{0.5 * force} Pa/um"]}
+    tree = crawler(loads=[pull], medium={"viscosity": f"{eta} Pa s"}).resolved()
+    del tree["adhesion"], tree["friction"]
+    with built(from_dict(tree | {"cells": [tree["cells"][0] | {"rest": False}]})) as sim:
+        at(sim, 1.0)
+        v = 1e6 * everywhere(sim, sim.mechanics.state.v)
+        area, round_about = sim.scene.field("V").sum(), sim.scene.templates[0].facet_size.sum()
+        held = 1.5 * eta / sim.scene.templates[0].radius * round_about
+        assert held == pytest.approx(3.0 * np.pi * eta, rel=2e-3)  # measured 1.5e-3, of the polygon
+        assert v == pytest.approx(np.outer(np.ones(len(v)), [1.0, 0.5]) * force * area / held, rel=1e-5)
+        entries = sim.sample()[1]
+        assert entries["medium_loss_pn"] == pytest.approx(entries["external_work_pn"], rel=1e-5)  # measured 1e-6
+
+
 def test_the_density_does_not_matter() -> None:
     """Not even in the last bit."""
     light, heavy = (positions(crawler(material={"density": f"{rho} kg/m^3"}), 0.2) for rho in (1000.0, 10000.0))
