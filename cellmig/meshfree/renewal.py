@@ -24,6 +24,7 @@ from .stabilisation import laplacian, missed
 TIGHT = 1.1  # distance up to which neighbours push each other, over that in a hexagonal lattice [-]
 PUSHES, SHARE = 4, 0.2  # how often they do, and by which share of what they lack each moves [-]
 FARTHEST = 0.2  # how far a particle moves at most [spacings]
+NUDGE, GOLDEN = 0.01, 2.399963229728653  # moves that come first [spacings], and the angle from one to the next [rad]
 
 
 def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, solve: Callable[..., np.ndarray] = rkpm.factorised
@@ -82,15 +83,20 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
 
     Nodal gradients do not see that particles gather: they would do so more and more as a fluid flows.  Neighbours that
     are closer than particles of their volumes V J, with J (n,) [-], are in a hexagonal lattice push each other apart;
-    nobody moves by more than FARTHEST.
+    nobody moves by more than FARTHEST.  Points on long segments of the surface push as well.  Moves in all directions
+    come first: where all is symmetric, particles would stay on an axis that flow compresses.
 
     Source: forces in bars that only push, Persson & Strang (2004), SIAM Review 46, 329; small shifts of particles as in
     Lind, Xu, Stansby & Rogers (2012), J. Comput. Phys. 231, 1499.
     """
-    on, start = _marked(len(x), t.facets), x
+    on = _marked(len(x), t.facets)
     size = np.sqrt(2.0 / np.sqrt(3.0) * t.V * J * np.where(on, 2.0, 1.0))  # of the surface's only half is inside
+    count, x, size, facets = len(x), *_divided(x, size, t.facets)
+    start, loose = x, np.append(loose, np.zeros(len(x) - count, bool))
+    angle = GOLDEN * np.arange(len(x))
+    x = x + np.where(loose[:, None], NUDGE * t.spacing * np.column_stack([np.cos(angle), np.sin(angle)]), 0.0)
     for _ in range(PUSHES):
-        ends = edges_of(_triangles(x, t.facets))
+        ends = edges_of(_triangles(x, facets))
         apart = x[ends[:, 1]] - x[ends[:, 0]]
         length = np.linalg.norm(apart, axis=1)
         push = (np.maximum(TIGHT * size[ends].mean(axis=1) / length - 1.0, 0.0))[:, None] * apart
@@ -99,7 +105,19 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
         far = np.linalg.norm(moved, axis=1)
         shortened = moved * np.minimum(1.0, FARTHEST * t.spacing / np.maximum(far, 1e-300))[:, None]
         x = start + np.where(loose[:, None], shortened, 0.0)
-    return x
+    return x[:count]
+
+
+def _divided(x: np.ndarray, size: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n + k, 2) [µm], their sizes (n + k,) [µm], and facets (m + k, 2) int, with k more points on long ones."""
+    length, wide = np.linalg.norm(x[facets[:, 1]] - x[facets[:, 0]], axis=1), size[facets].mean(axis=1)
+    more = np.maximum(np.rint(length / wide).astype(int) - 1, 0)
+    first, of = np.cumsum(more) - more, np.repeat(np.arange(len(facets)), more)
+    share = ((np.arange(len(of)) - first[of] + 1) / (more[of] + 1))[:, None]
+    between = (1.0 - share) * x[facets[of, 0]] + share * x[facets[of, 1]]
+    number = len(x) + np.arange(len(of))
+    divided = np.column_stack([np.insert(number, first, facets[:, 0]), np.insert(number, first + more, facets[:, 1])])
+    return np.concatenate([x, between]), np.append(size, wide[of]), divided
 
 
 def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray,

@@ -313,6 +313,8 @@ class Run:
             *(summary.describe_scene(self.case, self.end) if self.log.root else []),
             *summary.describe_laws(self.case, s),
             *summary.describe_skipped(s.terms.skipped),
+            *([("neighbours", f"found anew where a fluid is stretched {s.terms.renewal:g}-fold")]
+              if s.terms.renewal is not None else []),
             ("integrator", run.description),
             *([("chosen", self.reason)] if self.reason else []),
             ("load steps", summary.describe_load_steps(self.case)) if self.case.static else
@@ -353,6 +355,7 @@ class Run:
                  f"{per_step:.1f} ns per particle and step{why}")
         if run.steps:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
+            stretched += f", neighbours found anew {s.mechanics.renewals} times" * (s.mechanics.renewals > 0)
             error = f"; energy error at most {100 * self.worst_energy_error:.2g} %" if self.output_time > 0.0 else ""
             self.log("volume ratio J from {J_min:.4f} to {J_max:.4f}".format(**run.extremes) + stretched + error)
         if dissipation := summary.describe_dissipation(self.entries):

@@ -106,6 +106,7 @@ class Mechanics:
         self.destroy()
         self._make(scene)
         self.segments.skin = skin
+        self.kernel("deformation")
 
     def _load(self, swarm: Swarm) -> None:
         """Copy state and accounts from the swarm, whose particles are ordered by id."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..geometry.polygons import cross
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum, global_maximum
@@ -33,8 +34,8 @@ def renew(m: Mechanics, time: float) -> None:
     """Find the neighbours anew in the cells that are `due`; collective.
 
     Surfaces, masses, volumes, J and stresses of laws stay.  Particles of a fluid inside a cell move a little, to be
-    more evenly spread, by amounts whose mean over the mass is zero, and take the velocity that is there; momentum
-    stays.  A fluid keeps J alone of F.  The energy of the elastic stabilisation begins at zero; that and the change of
+    more evenly spread, by amounts whose mean over the mass is zero, and take the velocity that is there; momentum and
+    its moment stay.  A fluid keeps J alone of F.  The energy of the elastic stabilisation begins at zero; that and the change of
     kinetic energy is `Mechanics.renewal_loss`.
 
     Raises NumericsError where particles have too few neighbours; `time` [µs] is for its message.
@@ -73,8 +74,9 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     loose[t.surface] = False
     by = _centred(evened(t, x, J, loose) - x, t.mass, loose)
     L = np.stack([g @ state[:, d:] for g in t.G], axis=2) @ np.linalg.inv(F)
-    gain = _centred(np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0), t.mass, loose)
-    state += np.hstack([by, gain])
+    v = state[:, d:] + _centred(np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0), t.mass, loose)
+    v += _turn(t.mass * (cross(x, state[:, d:]) - cross(x + by, v)), x + by, t.mass, loose)
+    state[:] = np.hstack([state[:, :d] + by, v])
     kept = np.where(fluid[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
     if m.network is not None:  # b = F A Fᵀ stays
         A = arrays["particle network"][on].reshape(-1, d, d)
@@ -83,6 +85,15 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     F = kept
     arrays["particle F"][on], arrays["particle bend"][on] = F.transpose(0, 2, 1).reshape(-1, d * d), 0.0
     arrays["neighbours x"][on], arrays["neighbours F"][on] = x + by, F
+
+
+def _turn(moment: np.ndarray, x: np.ndarray, mass: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """Velocities (n, 2) [µm/µs] of the particles `on` (n,) bool, as of a rigid turn around their centre, that have the
+    sum of the moments of momentum `moment` (n,) [pN µs].
+    """
+    away = _centred(np.where(on[:, None], x, 0.0), mass, on)
+    inertia = mass @ (away**2).sum(axis=1)
+    return moment.sum() / max(inertia, 1e-300) * np.column_stack([-away[:, 1], away[:, 0]])
 
 
 def _centred(values: np.ndarray, mass: np.ndarray, on: np.ndarray) -> np.ndarray:

@@ -120,6 +120,7 @@ class State(GhostedField):
         base = part.scene.field("base")[part.row_ids]
         entries = np.concatenate([base[:, :d].transpose(0, 2, 1).reshape(len(base), -1), base[:, d]], axis=1)
         self._kernel["base"] = np.zeros((len(part.blocks.table), d * d + d, 4))
+        self._kernel["base"][:, : d * d : d + 1] = 1.0  # where a block lacks lanes
         self._kernel["base"][block, :, lane] = entries
         parts = [(t.F0 if t.F0 is not None else np.broadcast_to(np.eye(d), (len(t.X), d, d)))
                  for t in (part.scene.templates[k] for k in part.scene.kind)]
