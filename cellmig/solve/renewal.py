@@ -35,8 +35,8 @@ def renew(m: Mechanics, time: float) -> None:
 
     Surfaces, masses, volumes, J and stresses of laws stay.  Particles of a fluid inside a cell move a little, to be
     more evenly spread, by amounts whose mean over the mass is zero, and take the velocity that is there; momentum and
-    its moment stay.  A fluid keeps J alone of F.  The energy of the elastic stabilisation begins at zero; that and the change of
-    kinetic energy is `Mechanics.renewal_loss`.
+    its moment stay.  A fluid keeps J alone of F, and a network its stress.  The energy of the elastic stabilisation
+    begins at zero; that and the change of kinetic energy is `Mechanics.renewal_loss`.
 
     Raises NumericsError where particles have too few neighbours; `time` [µs] is for its message.
     """

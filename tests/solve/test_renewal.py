@@ -58,7 +58,7 @@ def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: 
     tree["materials"]["cytoplasm"] |= {"law": law} | ({"shear_modulus": "100 Pa"} if law == "gel" else {})
     with built(renewing(from_dict(tree)), comm) as sim:
         X = sim.scene.X
-        set_motion(sim, u=X @ (A - np.eye(2)).T, v=X @ np.array([[0.0, 0.1], [0.0, 0.0]]).T @ A.T)
+        set_motion(sim, u=X @ (A - np.eye(2)).T, v=np.full(X.shape, 0.3))
         before, momentum = state(sim), sim.sampler.momentum()
         assert due(sim.mechanics)
         renew(sim.mechanics, 0.0)
@@ -76,8 +76,6 @@ def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: 
     mass = sim.scene.field("mass")
     assert np.abs(mass @ (after["u"] - before["u"])).max() < 1e-6  # fg, of 8e4; measured 5e-12
     assert np.abs(momentum - mass @ after["v"]).max() < 1e-7  # pN µs/µm; measured 4e-12
-    moments = [mass @ cross(X + q["u"], q["v"]) for q in (before, after)]
-    assert moments[1] == pytest.approx(moments[0], rel=1e-12)  # measured 1e-15
 
 
 @pytest.mark.serial
@@ -126,6 +124,19 @@ def test_a_drop_squeezed_flat_conserves_and_has_the_same_bits_on_any_ranks(comm:
     assert np.abs(momentum).max() < 1e-9  # pN µs/µm; measured 2e-11
     alone = history(renewing(squeezed(150)), TIMES, MPI.COMM_SELF)
     assert bits == alone[-1] and np.array_equal(size, alone[0]) and np.array_equal(error, alone[2])
+
+
+def test_a_drop_that_turns_and_is_stretched_keeps_its_moment_of_momentum(comm: MPI.Comm) -> None:
+    gradient = [["0.15 /us", "0.5 /us"], ["-0.1 /us", "-0.15 /us"]]
+    scene = drop(150, cell={"velocity_gradient": gradient}, cortex={"law": "line-tension", "line_tension": "500 pN/um"})
+    with built(renewing(scene), comm) as sim:
+        moments = []
+        for time in (0.0, 10.0):
+            sim.go(time)
+            q = state(sim)
+            moments.append(sim.scene.field("mass") @ cross(sim.scene.X + q["u"], q["v"]))
+    assert sim.mechanics.renewals > 3
+    assert moments[1] == pytest.approx(moments[0], rel=1e-9)  # measured 1e-15; less by 1.5 % if nothing turned
 
 
 def test_energy_that_neighbours_found_anew_take_is_an_item_of_the_ledger(comm: MPI.Comm) -> None:
