@@ -69,7 +69,8 @@ class Space:
         self.scene, self.comm, self.size = scene, comm, n
         owner, own = partition(scene.X, scene.cell, scene.material, comm.size), np.arange(n)[comm.rank :: comm.size]
         fields = {"id": np.arange(n), "X": scene.X, "u": u + np.zeros((n, 3)), "v": v + np.zeros((n, 3)),
-                  "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]), "loss": np.zeros((n, len(ACCOUNTS)))}
+                  "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]),
+                  "loss": np.zeros((n, len(ACCOUNTS)))}
         self.swarm = Swarm(comm, {name: values[own] for name, values in fields.items()})
         self.swarm.migrate(owner[own])
         boundary = Boundary((), (), some.reshape(0, 2), none, some, some, some, none.reshape(0, 3), some,

@@ -168,8 +168,9 @@ def test_what_fails_on_rank_0_fails_everywhere(comm: MPI.Comm) -> None:
 def test_particles_take_all_their_fields_to_their_owner(comm: MPI.Comm) -> None:
     n = 101
     rng = np.random.default_rng(3)
+    widths = {"X": 2, "u": 2, "v": 2, "director": 1, "loss": len(ACCOUNTS)}
     whole = {name: rng.standard_normal((n, width)) if width > 1 else rng.standard_normal(n)
-             for name, width in {"X": 2, "u": 2, "v": 2, "director": 1, "loss": len(ACCOUNTS)}.items()} | {"id": np.arange(n)}
+             for name, width in widths.items()} | {"id": np.arange(n)}
     mine = rng.integers(0, comm.size, n) == comm.rank
     owner = rng.integers(0, comm.size, n)
     swarm = Swarm(comm, {name: values[mine] for name, values in whole.items()})
