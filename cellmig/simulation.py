@@ -47,7 +47,7 @@ class Simulation:
         """Build all parts; collective.
 
         prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : on rank 0 arrays of a
-        checkpoint of the same particles, whose u, v and director are the initial ones.
+        checkpoint of the same particles, whose u, v, director and network are the initial ones.
         """
         self.case, self.comm = case, comm = without_inertia(case) if case.overdamped else case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
@@ -55,12 +55,12 @@ class Simulation:
         owner, state, boundary, probes, protruding = others
         own = np.arange(self.scene.size)[comm.rank :: comm.size]
         state |= self._begun(start) if start is not None else {}
-        begun = state.pop("begun", None)
+        begun = state.pop("begun", None)  # beside u and v
         self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()})
         self.swarm.migrate(owner[comm.rank :: comm.size])
         self.mechanics = Mechanics(self.scene, self.terms, boundary, protruding, owner, self.swarm)
-        if self.mechanics.director is not None and begun is not None:
-            self.mechanics.director.set(begun[self.mechanics.ids])  # anchors keep their angles at the case's start
+        if begun is not None:
+            self.mechanics.begin_from(begun)
         fixed = None if isinstance(case.time.step, str) else case.time.step
         kind: type[Integrator] = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
         kind = Overdamped if case.overdamped else kind
@@ -84,9 +84,9 @@ class Simulation:
         return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
                 protruding)
 
-    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Initial u, v of all particles, and if the case has one their director as `begun`, from arrays of a
-        checkpoint; collective.  Raises CaseError.
+    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+        """Initial u, v of all particles, and as `begun` their director and network, from arrays of a checkpoint;
+        collective.  Raises CaseError.
         """
         why = "a static case is solved from rest" if self.case.static else ""
         if not same_places(arrays, self.scene, self.comm):
@@ -95,11 +95,10 @@ class Simulation:
         if why:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
         found = broadcast(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
-                                      if name in ("particle state", "particle director")})
-        begun = dict(zip("uv", np.split(found["state"], 2, axis=1), strict=True))
-        if self.case.director is not None and "director" in found:
-            begun["begun"] = np.split(found["director"], 2, axis=1)[0]
-        return begun
+                                      if name in ("particle state", "particle director", "particle network")})
+        if self.case.director is None:
+            found.pop("director", None)
+        return dict(zip("uv", np.split(found.pop("state"), 2, axis=1), strict=True)) | {"begun": found}
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""

@@ -37,6 +37,11 @@ class Maxwell(Nematic):
         """Speed of compression waves far faster than τ, sqrt((k + 2 G)/ρ), with the reduced modulus k [µm/µs]."""
         return float(sqrt((self.reduced_bulk_modulus + 2.0 * self.shear_modulus) / self.density))
 
+    @property
+    def slow_viscosity(self) -> float:
+        """Viscosity μ + G τ of flows far slower than τ [Pa µs]."""
+        return self.viscosity + self.shear_modulus * self.relaxation_time
+
     def energy(self, F, network=None):
         """Energy of compression and of the network A [-], by default A = I, per reference volume [Pa]."""
         A = identity(len(F)) if network is None else network

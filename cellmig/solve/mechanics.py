@@ -118,6 +118,15 @@ class Mechanics:
             self.director.start(swarm["director"][at])
         self.state.exchange()
 
+    def begin_from(self, arrays: dict[str, np.ndarray]) -> None:
+        """Begin with "director" (size, 2 m) [rad], [-] and "network" (size, d²) [-] of a checkpoint, as far as they are
+        in `arrays`; without them bonds of networks form where particles are.  Collective.
+        """
+        if self.director is not None and "director" in arrays:  # anchors keep their angles at the case's start
+            self.director.set(np.split(arrays["director"], 2, axis=1)[0][self.ids])
+        if self.network is not None:
+            self.network.begin_from(arrays.get("network"))
+
     def store(self, swarm: Swarm) -> None:
         """Copy state and accounts to the swarm."""
         inverse = np.argsort(np.searchsorted(swarm["id"], self.ids))

@@ -33,7 +33,7 @@ class Network:
         """Begin with A = I."""
         self._kernel, self._state, self._d = kernel, state, part.scene.dimension
         of_block = part.blocks.table[:, 4]
-        self._material = part.scene.material[part.row_ids]
+        self._row_ids, self._material = part.row_ids, part.scene.material[part.row_ids]
         self._laws = [(i, law, of_block == i) for i, law in enumerate(part.scene.materials)
                       if hasattr(law, "network_renewed")]
         kernel["network"] = np.zeros((len(of_block), self._d**2, 4))
@@ -50,11 +50,6 @@ class Network:
     def rows(self) -> np.ndarray:
         """A of the rows, owned first (d, d, n_rows) [-]."""
         return self._state.by_row(self._kernel["network"]).reshape(-1, self._d, self._d).transpose(2, 1, 0)
-
-    def set_rows(self, values: np.ndarray) -> None:
-        """Set A of the rows to `values` (d, d, n_rows) [-], symmetric and positive definite."""
-        self._state.set_by_row(self._kernel["network"], values.transpose(2, 1, 0).reshape(-1, self._d**2))
-        self._start = self._kernel["network"].copy()
 
     def of_rows(self) -> dict[str, np.ndarray]:
         """A (d, d, n_rows) and the share of its bonds that form anew (n_rows,) [-], by their names in laws."""
@@ -78,10 +73,13 @@ class Network:
             self._kernel["network_share"][i] = 0.0
         self.begin()
 
-    def form(self) -> None:
-        """Let all bonds form anew, without stress; F has to be current."""
+    def begin_from(self, particles: np.ndarray | None) -> None:
+        """Begin with A of all `particles` (size, d²) [-], or with bonds without stress; F has to be current."""
         for _, law, on in self._laws:
             self._set(on, law.unstressed, self._kernel["F"])
+        if particles is not None:
+            self._state.set_by_row(self._kernel["network"], particles[self._row_ids])
+        self.begin()
 
     def _set(self, on: np.ndarray, formula: Callable[..., Any], *given: Any) -> None:
         """Set A on some blocks to a formula of tensors by blocks, and of numbers."""

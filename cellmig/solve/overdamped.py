@@ -26,10 +26,14 @@ BALANCED = 1e-6  # root mean square residual of a particle, over the scale of fo
 def without_inertia(case: Case) -> Case:
     """The case with relative densities, and no damping of sound, so that no answer depends on the density.
 
-    A body force keeps its size: densities are divided by the largest, by which its acceleration is multiplied.
+    A body force keeps its size: densities are divided by the largest, by which its acceleration is multiplied.  The
+    stabilisation of a network restores what nodal integration misses of its viscosity in slow flow: else short waves
+    would meet that of the liquid alone, a hundredth or less.
     """
     largest = max(law.density for law in case.materials.values())
     materials = {name: dataclasses.replace(law, density=law.density / largest) for name, law in case.materials.items()}
+    materials |= {name: dataclasses.replace(law, stabilisation=law.stabilisation * law.slow_viscosity / law.viscosity)
+                  for name, law in materials.items() if hasattr(law, "slow_viscosity")}
     force = case.body_force and tuple(largest * a for a in case.body_force)
     numerics = dataclasses.replace(case.numerics, bulk_viscosity=0.0)
     return dataclasses.replace(case, materials=materials, body_force=force, numerics=numerics)

@@ -14,7 +14,9 @@ from mpi4py import MPI
 
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
+from cellmig.parallel.collect import broadcast
 from cellmig.parallel.options import default_options
+from cellmig.simulation import Simulation
 from cellmig.solve.stiffness import Stiffness
 
 PLASM = {"law": "maxwell", "density": "1000 kg/m^3", "viscosity": "1 mPa s", "bulk_modulus": "2.2 GPa",
@@ -115,19 +117,35 @@ def test_motion_without_inertia_relaxes_and_its_energy_closes(kind: str) -> None
     ends = [{"name": side, "parts": [side], "displacement": [x, "0 um"],
              "load_curve": {"law": "ramp", "duration": "5 s"}} for side, x in (("left", "0 um"), ("right", "0.5 um"))]
     bar = from_dict({
-        "particles": {"per_cell": 100}, "supports": ends, "time": {"end": "45 s", "integrator": "overdamped"},
+        "particles": {"per_cell": 100}, "supports": ends, "time": {"end": "46 s", "integrator": "overdamped"},
         "materials": {"plasm": PLASM | {"viscosity": "100 Pa s", "shear_modulus": "1 kPa", "relaxation_time": "10 s"}},
         "cells": [{"name": "Bar", "shape": "rectangle", "width": "4 um", "height": "2 um", "material": "plasm",
                    "centre": ["0 um", "0 um"]}]})
     with default_options({"ts_type": kind}), built(bar) as sim:
         sim.sample()
         rows = []
-        for seconds in (5, 15, 45):
+        for seconds in (6, 16, 46):
             sim.go(1e6 * seconds)
             rows.append(sim.sample())
         energy = [ledger["elastic_pn"] for _, ledger in rows]
         force = [history[0]["right_force_x_pn_per_um"] for history, _ in rows]
-    assert max(ledger["energy_error"] for _, ledger in rows) < 2e-4  # measured 4e-5
-    assert force[1] / force[0] == pytest.approx(np.exp(-1.0), rel=0.05)  # measured 0.359: its ends do not slip
-    assert force[2] / force[1] == pytest.approx(np.exp(-3.0), rel=0.02)  # measured 1.005 times that
-    assert energy[2] / energy[1] == pytest.approx(np.exp(-6.0), rel=0.05)  # measured 1.024 times that
+    assert max(ledger["energy_error"] for _, ledger in rows) < 2e-4  # measured 5e-5
+    assert force[1] / force[0] == pytest.approx(np.exp(-1.0), rel=0.05)  # measured 0.354, 0.357: its ends are held
+    assert force[2] / force[1] == pytest.approx(np.exp(-3.0), rel=0.02)  # measured 0.982 and 0.998 times that
+    assert energy[2] / energy[1] == pytest.approx(np.exp(-6.0), rel=0.05)  # measured 1.02 times that
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_another_run_begins_with_the_bonds_of_a_checkpoint_or_with_bonds_without_stress(dimension: int) -> None:
+    with built(squeezed(dimension, step="10 ns")) as sim:
+        sim.go(0.3)
+        arrays = broadcast(sim.comm, sim.saved()[1])
+        sim.sample()
+        before, F, law = sim.mechanics.network.rows, sim.mechanics.state.tensors()[0], sim.scene.materials[0]
+        for given in (arrays, {name: values for name, values in arrays.items() if "network" not in name}):
+            with Simulation(squeezed(dimension, step="5 ns"), start=given) as again:
+                A = again.mechanics.network.rows
+                if given is arrays:
+                    assert np.abs(A - before).max() < 5e-3  # measured 3e-3: that of leapfrog is a step behind u
+                else:
+                    assert_close(A, np.array(law.unstressed(F)), 1e-12)
