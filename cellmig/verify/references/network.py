@@ -87,9 +87,8 @@ def pressed(dimension: int, step: float) -> Case:
 
 
 @reference("network-pressed", shows="force on the walls that press a block, and hold it; the step is the size",
-           source="A' = (λ⁻² - A)/τ of each direction, by quadrature", unit="s", at=(5.0, 10.0 / 3.0, 5.0 / 3.0), seconds=15.0,
-           expected={name: converges(2, SECOND)
-                     for name in ("in the plane", "in space")})
+           source="A' = (λ⁻² - A)/τ of each direction, by quadrature", unit="s", at=(5.0, 10.0 / 3.0, 5.0 / 3.0),
+           seconds=15.0, expected={name: converges(2, SECOND) for name in ("in the plane", "in space")})
 def network_pressed(step: float) -> Measured:
     """The largest error at 10, 20 and 30 s, over the largest force."""
     found = {}
