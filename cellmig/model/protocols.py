@@ -161,11 +161,15 @@ class Cortex(Law, Protocol):
 
 
 class Friction(Law, Protocol):
-    """Drag of bonds on a membrane that slides along the substrate."""
+    """Drag of bonds on a membrane that slides along the substrate.
+
+    One whose traction has a largest value tells it to `validate`: `largest`, this [Pa] and its speed [µm/µs], and
+    `speed`, far below which it is linear [µm/µs].
+    """
 
     @property
     def coefficient(self) -> float:
-        """Drag of fully bonded membrane [Pa µs/µm]."""
+        """Largest slope of the traction on fully bonded membrane by its speed [Pa µs/µm]."""
 
     def drag(self, share: Value, speed: Value) -> Value:
         """Traction [Pa] at a share of closed bonds [-] and a speed [µm/µs]."""

@@ -26,7 +26,7 @@ SEED = 5
 SUBSTRATE = example("adhesion", "seifert")
 FLUID, SOLID = example("material", "nematic"), example("material", "mooney-rivlin")
 PUSH = replace(example("protrusion", "edge"), cells=("Cell-1", "Cell-3"), protrusion_ratio=0.06, height=1.0)
-RUBBING = Frictions((example("friction", "bonds"),), np.zeros(3, int))
+RUBBING = Frictions((example("friction", "bonds"),), np.zeros(9, int))
 ALL = Terms(substrate=SUBSTRATE, cortex=LineTension(line_tension=30.0), stabilised=True, stiffened=True,
             bulk_damped=True, friction=RUBBING, acceleration=(1.0, -2.0, 3.0), protrusion=PUSH, dimension=3)
 BETWEEN = BetweenCells(**asdict(replace(SUBSTRATE, bond_density=1000.0, cutoff=0.5)))
