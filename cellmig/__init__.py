@@ -6,12 +6,15 @@ run, `build` the simulation itself, to advance it step by step.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from .version import __version__
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: the ranks are the threads
 
 __all__ = ["__version__", "build", "change", "load", "open", "run", "sweep"]
 

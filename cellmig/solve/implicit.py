@@ -28,6 +28,7 @@ LOOSE = 1e-6  # the same if PETSc chooses the steps, whose error is far larger
 FORCING = "1e-2"  # relative tolerance of Krylov methods in a Newton step
 LONGEST = 0.14  # largest displacement of a Newton step [spacings]
 HALVINGS = 6  # number of times that a Newton step is halved where surfaces cross
+RELAXING = 0.5  # parts of a step in which directors relax, over the stable one
 CUTS = 20  # number of times that a step may be cut
 START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]
 STEPS = {"snes_max_it": "14"}  # Newton steps: a solve that needs more gets a shorter time step
@@ -316,7 +317,7 @@ class Implicit(Integrator):
         self._from_petsc()
         m.prescribe(ts.getTime())
         self._account_path(before, start, dt)
-        m.end_step(dt)
+        m.end_step(dt, RELAXING * self.control.director)
         limits = self._checked_limits()
         if limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()

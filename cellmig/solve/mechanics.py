@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -185,17 +186,19 @@ class Mechanics:
         if self.network is not None:
             self.network.begin()
 
-    def end_step(self, dt: float) -> None:
+    def end_step(self, dt: float, relaxing: float = math.inf) -> None:
         """End a step of `dt` [µs] of an integrator other than leapfrog, and begin the next; collective.
 
-        Networks are renewed; directors, which were still within the step, relax.  Raises PETSc.Error where an exchange
-        of ghosts failed.
+        Networks are renewed; directors, which were still within the step, relax in parts of at most `relaxing` [µs].
+        Raises PETSc.Error where an exchange of ghosts failed.
         """
         if self.network is not None:
             self.network.reach(dt)
             self.kernel("deformation")
             self.network.renew()
-        self.relax_director(dt)
+        parts = math.ceil(dt / relaxing) or 1
+        for _ in range(parts):
+            self.relax_director(dt / parts)
 
     def relax_director(self, dt: float) -> None:
         """Relax the director by dt [µs], for integrators that keep it constant within a step; collective.
