@@ -159,6 +159,11 @@ class Implicit(Integrator):
                                  if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
     @property
+    def remedy(self) -> str:
+        """What to try where no step is short enough."""
+        return "try a smaller time.step"
+
+    @property
     def step_description(self) -> str:
         """Length of the steps, and solvers, for the log."""
         solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
@@ -293,7 +298,7 @@ class Implicit(Integrator):
         if ts.getConvergedReason() < 0 or not dt > 0.0:
             m.state.owned[:] = before
             m.rate(0.0)
-            self.fail("no step was short enough for Newton's method", remedy="try a smaller time.step")
+            self.fail("no step was short enough for Newton's method", remedy=self.remedy)
         if failed:
             self.failures += failed
             unit = m.scene.time_unit

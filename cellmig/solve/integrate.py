@@ -121,6 +121,11 @@ class Integrator:
         """Length of the steps, for the log; of explicit types "", whose stable step is described."""
         return ""
 
+    @property
+    def closing(self) -> str:
+        """Further counts for the end of the log, if any."""
+        return ""
+
     def record(self) -> dict[str, Any]:
         """Further counts for the manifest."""
         return {}

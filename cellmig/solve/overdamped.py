@@ -20,7 +20,7 @@ ERROR = 0.01  # error of a step, root mean square over particles, over the spaci
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 START = 1e-3  # strain of the first step, at the speed with which loads drive the stiffest or most viscous body [-]
-BALANCED = 1e-6  # root mean square residual of a particle, over the scale of forces [-]
+BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
 
 def without_inertia(case: Case) -> Case:
@@ -84,7 +84,7 @@ class Overdamped(Implicit):
         along = [law.work for law in laws if law] + [law.tension(1.0) for law in [terms.cortex] if law]
         stress = max(law.shear_modulus for law in scene.materials)
         self.scale = max(stress * h, *along, BALANCE * self._sound() * h) * h ** (scene.dimension - 2)
-        ts.getSNES().setTolerances(rtol=1e-14, atol=BALANCED * self.scale * np.sqrt(scene.size), stol=0.0)
+        ts.getSNES().setTolerances(rtol=1e-14, atol=BALANCED * self.scale, stol=0.0)
 
     def _sound(self) -> float:
         """Largest modulus of compression waves [Pa]."""
@@ -98,6 +98,12 @@ class Overdamped(Implicit):
     def description(self) -> str:
         """Name of the integrator, for the log."""
         return f"overdamped: {self.ts.getType()} of PETSc, without inertia"
+
+    @property
+    def remedy(self) -> str:
+        """What to try where no step is short enough: often nothing holds what moves."""
+        return ("a push or load above what bonds bear has no speed (validate compares both); try a weaker one, more "
+                "friction, or finer particles")
 
     @property
     def step_description(self) -> str:
@@ -192,6 +198,13 @@ class Overdamped(Implicit):
         """Set the state from `about`, which `saved` returned."""
         super().restore(about)
         self.last = about["last"]
+
+    @property
+    def closing(self) -> str:
+        """Balance and solves, for the end of the log."""
+        unit = "pN/µm" if self.mechanics.scene.dimension == 2 else "pN"
+        return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {unit}; {self.newton} steps of Newton's "
+                f"method, {self.failures} solves failed, {self.redone} steps were repeated to be more accurate")
 
     def record(self) -> dict[str, Any]:
         """Counts, and the largest force out of balance, for the manifest; collective."""

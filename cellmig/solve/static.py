@@ -45,7 +45,7 @@ class Static:
     extremes : dict -- smallest and largest J [-] and load step [µs].
     """
 
-    leapfrog, between_samples, fixed_step, whole_step, mechanism = False, False, None, None, "load"
+    closing, leapfrog, between_samples, fixed_step, whole_step, mechanism = "", False, False, None, None, "load"
 
     def __init__(self, mechanics: Mechanics):
         """Begin at rest; collective."""
