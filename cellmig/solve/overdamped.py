@@ -203,8 +203,8 @@ class Overdamped(Implicit):
     def closing(self) -> str:
         """Balance and solves, for the end of the log."""
         unit = "pN/µm" if self.mechanics.scene.dimension == 2 else "pN"
-        return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {unit}; {self.newton} steps of Newton's "
-                f"method, {self.failures} solves failed, {self.redone} steps were repeated to be more accurate")
+        return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {unit}; {self.newton} steps of "
+                f"Newton's method, {self.failures} solves failed, {self.redone} steps were repeated to be more accurate")
 
     def record(self) -> dict[str, Any]:
         """Counts, and the largest force out of balance, for the manifest; collective."""
