@@ -143,6 +143,11 @@ class Implicit(Integrator):
         ts.setMaxStepRejections(CUTS)
 
     @property
+    def reduced(self) -> bool:
+        """Whether the unknowns are (u, v), of which v is eliminated."""
+        return not self.second_order
+
+    @property
     def adaptive(self) -> bool:
         """Whether PETSc's error control chooses the steps."""
         return self.fixed_step is None
@@ -152,7 +157,7 @@ class Implicit(Integrator):
         direct = PETSc.Options().getString("pc_type", DEFAULTS["pc_type"]) in ("lu", "cholesky")
         steps = STEPS | (ACCURACY if self.adaptive else {"ts_adapt_type": "none"})
         krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
-        if not self.second_order:
+        if self.reduced:
             krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
         steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # Newton's method goes on with inexact steps
         return steps | krylov | {k: v for k, v in DEFAULTS.items()

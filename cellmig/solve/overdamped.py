@@ -90,6 +90,8 @@ class Overdamped(Implicit):
         """Largest modulus of compression waves [Pa]."""
         return max(law.density * law.sound_speed**2 for law in self.mechanics.scene.materials)
 
+    reduced = False  # u is the only unknown
+
     def _defaults(self) -> dict[str, str]:
         """Default options; steps are chosen here."""
         return super()._defaults() | {"ts_adapt_type": "none"}
@@ -204,7 +206,7 @@ class Overdamped(Implicit):
         """Balance and solves, for the end of the log."""
         unit = "pN/µm" if self.mechanics.scene.dimension == 2 else "pN"
         return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {unit}; {self.newton} steps of "
-                f"Newton's method, {self.failures} solves failed, {self.redone} steps were repeated to be more accurate")
+                f"Newton's method, {self.failures} solves failed, {self.redone} steps were repeated for accuracy")
 
     def record(self) -> dict[str, Any]:
         """Counts, and the largest force out of balance, for the manifest; collective."""

@@ -176,3 +176,10 @@ def test_errors_of_steps_follow_the_tolerance() -> None:
 
     loose, tight, finest = map(moved, (8e-3, 2e-3, 2.5e-4))
     assert np.sqrt(((tight - finest) ** 2).mean() / ((loose - finest) ** 2).mean()) < 0.6
+
+
+def test_large_scenes_reuse_factors_of_earlier_tangents() -> None:
+    with default_options({"matrix_free": "true"}), built(crawler()) as sim:
+        u = at(sim, 0.1)
+        assert sim.integrator.equations.assembled < 0.5 * sim.integrator.newton
+    assert np.abs(u - positions(crawler(), 0.1)).max() < 1e-4 * np.abs(u).max()
