@@ -26,9 +26,9 @@ pytestmark = pytest.mark.serial
 LAW = BetweenCells(**dataclasses.asdict(dataclasses.replace(example("adhesion", "seifert"), cutoff=0.5)))
 TERM = PolyhedronAdhesion(TriangleBonds(LAW))
 ALL_PAIRS = """
-int run(const double *law, double within, double smooth, long n, const double *T, double *force_on_T,
-        const double *area, const double *x, double *force, long faces, const int *face, long edges, const int *edge,
-        long vertices, const int *first, const int *ring, double *energy)
+double run(const double *law, double within, double smooth, long n, const double *T, double *force_on_T,
+           const double *area, const double *x, double *force, long faces, const int *face, long edges, const int *edge,
+           long vertices, const int *first, const int *ring, double *energy)
 {
     FacePieces pieces = {.n = 0};
     Lines lines = {.n = 0};
@@ -85,6 +85,7 @@ class InC:
         files = [text_of(name) for name in ("polyhedra.h", "wedges.h", "cones.h")]
         source = "\n".join([text_of("simd.h"), *parts, *files, ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
+        self.library.run.restype = ctypes.c_double
 
     def __call__(self, T: np.ndarray, x: np.ndarray, surface: Polyhedron) -> tuple[int, np.ndarray, ...]:
         area = 0.5 * np.linalg.norm(np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]), axis=1)

@@ -7,8 +7,9 @@ static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 
 
 /* A vertex: four planes around its cones, which lie within an angle from its mean normal: beyond, the spokes on the
  * side of a point are one arc, as those of a level vertex.  Spokes to its neighbours, four by four; `bent` is -1 where
- * all edges are convex, 1 where all are reflex: then all are on one side wherever the index is not zero. */
-typedef struct { Planes planes; v4 spokes[MOST_SPOKES / 4][3]; int n, bent; double normal[3]; } Vertex;
+ * all edges are convex, 1 where all are reflex: then all are on one side wherever the index is not zero; `turn`: see
+ * `turning`. */
+typedef struct { Planes planes; v4 spokes[MOST_SPOKES / 4][3]; int n, bent; double normal[3], turn; } Vertex;
 
 /* Sets the planes around the cones: the tangent of their angle from the normal is `wide`, infinite without bound. */
 static void set_cones(Vertex *v, double wide)
@@ -26,6 +27,18 @@ static void set_cones(Vertex *v, double wide)
         const v4 beside = {across[k], -across[k], other[k], -other[k]};
         v->planes.slope[k] = bounded ? wide * n[k] + beside : 0 * beside;
     }
+    v->planes.width = splat(1 / sqrt(1 + wide * wide));
+}
+
+/* The angle by which normal and bound turn at most as points move by a length, over that.  A spoke changes by twice
+ * the length, and so does its inversion over the square of its own; of these the normal is made, which changes by twice
+ * `turns`.  A spoke beside the normal changes by that and by its own part, where 1 over its length is at `most` that.
+ * The tangent of the bound is the `steepest` spoke over the sine of half the `least` angle between two; its change
+ * counts twice, as it is of first order. */
+static double turning(double turns, double most, double steepest, double least)
+{
+    const double normal = 2 * turns, spoke = 2 * most + normal, square = 1 + steepest * steepest;
+    return normal + 2 * spoke * (square + sqrt(square)) / least;
 }
 
 /* Sets the vertex with n neighbours, in positive order. */
@@ -35,11 +48,14 @@ static void set_vertex(Vertex *v, const double *x, const double *const ring[], i
     memset(v->normal, 0, sizeof v->normal);
     memset(v->spokes, 0, sizeof v->spokes);
     int convex = 0, reflex = 0;
-    double spoke[MOST_SPOKES][3], square[MOST_SPOKES], flat[MOST_SPOKES][3], steepest = 0, least = 1, across[3];
+    double spoke[MOST_SPOKES][3], square[MOST_SPOKES], over[MOST_SPOKES], flat[MOST_SPOKES][3], across[3];
+    double steepest = 0, least = 1, most = 0, turns = 0;
     for (int i = 0; i < 3; i++) v->planes.start[i] = x[i] + SKEW[i];
     for (int j = 0; j < n; j++) {
         less3(ring[j], x, spoke[j]);
         square[j] = dot3(spoke[j], spoke[j]);
+        over[j] = 1 / sqrt(square[j]);
+        most = d_maximum(most, over[j]);
         for (int i = 0; i < 3; i++) ((double *)v->spokes[j / 4])[4 * i + j % 4] = spoke[j][i];
     }
     for (int j = 0; j < n; j++) { /* weights of Max (1999) */
@@ -48,6 +64,7 @@ static void set_vertex(Vertex *v, const double *x, const double *const ring[], i
         const double turn = dot3(across, spoke[next + 1 < n ? next + 1 : 0]);
         convex += turn <= 0;
         reflex += turn >= 0;
+        turns += over[j] * over[next] * (over[j] + over[next]);
         for (int i = 0; i < 3; i++) v->normal[i] += across[i] / (square[j] * square[next]);
     }
     v->bent = (reflex == n) - (convex == n);
@@ -65,6 +82,7 @@ static void set_vertex(Vertex *v, const double *x, const double *const ring[], i
         least = d_minimum(least, ahead ? sqrt(0.5 * d_minimum(1 - cosine, 1 + cosine)) : 0);
     }
     set_cones(v, least > 0 ? steepest / least : INFINITY);
+    v->turn = turning(turns / length, most, steepest, least);
 }
 
 /* A point of T that counts for a vertex: the vector from this, and what it acts on. */
@@ -161,12 +179,18 @@ static void in_triangle(const Cone *cone, const v4 corner[3], const v4 place[3],
     }
 }
 
+/* Bits of n spokes, each at the place of the next one, or of the one before. */
+static inline uint32_t of_before(uint32_t spokes, int n) { return (spokes << 1 | spokes >> (n - 1)) & ((1u << n) - 1); }
+static inline uint32_t of_next(uint32_t spokes, int n) { return spokes >> 1 | (spokes & 1) << (n - 1); }
+
+/* The index where some of n spokes are on the side of a point: 1 less the number of their arcs. */
+static inline int index_of(uint32_t towards, int n) { return 1 - __builtin_popcount(towards & ~of_next(towards, n)); }
+
 /* Finds the points of a polygon on T where the index is not zero; `towards` has a bit of each spoke on its side. */
 static void in_cell(const Cone *cone, const v4 *on, int n, uint32_t towards)
 {
     const Vertex *v = cone->v;
-    const uint32_t next = towards >> 1 | (towards & 1) << (v->n - 1);
-    const int index = 1 - __builtin_popcount(towards & ~next);
+    const int index = index_of(towards, v->n);
     if (!index) return;
     v4 away[MOST_CORNERS];
     double side = 0, nearest = INFINITY;
@@ -188,25 +212,29 @@ static void in_cell(const Cone *cone, const v4 *on, int n, uint32_t towards)
     }
 }
 
-/* The same in the parts into which spokes from number j on cut a polygon on T. */
-static void in_part(const Cone *cone, const v4 *on, int n, int j, uint32_t towards)
+/* The same in the parts into which spokes cut a polygon on T, of those that are `open`: not known to have it on one
+ * side.  One between two known ones on different sides changes no index: where that is zero it cuts nothing. */
+static void in_part(const Cone *cone, const v4 *on, int n, uint32_t open, uint32_t towards)
 {
-    const uint32_t all = ((uint32_t)1 << cone->v->n) - 1, known = ((uint32_t)1 << j) - 1;
+    const int m = cone->v->n;
     v4 value[MOST_SPOKES / 4][MOST_CORNERS], part[MOST_CORNERS];
     uint32_t above = 0, below = 0;
-    for (int g = j / 4; 4 * g < cone->v->n; g++)
-        for (int k = 0; k < n; k++) {
+    for (int g = 0; 4 * g < m; g++)
+        for (int k = 0; k < n && open >> 4 * g & 15; k++) {
             value[g][k] = value_at(cone->spoke + g, on[k]);
             above |= (uint32_t)signs(-value[g][k]) << 4 * g;
             below |= (uint32_t)signs(value[g][k]) << 4 * g;
         }
-    const uint32_t across = above & below & all & ~known;
-    towards = (towards & known) | (above & all & ~known);
-    if (!across) {
+    towards |= above & ~below & open;
+    open &= above & below;
+    const uint32_t before = of_before(open, m), next = of_next(open, m);
+    const uint32_t counts = open & (before | next | ~(of_before(towards, m) ^ of_next(towards, m)));
+    if (!open || (!counts && !index_of(towards, m))) {
         in_cell(cone, on, n, towards);
         return;
     }
-    j = __builtin_ctz(across);
+    const uint32_t alone = counts & before & next; /* first, so that those beside it may change nothing */
+    const int j = __builtin_ctz(alone ? alone : counts ? counts : open);
     uint32_t out[2] = {0, 0};
     for (int k = 0; k < n; k++) {
         const double at = ((const double *)(value[j / 4] + k))[j % 4];
@@ -214,26 +242,17 @@ static void in_part(const Cone *cone, const v4 *on, int n, int j, uint32_t towar
         out[1] |= (uint32_t)(at >= 0) << k;
     }
     for (int other = 0; other < 2; other++) {
-        const int m = cut(on, n, value[j / 4], j % 4, out[other], part);
-        in_part(cone, part, m, j + 1, other ? towards & ~((uint32_t)1 << j) : towards | (uint32_t)1 << j);
+        const int corners = cut(on, n, value[j / 4], j % 4, out[other], part);
+        in_part(cone, part, corners, open & ~(1u << j), other ? towards : towards | 1u << j);
     }
 }
 
-/* A ball around T. */
-typedef struct { double middle[3], radius; } Ball;
-
-/* The ball about the mean of the corners. */
-static Ball ball_around(const Triangle *T)
+/* How far corners may move until T, all within `reach` of a vertex, may be in the cones, now `room` away.  A fifth is
+ * left for what is of second order in a turn that is small. */
+static inline double rest_beyond(const Vertex *v, double room, double reach)
 {
-    Ball ball = {.radius = 0};
-    for (int i = 0; i < 3; i++) ball.middle[i] = (T->x[0][i] + T->x[1][i] + T->x[2][i]) / 3;
-    for (int k = 0; k < 3; k++) {
-        double from[3];
-        less3(T->x[k], ball.middle, from);
-        ball.radius = d_maximum(ball.radius, dot3(from, from));
-    }
-    ball.radius = sqrt(ball.radius);
-    return ball;
+    const double turn = v->turn;
+    return d_minimum(0.4 / turn, 0.8 * (room - SURE) / (2 + (reach + room) * turn));
 }
 
 /* Finds the points of T in the cones over a vertex.  How far corners may move until T may be within reach. */
@@ -244,7 +263,8 @@ static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *
     const double square = dot3(from, from), reach = ball->radius + T->within;
     if (square > reach * reach) return 0.25 * (sqrt(square) - reach - SURE);
     const Four four = planes_on(T, &v->planes);
-    if (signs(most_on(&four))) return 0;
+    const v4 most = most_on(&four);
+    if (signs(most)) return rest_beyond(v, most_of(-most * v->planes.width), sqrt(square) + ball->radius);
     Cone cone;
     cone.T = T, cone.v = v, cone.force = force, cone.found = found;
     double nearest = INFINITY;
@@ -268,6 +288,6 @@ static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *
         cut_by(&p, &inside, signs(least_on(&inside)), value);
     }
     if (p.n && v->bent) in_cell(&cone, p.on, p.n, v->bent > 0 ? ((uint32_t)1 << v->n) - 1 : 0);
-    else if (p.n) in_part(&cone, p.on, p.n, 0, 0);
+    else if (p.n) in_part(&cone, p.on, p.n, ((uint32_t)1 << v->n) - 1, 0);
     return 0;
 }

@@ -31,6 +31,23 @@ static inline void set_sides(Triangle *T)
     for (int k = 0; k < 2; k++) less3(T->x[k + 1], T->x[0], T->side[k]);
 }
 
+/* A ball around T. */
+typedef struct { double middle[3], radius; } Ball;
+
+/* The ball about the mean of the corners. */
+static Ball ball_around(const Triangle *T)
+{
+    Ball ball = {.radius = 0};
+    for (int i = 0; i < 3; i++) ball.middle[i] = (T->x[0][i] + T->x[1][i] + T->x[2][i]) / 3;
+    for (int k = 0; k < 3; k++) {
+        double from[3];
+        less3(T->x[k], ball.middle, from);
+        ball.radius = d_maximum(ball.radius, dot3(from, from));
+    }
+    ball.radius = sqrt(ball.radius);
+    return ball;
+}
+
 /* Four linear functions of a place, all of which are positive where a feature acts: `at` the start, gradients `slope`,
  * 1 over the lengths of these as `width`; middle and least size of what they depend on. */
 typedef struct { v4 at, slope[3], width; double start[3], middle[3], size; } Planes;
