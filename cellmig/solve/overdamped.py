@@ -18,6 +18,7 @@ from .implicit import BALANCE, Implicit
 SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
+ITERATIONS = 10  # of Newton's method, which takes 3 or 4 but where a particle snaps to the substrate
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 START = 1e-3  # strain of the first step, at the speed with which loads drive the stiffest or most viscous body [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
@@ -94,7 +95,7 @@ class Overdamped(Implicit):
 
     def _defaults(self) -> dict[str, str]:
         """Default options; steps are chosen here."""
-        return super()._defaults() | {"ts_adapt_type": "none"}
+        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS)}
 
     @property
     def description(self) -> str:
