@@ -151,6 +151,8 @@ def verify(options: argparse.Namespace) -> int:
         raise UsageError("--set is for --stress")
     if options.dimension == 3 and not options.stress:
         raise UsageError("--dimension is for --stress")
+    if options.integrator != "leapfrog" and not options.stress:
+        raise UsageError("--integrator is for --stress")
     if not (options.stress or options.sensitivity):
         return _references(options)
     if options.only:
@@ -167,7 +169,7 @@ def verify(options: argparse.Namespace) -> int:
     from .verify.random_scenes import stress
 
     return stress(options.out or Path("output/stress"), options.stress, options.seed or 0, options.jobs,
-                  options.sets, options.dimension)
+                  options.sets, options.dimension, options.integrator == "overdamped")
 
 
 def _references(options: argparse.Namespace) -> int:

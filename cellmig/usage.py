@@ -172,6 +172,8 @@ def _others(commands: Any) -> None:
                       "and other numerical choices")
     verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
     verify.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="of the random scenes (default: 2)")
+    verify.add_argument("--integrator", choices=("leapfrog", "overdamped"), default="leapfrog", help="of most random "
+                        "scenes: overdamped ones are of minutes and hours (default: leapfrog)")
     verify.add_argument("--quick", action="store_true", help="coarse references or sensitivity: takes minutes")
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "

@@ -31,7 +31,8 @@ from cellmig.runs.outcome import outline
 from cellmig.runs.run import ENERGY_ERROR, stop_requests
 from cellmig.solve.start import discretise
 
-from .random_cases import launch, scene, toml
+from . import random_cases, random_hours
+from .random_cases import toml
 
 VOLUME = 0.1  # largest |J - 1| of a particle besides the softness of the case
 SOFT = 0.4  # largest allowance for softness: J from 0.5 to 1.5
@@ -40,9 +41,9 @@ DEPTH = 0.02  # largest depth of a cell within another, over its size
 # space 4 to 20 %.  It is of the first order in the spacing where sharp edges become round: 138, 500, 1,500 particles of
 # a cap under tension have 2.2, 1.0, 0.7 %.
 AREA = {2: 0.1, 3: 0.4}
-STEPS, LIMIT = 3000, 240.0  # limits of a run: steps, wall time [s]
+STEPS, LIMIT = {False: 3000, True: 500}, 240.0  # limits of a run: steps, of an overdamped one fewer, wall time [s]
 # A clear message names time, cause, particle and remedy.
-CLEAN = re.compile(r"failed at [\d.e+-]+ µs: .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
+CLEAN = re.compile(r"failed at [\d.e+-]+ (µs|ms|s|min|h): .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
 
 
 @dataclass(frozen=True)
@@ -61,13 +62,14 @@ class Verdict:
 
 
 def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: Sequence[str] = (),
-           dimension: int = 2) -> int:
+           dimension: int = 2, overdamped: bool = False) -> int:
     """Draw `count` scenes, run each for a limited time and judge; returns the exit code, DIFFERENT if any is bad.
 
-    sets : "KEY=VALUE", changes to all scenes;  at_once : runs at a time, by default one for each core.
+    sets : "KEY=VALUE", changes to all scenes;  at_once : runs at a time, by default one for each core;
+    overdamped : whether they are scenes of motion without inertia.
     """
     register()
-    jobs = [prepare(out, seed, number, tuple(sets), dimension) for number in range(count)]
+    jobs = [prepare(out, seed, number, tuple(sets), dimension, overdamped) for number in range(count)]
     verdicts, progress = [], ProgressCounter(count)
     with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as stop_signals:
         for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), stop_signals, LIMIT):
@@ -77,19 +79,23 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
     if stop_signals:
         return STOPPED
     verdicts.sort(key=lambda v: v.name)
-    results = {"seed": seed, "dimension": dimension, "sets": [*sets], "scenes": [asdict(v) for v in verdicts]}
+    results = {"seed": seed, "dimension": dimension, "overdamped": overdamped, "sets": [*sets],
+               "scenes": [asdict(v) for v in verdicts]}
     replace(out / "stress.json", json.dumps(results, indent=1, ensure_ascii=False))
     print("\n".join([*table(verdicts), str(out / "stress.json")]))
     return DIFFERENT if any(v.ended == "bad" for v in verdicts) else DONE
 
 
-def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = (), dimension: int = 2) -> Job:
+def prepare(out: Path, seed: int, number: int, sets: tuple[str, ...] = (), dimension: int = 2,
+            overdamped: bool = False) -> Job:
     """Write the case file of a scene."""
+    draw = random_hours if overdamped else random_cases
     folder = out / f"seed{seed}-scene{number:03}"
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "case.toml").write_text(toml(scene(seed, number, dimension)) + "\n", encoding="utf-8")
-    ranks, options = launch(seed, number, dimension)
-    return Job(folder.name, folder / "case.toml", sets, folder / "run", ("-ts_max_steps", str(STEPS), *options), ranks)
+    (folder / "case.toml").write_text(toml(draw.scene(seed, number, dimension)) + "\n", encoding="utf-8")
+    ranks, options = draw.launch(seed, number, dimension)
+    return Job(folder.name, folder / "case.toml", sets, folder / "run",
+               ("-ts_max_steps", str(STEPS[overdamped]), *options), ranks)
 
 
 # -------------------------------------------------------------------------------------------------------- judgement
@@ -106,7 +112,8 @@ def measure(ended: JobResult) -> tuple[dict[str, float], list[np.ndarray]]:
     deep = _deepest(directory, fields) if case.dimension == 3 else 0.0
     return {"dimension": case.dimension, "energy_error": manifest["worst_energy_error"], "J_min": manifest["J"][0],
             "J_max": manifest["J"][1], "area": area_error(case, history, fields), "softness": softness(case),
-            "depth": deep, "steps": manifest["steps"], "seconds": manifest["wall_seconds"]}, outlines
+            "depth": deep, "steps": manifest["steps"], "seconds": manifest["wall_seconds"],
+            "share": manifest["time_us"] / case.time.end}, outlines
 
 
 def area_error(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.ndarray]) -> float:
@@ -211,7 +218,8 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
     if stable:
         lines.append(f"stable ones: energy error at most {100 * max(n['energy_error'] for n in stable):.2g} %, J from "
                      f"{min(n['J_min'] for n in stable):.3f} to {max(n['J_max'] for n in stable):.3f}, areas "
-                     f"or volumes kept to {100 * max(n['area'] for n in stable):.2g} %")
+                     f"or volumes kept to {100 * max(n['area'] for n in stable):.2g} %; "
+                     f"{sum(n['share'] < 0.999 for n in stable)} ended by the number of their steps")
     for v in verdicts:
         if v.ended == "bad":
             lines += [f"{v.name}: exit code {v.code}, {v.why}", f"    {v.command}"]

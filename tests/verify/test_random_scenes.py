@@ -22,6 +22,7 @@ from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.overlap import overlap
 from cellmig.runs.batch import Job, JobResult, run_all
 from cellmig.runs.run import Run
+from cellmig.verify import random_hours
 from cellmig.verify import random_scenes as stress
 from cellmig.verify.random_bodies import SHAPES
 from cellmig.verify.random_cases import launch, scene, toml
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.serial
 
 JOB = Job("scene", Path("case.toml"), (), Path("run"))
 FINE = {"energy_error": 0.01, "J_min": 0.97, "J_max": 1.02, "area": 0.002, "softness": 0.1, "steps": 100,
-        "seconds": 1.0, "depth": 0.0, "dimension": 2}
+        "seconds": 1.0, "share": 1.0, "depth": 0.0, "dimension": 2}
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 CLEAN = ("the simulation failed at 0.05 µs: the energy error is 100 %, more than 5 %; particle 43 of cell 1 has "
          "J = 1; the step of 112 ns is 86 times the stable one, which contact sets: take time.step = \"auto\"")
@@ -95,6 +96,33 @@ def test_a_scene_in_space_is_run_and_measured(tmp_path: Path) -> None:
     assert stress.judge(ended, numbers, outlines).ended == "stable"
     assert numbers["depth"] == 0.0 and 0.0 < abs(numbers["area"]) < 0.01  # measured 1e-4
     assert stress.judge(ended, numbers | {"depth": 0.1}, outlines).ended == "bad"
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_overdamped_scenes_are_cases_of_many_kinds(tmp_path: Path, dimension: int) -> None:
+    shapes, laws, alone, ends = set(), set(), 0, []
+    for number in range(40):
+        assert random_hours.scene(1, number, dimension) == random_hours.scene(1, number, dimension)
+        (tmp_path / "case.toml").write_text(toml(random_hours.scene(1, number, dimension)), encoding="utf-8")
+        drawn = load(tmp_path / "case.toml")  # none is refused
+        assert drawn.overdamped and drawn.dimension == dimension
+        shapes |= {c.shape.law for c in drawn.cells}
+        laws |= {drawn.materials["cytoplasm"].law, drawn.friction.law if drawn.friction else "none"}
+        alone += drawn.medium is None
+        ends.append(drawn.time.end)
+    assert shapes == set(random_hours.SHAPES[dimension]) and 0 < alone < 40
+    assert laws == {"nematic", "gel", "maxwell", "bonds", "bell", "none"}
+    assert min(ends) < 10e6 and max(ends) > 3600e6
+    launched = [random_hours.launch(1, number) for number in range(100)]
+    assert {ranks for ranks, _ in launched} == {1, 2, 3} and len({options for _, options in launched}) == 3
+
+
+def test_an_overdamped_scene_is_run_and_measured(tmp_path: Path) -> None:
+    job = stress.prepare(tmp_path, 2, 10, (), overdamped=True)
+    ended, = run_all([job], 1, limit=200.0)
+    numbers, outlines = stress.measure(ended)
+    assert stress.judge(ended, numbers, outlines).ended == "stable"
+    assert numbers["share"] == 1.0 and numbers["energy_error"] < 1e-6  # measured 5e-8
 
 
 def test_toml_holds_what_it_was_made_from(tmp_path: Path) -> None:
