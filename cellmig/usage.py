@@ -170,10 +170,7 @@ def _others(commands: Any) -> None:
                       "a message or be refused")
     what.add_argument("--sensitivity", action="store_true", help="dependence of the main scene on spacing, time step "
                       "and other numerical choices")
-    verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
-    verify.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="of the random scenes (default: 2)")
-    verify.add_argument("--integrator", choices=("leapfrog", "overdamped"), default="leapfrog", help="of most random "
-                        "scenes: overdamped ones are of minutes and hours (default: leapfrog)")
+    _scenes(verify)
     verify.add_argument("--quick", action="store_true", help="coarse references or sensitivity: takes minutes")
     verify.add_argument("--jobs", type=_count, help="processes at a time (default: one for each core)")
     verify.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/verify, output/stress, "
@@ -197,6 +194,13 @@ def _others(commands: Any) -> None:
     schema.add_argument("--markdown", action="store_true", help="a page of all keys and laws instead")
     _laws(schema)
     commands.add_parser("doctor", help="check this machine for what cellmig needs")
+
+
+def _scenes(verify: argparse.ArgumentParser) -> None:
+    verify.add_argument("--seed", type=int, help="of the random scenes (default: 0)")
+    verify.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="of the random scenes (default: 2)")
+    verify.add_argument("--integrator", choices=("leapfrog", "overdamped"), default="leapfrog", help="of most random "
+                        "scenes: overdamped ones are of minutes and hours (default: leapfrog)")
 
 
 def _until(command: argparse.ArgumentParser) -> None:
