@@ -20,7 +20,7 @@ ERROR = 0.01  # error of a step, root mean square over particles, over the spaci
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 ITERATIONS = 10  # of Newton's method, which takes 3 or 4 but where a particle snaps to the substrate
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
-START = 1e-3  # strain of the first step, at the speed with which loads drive the stiffest or most viscous body [-]
+START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
 
@@ -139,7 +139,7 @@ class Overdamped(Implicit):
         J.assemble()
 
     def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
-        """Move the first guess of a solve on by the velocity of the last step, unless surfaces cross there."""
+        """Move the first guess of a solve on by the velocity of the last step, unless cells would be too deep in each other."""
         trial, out = x.duplicate(), x.duplicate()
         move = self.ts.getTimeStep() * self._begun
         trial.setArray(x.getArray(readonly=True) + move.ravel())
@@ -195,12 +195,12 @@ class Overdamped(Implicit):
 
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint, with the last step, from which the next error follows."""
-        return super().saved() | {"last": self.last}
+        return super().saved() | {"last": self.last, "least": self.least}
 
     def restore(self, about: dict[str, Any]) -> None:
         """Set the state from `about`, which `saved` returned."""
         super().restore(about)
-        self.last = about["last"]
+        self.last, self.least = about["last"], about["least"]
 
     @property
     def closing(self) -> str:
