@@ -94,8 +94,12 @@ class Overdamped(Implicit):
     reduced = False  # u is the only unknown
 
     def _defaults(self) -> dict[str, str]:
-        """Default options; steps are chosen here."""
-        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS)}
+        """Default options; steps are chosen here.
+
+        Newton's steps are halved where they do not lead towards balance: friction that yields is as sharp as a kink.
+        """
+        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS),
+                                       "snes_linesearch_type": "bt"}
 
     @property
     def description(self) -> str:
@@ -139,7 +143,7 @@ class Overdamped(Implicit):
         J.assemble()
 
     def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
-        """Move the first guess of a solve on by the velocity of the last step, unless cells would be too deep in each other."""
+        """Move the first guess of a solve on by the velocity of the last step, unless cells were too deep in each other."""
         trial, out = x.duplicate(), x.duplicate()
         move = self.ts.getTimeStep() * self._begun
         trial.setArray(x.getArray(readonly=True) + move.ravel())

@@ -94,6 +94,17 @@ def test_a_loaded_box_slides_at_the_speed_at_which_bonds_bear_the_load(share: fl
         assert sim.sample()[1]["energy_error"] < 1e-6  # measured 1e-14
 
 
+def test_a_cell_spreads_on_bonds_that_yield_far_below_its_speed() -> None:
+    """They bear 1 kPa at 0.03 µm/s, the contact line advances at 1 µm/s: in the speed friction is nearly a kink."""
+    sharp = {"law": "bell", "bonds": "700 /um^2", "stiffness": "0.16 pN/nm", "on": "1 /s", "off": "0.25 /s",
+             "force": "2 pN"}
+    tree = crawler(medium={"viscosity": "10 mPa s"}).resolved()
+    with built(from_dict(tree | {"friction": sharp})) as sim:
+        at(sim, 0.002)  # without a line search no step is short enough from 0.04 ms on
+        assert sim.integrator.failures < 10  # measured 1
+        assert sim.sample()[1]["energy_error"] < 1e-3  # measured 8e-5
+
+
 def test_a_medium_alone_holds_a_cell_without_a_substrate() -> None:
     """A body force f moves a disc at f A/(3πη), whatever the disc is of."""
     force, eta = 1e-4, 0.7e-3  # pN/µm³, Pa s

@@ -141,7 +141,9 @@ def drop_rounds(count: int) -> Measured:
 
 
 @reference("ball-rounds", shows="the same in space", source="exp(-20 γt/19 μR) (Lamb, Hydrodynamics, art. 355)",
-           at=(150, 400, 1000), seconds=60.0, expected={"lobes": converges(1.7, FACETS)})
+           at=(150, 400, 1000), seconds=60.0, expected={"lobes": converges(
+               1.3, "0.027 h + 0.012 h² (h in µm): viscosity is restored too much at the surface, whose Laplacians are "
+                    "one-sided; with nothing restored the drop is too fast by 13 % at 150 particles")})
 def ball_rounds(count: int) -> Measured:
     """Its rate is n (n + 2) (2n + 1) / (2 (2n² + 4n + 3)) of γ/(μR)."""
     spacing, left = rounding(3, count, 95.0 / 100.0 * 100.0 * RADIUS / TENSION)
