@@ -143,7 +143,7 @@ class Overdamped(Implicit):
         J.assemble()
 
     def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
-        """Move the first guess of a solve on by the velocity of the last step, unless cells were too deep in each other."""
+        """Move the first guess of a solve on by the last velocity, unless cells would be too deep in each other."""
         trial, out = x.duplicate(), x.duplicate()
         move = self.ts.getTimeStep() * self._begun
         trial.setArray(x.getArray(readonly=True) + move.ravel())
