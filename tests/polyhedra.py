@@ -40,7 +40,7 @@ class Contact:
 
     def of_faces(self, area: np.ndarray, found: list, x: np.ndarray) -> tuple:
         size = np.array([area[n] * piece.part for n, _, piece in found])
-        loads, energy = self.term.face(size, *np.array([piece.gaps for _, _, piece in found]).T)
+        loads, energy, _ = self.term.face(size, *np.array([piece.gaps for _, _, piece in found]).T)
         a, b, c = np.array([x[face] for _, face, _ in found]).transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -48,7 +48,7 @@ class Contact:
 
     def of_edges(self, area: np.ndarray, found: list) -> tuple:
         width = np.array([area[n] * np.array(piece.widths) for n, _, piece in found]).T
-        loads, energy = self.term.edge(*width, *np.array([piece.distances for *_, piece in found]).T)
+        loads, energy, _ = self.term.edge(*width, *np.array([piece.distances for *_, piece in found]).T)
         below = [[(1.0 - t, t) for t in piece.along] for *_, piece in found]
         return found, loads, energy, [p.ends for *_, p in found], below, np.array([p.away for *_, p in found])
 

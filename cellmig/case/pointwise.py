@@ -12,7 +12,7 @@ Vector3 = tuple  # three
 
 
 def either(yes: Any, one: tuple, other: tuple) -> tuple:
-    """Nested numbers of one tuple where `yes`, else of the other; C computes only the one that is chosen."""
+    """Nested numbers of one tuple where `yes`, else of the other; C computes only what is chosen."""
     if hasattr(yes, "either"):
         return yes.either(one, other)
     return tuple(either(yes, a, b) if isinstance(a, tuple) else np.where(yes, a, b)

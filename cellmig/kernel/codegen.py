@@ -8,6 +8,7 @@ vector, so that a law is compiled once for all values.
 from __future__ import annotations
 
 import inspect
+import re
 from operator import attrgetter
 from typing import Any
 
@@ -18,6 +19,7 @@ from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, i
 TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d",
            "network": "dd", "velocity": "d"}
 ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
+_ZERO = {1: " = {{0}}", 2: " = {{{0}}}"}  # initial values of nested vectors
 
 
 class Translator:
@@ -138,7 +140,7 @@ class _Text:
         return [line for i, v in enumerate(value) for line in self.stored(f"{name}[{i}]", v)]
 
     def _choose(self, choice: int) -> None:
-        """Statements of `either`: what only one branch needs stands in it."""
+        """Statements of `either`: what only one branch needs stands in it, and of four both where some need each."""
         if self._names[choice]:
             return
         name = self._names[choice] = f"{CHOICE}_{choice}"
@@ -153,12 +155,19 @@ class _Text:
             for value in needed:
                 if value not in only and len(self._users[value]) > 1:
                     self.of(value)
-        self.lines.append(f"{self._number} {name}{_brackets(shape_of(branches[0]))};")
+        shape, each = shape_of(branches[0]), self._number == "v4" and not yes.one
+        self.lines.append(f"{self._number} {name}{_brackets(shape)}{_ZERO[len(shape)] if each else ''};")
+        starts = [f"if ({condition}) {{", "} else {"]
+        if each:
+            self.lines += [f"const i4 {name}_is = {condition};", f"const int {name}_of = signs((v4){name}_is);"]
+            starts = [f"if ({name}_of) {{", f"}}\nif ({name}_of != 15) {{"]
         outer, known = self.lines, dict(self._names)
-        for start, values in zip((f"if ({condition}) {{", "} else {"), branches, strict=True):
+        for start, values in zip(starts, branches, strict=True):
             self.lines, self._names = [], dict(known)
             assigned = self.stored(name, values)
-            outer += [start, *("    " + line for line in self.lines + assigned)]
+            if each and values is branches[1]:
+                assigned = [re.sub("(.*) = (.*);", rf"\1 = v4_where({name}_is, \1, \2);", line) for line in assigned]
+            outer += [*start.split("\n"), *("    " + line for line in self.lines + assigned)]
         self.lines, self._names = [*outer, "}"], known
 
 

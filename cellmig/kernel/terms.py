@@ -37,11 +37,6 @@ class SurfaceTerm:
     files: tuple[str, ...] = ()
 
 
-def _of_substrate(t: Terms) -> Any:
-    law: Any = t.substrate
-    return SubstrateAdhesion(bonds_of(law)) if t.dimension == 2 else TriangleAdhesion(TriangleBonds(law))
-
-
 def _of_contacts(t: Terms, dimension: int, formula: Callable[[Any], Any]) -> Any:
     return tuple(map(formula, t.contacts.laws)) if t.contacts and t.dimension == dimension else None
 
@@ -51,32 +46,40 @@ def _of_cortex(t: Terms) -> Any:
     return CortexForce(law) if t.dimension == 2 else CortexTension(law)
 
 
-def _with_bonds(t: Terms, law: Any, in_plane: Callable[..., Any], in_space: Callable[..., Any]) -> Any:
+def _with_bonds(t: Terms, dimension: int, law: Any, formula: Callable[[Any, Any], Any]) -> Any:
+    """The formula in a dimension of a law and of the bonds to the substrate; None where there is none."""
+    if law is None or t.substrate is None or t.dimension != dimension:
+        return None
     bonds: Any = t.substrate
-    return in_plane(law, bonds_of(bonds)) if t.dimension == 2 else in_space(law, TriangleBonds(bonds))
+    return formula(law, bonds_of(bonds) if dimension == 2 else TriangleBonds(bonds))
 
 
+POLYHEDRA = {"face_kind": (), "edge_kind": (),
+             **{name: ("load", "stored", "stiff") for name in ("face", "edge", "vertex")},
+             **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}}
 # In the order in which forces are added up.
 SURFACE_TERMS = (
-    SurfaceTerm("substrate", lambda t: t.substrate and _of_substrate(t), {"facet": ("force", "energy", "impulse")}),
+    SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),
+                {"facet": ("force", "energy", "impulse")}),
+    SurfaceTerm("substrate", lambda t: _with_bonds(t, 3, t.substrate, lambda _, bonds: TriangleAdhesion(bonds)),
+                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",)),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 2, lambda law: CellAdhesion(bonds_of(law))),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
-                {"face": ("load", "stored"), "edge": ("load", "stored"), "vertex": ("load", "stored", "stiff"),
-                 "face_apart": ("load", "stored", "holds", "stiff"), "edge_apart": ("load", "stored", "holds", "stiff"),
-                 **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}},
-                ("face_apart", "edge_apart", "vertex", "face_stiffness", "edge_stiffness", "vertex_stiffness"),
-                files=("polyhedra.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
+                POLYHEDRA, tuple(POLYHEDRA),
+                files=("polyhedra.h", "lines.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
-        _with_bonds(t, law, FrictionForce, SlidingFriction) for law in t.friction.laws)
-        if t.friction and t.substrate else None, {"force": ()}),
+        _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)
+        for law in t.friction.laws) if t.friction and t.substrate else None, {"force": ()}),
     SurfaceTerm("medium", lambda t: t.medium, {"force": ()}),
-    SurfaceTerm("protrusion", lambda t: t.protrusion and t.substrate and _with_bonds(
-        t, t.protrusion, ProtrusionForce, ProtrusionPush),
-                {"grip": (), "hold": (), "force": ()}),
+    SurfaceTerm("protrusion", lambda t: _with_bonds(t, 2, t.protrusion, ProtrusionForce),
+                {"grip": (), "hold": (), "force": ()}, files=("push.h", "protrusion.c")),
+    SurfaceTerm("protrusion", lambda t: _with_bonds(t, 3, t.protrusion, ProtrusionPush),
+                {"grip": (), "hold": (), "front": (), "edge": (), "kind": ()}, ("edge", "kind"),
+                files=("push.h", "protrusion_space.c")),
     SurfaceTerm("loads", lambda t: None if t.load_curves is None else Pressure() if t.dimension == 2 else
                 TrianglePressure(), {"force": ()}),
 )

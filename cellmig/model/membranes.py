@@ -24,16 +24,19 @@ class TriangleAdhesion:
 
     bonds: TriangleBonds
 
-    def facet(self, area, gap1, gap2, gap3, dt):
-        """Forces on three corners [pN], energy [pN µm] and impulses along z of a time dt [pN µs]; area in µm²."""
+    def facet(self, area, gap1, gap2, gap3):
+        """Forces on three corners along z [pN] and energy [pN µm]; area in µm²."""
         mean, *by_gaps = self.bonds.mean(gap1, gap2, gap3)
         size = self.bonds.law.bond_density * area
-        pulls = [size * slope for slope in by_gaps]
-        return tuple((0.0, 0.0, -pull) for pull in pulls), size * mean, tuple(-(dt * pull) for pull in pulls)
+        return tuple(-(size * slope) for slope in by_gaps), size * mean
+
+    def kind(self, gap1, gap2, gap3):
+        """Which way that goes [-]."""
+        return self.bonds.kind(gap1, gap2, gap3)
 
     def force(self, area, gap1, gap2, gap3):
         """Forces on three corners [pN]."""
-        return self.facet(area, gap1, gap2, gap3, 0.0)[0]
+        return tuple((0.0, 0.0, along) for along in self.facet(area, gap1, gap2, gap3)[0])
 
     def stiffness(self, area, gap1, gap2, gap3):
         """Bound of the row sums of the tangent where levers are 1 [pN/µm]."""
@@ -116,5 +119,17 @@ class ProtrusionPush:
         """Forces on three corners along x [pN]; `size` : β α N σ/3 at these [pN/µm]; `ahead` and `gap` of them [µm];
         `hold` : see there.
         """
-        share = hold * area * RampSlope(self.law).average(*gap)
+        share = hold * area * self.edge(*gap)
         return tuple((share * one * self.law.front(x), 0.0, 0.0) for one, x in zip(size, ahead, strict=True))
+
+    def front(self, ahead):
+        """Factor of the front half [-]; `ahead` of the middle of the cell [µm]."""
+        return self.law.front(ahead)
+
+    def edge(self, gap1, gap2, gap3):
+        """Mean slope of the ramp [1/µm]."""
+        return RampSlope(self.law).average(gap1, gap2, gap3)
+
+    def kind(self, gap1, gap2, gap3):
+        """Which way that goes [-]."""
+        return RampSlope(self.law).kind(gap1, gap2, gap3)

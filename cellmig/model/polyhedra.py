@@ -33,40 +33,36 @@ class PolyhedronAdhesion:
     bonds: TriangleBonds
 
     def face(self, area, gap1, gap2, gap3):
-        """Loads at the corners of a piece [pN] and energy [pN µm]; its reference area in µm²."""
+        """Loads at the corners of a piece [pN], energy [pN µm], 1 where it may be stiff, else 0 [-]; its reference area
+        in µm².
+        """
         mean, by_gap1, by_gap2, by_gap3 = self.bonds.mean(gap1, gap2, gap3)
         size = 0.5 * self.bonds.law.bond_density * area
-        return (size * by_gap1, size * by_gap2, size * by_gap3), size * mean
-
-    def face_apart(self, area, gap1, gap2, gap3):
-        """The same without choices; 1 where it holds, else 0; 1 where the piece may be stiff, else 0 [-]."""
-        mean, by_gap1, by_gap2, by_gap3, holds = self.bonds.mean_apart(gap1, gap2, gap3)
-        size = 0.5 * self.bonds.law.bond_density * area
         stiff = self.may_be_stiff(minimum(minimum(gap1, gap2), gap3))
-        return (size * by_gap1, size * by_gap2, size * by_gap3), size * mean, holds, stiff
+        return (size * by_gap1, size * by_gap2, size * by_gap3), size * mean, stiff
+
+    def face_kind(self, gap1, gap2, gap3):
+        """Which way that goes [-]."""
+        return self.bonds.kind(gap1, gap2, gap3)
 
     def edge(self, width1, width2, distance1, distance2):
-        """Loads at both ends of a line and energy; `width` : reference area for its length at the ends [µm²].
+        """Loads at both ends of a line [pN], energy [pN µm], 1 where it may be stiff, else 0 [-].
 
-        The distance from the edge goes linearly along it, so that it is exact.
+        `width` : reference area for its length at the ends [µm²].  The distance from the edge goes linearly along it,
+        so that this is exact.
         """
-        return self.of_line(width1, width2, distance1, distance2, self.moments)
-
-    def edge_apart(self, width1, width2, distance1, distance2):
-        """The same without choices; 1 where it holds, else 0; 1 where the line may be stiff, else 0 [-]."""
-        x, y = minimum(distance1, distance2), maximum(distance1, distance2)
-        loads, energy = self.of_line(width1, width2, distance1, distance2, self.by_differences)
-        return loads, energy, where(self.bonds.apart(x, y), 1.0, 0.0), self.may_be_stiff(x)
-
-    def of_line(self, width1, width2, distance1, distance2, moments):
-        """Loads at both ends of a line [pN] and energy [pN µm] by a function for the moments."""
         size = 0.5 * self.bonds.law.bond_density
         ordered = distance1 < distance2
         x, y = where(ordered, distance1, distance2), where(ordered, distance2, distance1)
         start, end = where(ordered, width1, width2), where(ordered, width2, width1)
-        left, right, first, both, last = moments(x, y)
+        left, right, first, both, last = self.moments(x, y)
         low, high = size * (start * first + end * both), size * (start * both + end * last)
-        return (where(ordered, low, high), where(ordered, high, low)), size * (start * left + end * right)
+        return ((where(ordered, low, high), where(ordered, high, low)), size * (start * left + end * right),
+                self.may_be_stiff(x))
+
+    def edge_kind(self, distance1, distance2):
+        """Which way that goes, 0 or 1 [-]."""
+        return where(self.bonds.apart(minimum(distance1, distance2), maximum(distance1, distance2)), 0.0, 1.0)
 
     def moments(self, x, y):
         """Integrals of (1 - t) U and t U [pN µm], of (1 - t)² U', t (1 - t) U' and t² U' [pN] for x + t (y - x)."""

@@ -59,6 +59,14 @@ class TriangleMean(ABC):
         mean, = either(flat, self.by_levels(a, b, c), self.by_differences(a, b, where(flat, c + 1.0, c))[:1])
         return mean
 
+    def kind(self, gap1, gap2, gap3):
+        """Which way that goes, from 0 to 3 [-]: means of one kind are computed together."""
+        a, b, c = self.sorted(gap1, gap2, gap3)
+        knot = self.knot(0.5 * (a + c))
+        flat = where((knot - a) * (c - knot) > 0.0, 3.0, 2.0)
+        pairs = where(self.apart(a, b), where(self.apart(b, c), 0.0, 1.0), 1.0)
+        return where(c - a < FLAT * self.scale(a), flat, pairs)
+
     def sorted(self, gap1, gap2, gap3):
         """Three gaps from the least to the largest [µm]."""
         low, high = minimum(gap1, gap2), maximum(gap1, gap2)
@@ -158,15 +166,6 @@ class TriangleBonds(TriangleMean):
         flat = c - a < FLAT * self.scale(a)
         mean, by_a, by_b, by_c = either(flat, self.of_flat(a, b, c), self.by_differences(a, b, where(flat, c + 1.0, c)))
         return mean, *self.unsorted((gap1, gap2, gap3), a, c, by_a, by_b, by_c)
-
-    def mean_apart(self, gap1, gap2, gap3):
-        """The same, and 1 where it holds: where no divided difference cancels, else 0 [-]; no choices."""
-        a, b, c = self.sorted(gap1, gap2, gap3)
-        lower, upper = self.differences(a, b, b - a), self.differences(b, c, c - b)
-        mean, by_a, by_b, by_c = self.of_pairs(lower, upper, c - a)
-        pairs = where(self.apart(a, b), where(self.apart(b, c), 1.0, 0.0), 0.0)
-        holds = where(c - a < FLAT * self.scale(a), 0.0, pairs)
-        return mean, *self.unsorted((gap1, gap2, gap3), a, c, by_a, by_b, by_c), holds
 
     def unsorted(self, gaps, a, c, by_a, by_b, by_c):
         """Derivatives by three gaps, of which a is the least and c the largest, in their order [pN]."""

@@ -283,10 +283,12 @@ def test_a_force_is_the_same_in_c(formula: Any, number: str, method: str, result
 def triangles() -> Iterator[tuple[Any, str, tuple]]:
     """Formulas of the triangles of surfaces in space: object, method, names of results."""
     bonds = TriangleBonds(example("adhesion", "seifert"))
-    yield TriangleAdhesion(bonds), "facet", ("force", "energy", "impulse")
+    yield TriangleAdhesion(bonds), "facet", ("force", "energy")
+    yield TriangleAdhesion(bonds), "kind", ()
     yield TriangleAdhesion(bonds), "stiffness", ()
-    yield PolyhedronAdhesion(bonds), "face", ("loads", "energy")
-    yield PolyhedronAdhesion(bonds), "edge", ("loads", "energy")
+    yield PolyhedronAdhesion(bonds), "face", ("loads", "energy", "stiff")
+    yield PolyhedronAdhesion(bonds), "edge", ("loads", "energy", "stiff")
+    yield from ((PolyhedronAdhesion(bonds), f"{name}_kind", ()) for name in ("face", "edge"))
     yield PolyhedronAdhesion(bonds), "vertex", ("load", "energy", "stiff")
     for name in ("face", "edge", "vertex"):
         yield PolyhedronAdhesion(bonds), f"{name}_stiffness", ("stiffness",)
@@ -294,13 +296,14 @@ def triangles() -> Iterator[tuple[Any, str, tuple]]:
     yield CortexTension(example("cortex", "line-tension")), "energy", ()
     yield from ((SlidingFriction(example("friction", name), bonds), "force", ()) for name in laws("friction"))
     yield ProtrusionPush(example("protrusion", "edge"), bonds), "grip", ()
-    yield ProtrusionPush(example("protrusion", "edge"), bonds), "force", ()
+    yield from ((ProtrusionPush(example("protrusion", "edge"), bonds), name, ()) for name in ("force", "edge", "kind"))
     yield from ((anchor, method, results) for anchor, _, method, _, results in ANCHORS[3])
 
 
+@pytest.mark.parametrize("number", ["double", "v4"])
 @pytest.mark.parametrize(("formula", "method", "results"), triangles())
-def test_a_force_on_a_triangle_is_the_same_in_c(formula: Any, method: str, results: tuple) -> None:
-    """But for the last bit of logarithms, which divided differences make more of."""
+def test_a_force_on_a_triangle_is_the_same_in_c(formula: Any, method: str, results: tuple, number: str) -> None:
+    """But for the last bit of logarithms, which divided differences make more of; four may go several ways."""
     rng = np.random.default_rng(4)
     given = {name: rng.uniform(0.002, 0.1, (*shape, 400))
              for name, shape in shapes_of(getattr(type(formula), method)).items()}
@@ -308,6 +311,6 @@ def test_a_force_on_a_triangle_is_the_same_in_c(formula: Any, method: str, resul
         if name in given:
             given[name][::2] = given["gap1"][::2] * rng.uniform(0.97, 1.03, 200)
     value = getattr(formula, method)(*given.values())
-    for found, expected in zip(in_c(formula, method, "double", given, *results), value if results else (value,),
+    for found, expected in zip(in_c(formula, method, number, given, *results), value if results else (value,),
                                strict=True):
         assert_close(found, stacked(expected, 400), 1e-9)  # measured 2e-10

@@ -78,11 +78,11 @@ class InC:
 
     def __init__(self) -> None:
         t = Translator(TERM, "double")
-        term, parts = next(s for s in SURFACE_TERMS if "face_apart" in s.methods), []
+        term, parts = next(s for s in SURFACE_TERMS if "face_kind" in s.methods), []
         for name, results in term.methods.items():
             t.number = "v4" if name in term.in_fours else "double"
             parts.append(t.function(name, f"contact_{name}", results))
-        files = [text_of(name) for name in ("polyhedra.h", "wedges.h", "cones.h")]
+        files = [text_of(name) for name in ("polyhedra.h", "lines.h", "wedges.h", "cones.h")]
         source = "\n".join([text_of("simd.h"), *parts, *files, ALL_PAIRS])
         self.library, self.law = ctypes.CDLL(str(compiled(source))), np.array(t.vector())
         self.library.run.restype = ctypes.c_double

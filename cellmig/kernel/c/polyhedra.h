@@ -1,7 +1,7 @@
 /* Pieces of a triangle T of one surface over faces of another, and what bonds do there.  Points of T are shares of its
  * corners, in the first three places of a vector.  The same as geometry/polyhedra.py, where it is explained. */
 
-enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 8, MOST_PIECES = 32 };
+enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 8, MOST_PIECES = TOGETHER };
 static const double SKEW[3] = {0.9e-12, 1.3e-12, 1.7e-12}; /* [µm] moves features off triangles on their borders */
 static const double SURE = 1e-9; /* [µm] far above what rounding changes */
 
@@ -208,31 +208,36 @@ typedef struct {
 /* What acts on the pieces that wait. */
 static void act_on_faces(FacePieces *found)
 {
-    for (int n = found->n; n % 4; n++) /* with others that do not count */
-        found->area[n] = 0, found->gap[0][n] = found->gap[1][n] = found->gap[2][n] = 1;
-    for (int m = 0; m < found->n; m += 4) {
-        v4 loads[3], stored[1], holds[1], stiff[1], stiffness[1] = {{0}}, gap[3];
-        const v4 area = load(found->area + m);
-        for (int c = 0; c < 3; c++) gap[c] = load(found->gap[c] + m);
-        contact_face_apart(found->law, area, gap[0], gap[1], gap[2], loads, stored, holds, stiff);
-        if (signs(-stiff[0])) contact_face_stiffness(found->law, area, gap[0], gap[1], gap[2], stiffness);
-        for (int i = 0; i < 4 && m + i < found->n; i++) {
-            const FacePiece *piece = found->piece + m + i;
-            double load[3] = {loads[0][i], loads[1][i], loads[2][i]}, energy[1] = {stored[0][i]};
-            if (holds[0][i] == 0)
-                contact_face(found->law, area[i], gap[0][i], gap[1][i], gap[2][i], load, energy);
-            v4 on = {0}, below = {0};
-            for (int c = 0; c < 3; c++) {
-                on = fma4(splat(load[c]), piece->on[c], on);
-                below = fma4(splat(load[c]), piece->below[c], below);
-            }
-            pull(piece->on_T, -on, piece->normal);
-            pull(piece->on_face, below, piece->normal);
-            *piece->energy += energy[0];
-            if (stiffness[0][i] == 0) continue;
-            stiffen(piece->on_T, piece->on[0] + piece->on[1] + piece->on[2], stiffness[0][i] / 3);
-            stiffen(piece->on_face, piece->below[0] + piece->below[1] + piece->below[2], stiffness[0][i] / 3);
+    const int n = found->n;
+    int order[MOST_PIECES];
+    double kind[MOST_PIECES], acts[3][MOST_PIECES], energy[MOST_PIECES], stiff[MOST_PIECES];
+    const double (*gap)[MOST_PIECES] = found->gap;
+    for (int m = 0; m < n; m += 4)
+        store(kind + m, contact_face_kind(found->law, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
+    by_kinds(kind, n, order);
+    for (int m = 0; m < n; m += 4) {
+        const int *of = order + m;
+        v4 loads[3], stored[1], may[1], stiffness[1] = {{0}};
+        const v4 area = pick(found->area, of), a = pick(gap[0], of), b = pick(gap[1], of), c = pick(gap[2], of);
+        contact_face(found->law, area, a, b, c, loads, stored, may);
+        if (signs(-may[0])) contact_face_stiffness(found->law, area, a, b, c, stiffness);
+        for (int k = 0; k < 3; k++) put(acts[k], of, loads[k]);
+        put(energy, of, stored[0]);
+        put(stiff, of, stiffness[0]);
+    }
+    for (int m = 0; m < n; m++) {
+        const FacePiece *piece = found->piece + m;
+        v4 on = {0}, below = {0};
+        for (int c = 0; c < 3; c++) {
+            on = fma4(splat(acts[c][m]), piece->on[c], on);
+            below = fma4(splat(acts[c][m]), piece->below[c], below);
         }
+        pull(piece->on_T, -on, piece->normal);
+        pull(piece->on_face, below, piece->normal);
+        *piece->energy += energy[m];
+        if (stiff[m] == 0) continue;
+        stiffen(piece->on_T, piece->on[0] + piece->on[1] + piece->on[2], stiff[m] / 3);
+        stiffen(piece->on_face, piece->below[0] + piece->below[1] + piece->below[2], stiff[m] / 3);
     }
     found->n = 0;
 }

@@ -140,6 +140,27 @@ OF_LIBM(sinh) OF_LIBM(cosh) OF_LIBM(tanh) OF_LIBM(fabs)
 static inline double d_minimum(double a, double b) { return a < b ? a : b; }
 static inline double d_maximum(double a, double b) { return a > b ? a : b; }
 
+enum { TOGETHER = 64, KINDS = 4 };
+
+/* Numbers of n things from one kind to the next, so that four of a kind are computed at a time; the last to the end. */
+static inline void by_kinds(const double *kind, int n, int order[TOGETHER])
+{
+    int at[KINDS + 1] = {0};
+    for (int k = 0; k < n; k++) at[(int)kind[k] + 1]++;
+    for (int k = 1; k < KINDS; k++) at[k] += at[k - 1];
+    for (int k = 0; k < n; k++) order[at[(int)kind[k]]++] = k;
+    for (int k = n; k % 4; k++) order[k] = order[k - 1];
+}
+
+/* The numbers of four. */
+static inline v4 pick(const double *a, const int of[4]) { return (v4){a[of[0]], a[of[1]], a[of[2]], a[of[3]]}; }
+
+/* Puts numbers where those of four stand. */
+static inline void put(double *all, const int of[4], v4 x)
+{
+    for (int i = 0; i < 4; i++) all[of[i]] = x[i];
+}
+
 /* Vectors of three. */
 static inline double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 

@@ -1,4 +1,4 @@
-/* Lines of a triangle T in the wedges over edges of another surface, and what bonds do there. */
+/* The part of a triangle T in the wedge over an edge of another surface, as lines. */
 
 enum { HALVINGS = 10, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
 static const double CHANGE = 0.3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
@@ -42,47 +42,6 @@ static void set_edge(Edge3 *e, const double *const x[4])
     e->planes.width = (v4){1, 1, length, length};
     e->planes.size = d_minimum(length, d_minimum(length1, length2));
     e->along[3] = e->middle[3] = 0;
-}
-
-/* A line across a wedge: its ends on T, the direction from the edge, and what it acts on. */
-typedef struct { v4 on[2], away; double *on_T[3], *on_edge[2], *energy; } Line;
-
-/* Lines of one law that wait for what acts on them. */
-typedef struct {
-    const double *law;
-    int n;
-    double width[2][MOST_PIECES], distance[2][MOST_PIECES];
-    Line line[MOST_PIECES];
-} Lines;
-
-/* What acts on the lines that wait. */
-static void act_on_lines(Lines *found)
-{
-    for (int n = found->n; n % 4; n++) /* with others that do not count */
-        for (int k = 0; k < 2; k++) found->width[k][n] = 0, found->distance[k][n] = 1;
-    for (int m = 0; m < found->n; m += 4) {
-        v4 loads[2], stored[1], holds[1], stiff[1], stiffness[1] = {{0}}, width[2], r[2];
-        for (int k = 0; k < 2; k++) width[k] = load(found->width[k] + m), r[k] = load(found->distance[k] + m);
-        contact_edge_apart(found->law, width[0], width[1], r[0], r[1], loads, stored, holds, stiff);
-        if (signs(-stiff[0])) contact_edge_stiffness(found->law, width[0], width[1], r[0], r[1], stiffness);
-        for (int i = 0; i < 4 && m + i < found->n; i++) {
-            const Line *line = found->line + m + i;
-            double load[2] = {loads[0][i], loads[1][i]}, energy[1] = {stored[0][i]};
-            if (holds[0][i] == 0)
-                contact_edge(found->law, width[0][i], width[1][i], r[0][i], r[1][i], load, energy);
-            const v4 on = load[0] * line->on[0] + load[1] * line->on[1];
-            pull(line->on_T, -on, line->away);
-            add4(line->on_edge[0], (load[0] + load[1] - on[3]) * line->away);
-            add4(line->on_edge[1], on[3] * line->away);
-            *line->energy += energy[0];
-            if (!(stiffness[0][i] > 0)) continue; /* of reflex edges it is negative */
-            const v4 both = line->on[0] + line->on[1];
-            stiffen(line->on_T, both, 0.5 * stiffness[0][i]);
-            line->on_edge[0][3] += (2 - both[3]) * 0.5 * stiffness[0][i];
-            line->on_edge[1][3] += both[3] * 0.5 * stiffness[0][i];
-        }
-    }
-    found->n = 0;
 }
 
 /* T beside an edge, what acts on this; at the corners of T the weight of the second normal and the sum of both, places

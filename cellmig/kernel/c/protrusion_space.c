@@ -1,0 +1,59 @@
+/* F_d of equation (2) in space: push of the leading edge along +x, over the triangles near the substrate. */
+
+/* A triangle that is pushed: forces on its corners, over the mean slope of the ramp. */
+typedef struct { Facet e; double push[D]; } Pushed;
+
+/* Sets that of facet k; whether any force is there, or was at the start of the step. */
+static int set_pushed(const KernelData *s, long k, Pushed *p)
+{
+    p->e = facet_at(s, k);
+    double most = 0, before = 0;
+    for (int i = 0; i < D; i++) {
+        const double push = s->push[D * k + i];
+        if (!(push > 0)) {
+            p->push[i] = 0;
+            continue;
+        }
+        const double ahead = coordinate(s, p->e.node[i], TANGENT) - s->middle[s->mover_of[k]];
+        p->push[i] = s->hold[s->mover_of[k]] * p->e.size * push * protrusion_front(s->protrusion, ahead);
+        most = d_maximum(most, p->push[i]);
+        before = d_maximum(before, fabs(s->pushed[D * k + i]));
+    }
+    return most > 0 || before > 0;
+}
+
+/* Mean slopes of the ramp over n triangles. */
+static void find_slopes(const KernelData *s, const Pushed *p, int n, double slope[TOGETHER])
+{
+    int order[TOGETHER];
+    double gap[D][TOGETHER], kind[TOGETHER];
+    for (int m = 0; m < n; m++)
+        for (int i = 0; i < D; i++) gap[i][m] = p[m].e.gap[i];
+    for (int m = 0; m < n; m += 4)
+        store(kind + m, protrusion_kind(s->protrusion, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
+    by_kinds(kind, n, order);
+    for (int m = 0; m < n; m += 4) {
+        const int *of = order + m;
+        put(slope, of, protrusion_edge(s->protrusion, pick(gap[0], of), pick(gap[1], of), pick(gap[2], of)));
+    }
+}
+
+/* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[D e]
+ * and on hold β α N σ/D of the corners of facet e, `pushed` their forces at the start of the step. */
+void add_protrusion(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+{
+    Pushed found[TOGETHER];
+    double slope[TOGETHER];
+    find_hold(s);
+    for (long k = 0; k < s->n_near;) {
+        int n = 0;
+        for (; n < TOGETHER && k < s->n_near; k++) n += set_pushed(s, s->near[k], found + n);
+        find_slopes(s, found, n, slope);
+        for (int m = 0; m < n; m++)
+            for (int i = 0; i < D; i++) {
+                const double now = found[m].push[i] * slope[m];
+                force[D * found[m].e.node[i] + TANGENT] += now;
+                if (!energy) account_push(s, &found[m].e, i, now, accounted_dt, dt);
+            }
+    }
+}
