@@ -53,6 +53,8 @@ class Template:
     dilation : float -- support radius of RKPM over the spacing, 0 for averages of finite elements [-].
     x0, F0 : (n, D) [µm], (n, D, D) [-], or None -- positions from the centre and deformation gradients when the
         neighbours were found, where that was not in the reference configuration: see `renewal.renewed`.
+    along : (m,) [µm] or None -- places of the surface particles along the reference outline, ascending along each loop
+        from its first particle, where the surface was divided anew: see `division.divided`.
     """
 
     X: np.ndarray
@@ -76,6 +78,7 @@ class Template:
     dilation: float
     x0: np.ndarray | None = None
     F0: np.ndarray | None = None
+    along: np.ndarray | None = None
 
     @cached_property
     def base(self) -> np.ndarray:
@@ -136,7 +139,11 @@ class Template:
     @cached_property
     def facet_size(self) -> np.ndarray:
         """Reference lengths [µm] or areas [µm²] of the facets (m,)."""
-        return facet_sizes(self.X[self.facets])
+        size = facet_sizes(self.X[self.facets])
+        if self.along is None:
+            return size
+        closes = self.after <= np.arange(len(self.after))
+        return self.along[self.after] - self.along + np.where(closes, np.bincount(self.loop, size)[self.loop], 0.0)
 
     @cached_property
     def viscosity(self) -> np.ndarray:
@@ -386,6 +393,11 @@ class Scene:
         """Index in `materials` of the law of each particle (size,) int."""
         parts = [np.where(self.templates[k].nucleus, self.material_of[k][1], self.material_of[k][0]) for k in self.kind]
         return np.concatenate(parts).astype(np.int32)
+
+    @cached_property
+    def fluid(self) -> np.ndarray:
+        """Whether a particle is of a fluid (size,) bool."""
+        return np.array([getattr(law, "fluid", False) for law in self.materials])[self.material]
 
     def surface(self, cell: int) -> np.ndarray:
         """Global ids of the surface particles of a cell, loop by loop (m,) int."""

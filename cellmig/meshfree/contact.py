@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -57,6 +58,11 @@ class Surfaces:
         before = np.argsort(after)
         side = scene.X[ids[after]] - scene.X[ids]
         return cls(ids, cell, facets, size, outer, after, before, polygons.turn(side[before], side))
+
+    @cached_property
+    def loop(self) -> np.ndarray:
+        """Number of the loop of each particle, in two dimensions (m,) int."""
+        return np.append(0, np.cumsum(self.after[:-1] != np.arange(1, len(self.after))))
 
     @property
     def on_outside(self) -> np.ndarray:

@@ -27,8 +27,8 @@ FARTHEST = 0.2  # how far a particle moves at most [spacings]
 NUDGE, GOLDEN = 0.01, 2.399963229728653  # moves that come first [spacings], and the angle from one to the next [rad]
 
 
-def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, solve: Callable[..., np.ndarray] = rkpm.factorised
-            ) -> Template:
+def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | None = None,
+            solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
     r"""A body in the plane with the neighbours that its particles have at x0.
 
     Weights of integrals at x0 are V J; they are scaled to the area that the surface encloses, so that uniform stress
@@ -39,6 +39,7 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, solve: Callable[..., np
     t : Template -- the body, in its reference configuration or renewed before.
     x0 : (n, 2) -- positions from the centre [µm].
     F0 : (n, 2, 2) -- deformation gradients there [-].
+    along : (m,) -- places of the surface particles along the reference outline [µm], None for those of before.
     solve : function -- as for `rkpm.consistent`.
 
     Raises ValueError where particles have too few neighbours.
@@ -61,7 +62,8 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, solve: Callable[..., np
                         np.column_stack([g.data for g in G]))
     return replace(t, G=zero_row_sums(entries, G[0].indices, G[0].indptr), C=C, missed=weight,
                    bending_weight=weight * viscosity * _divisor(F0), bending_modulus=weight * modulus,
-                   R=recovery(x0, G[0], support, t.nucleus), x0=x0, F0=F0)
+                   R=recovery(x0, G[0], support, t.nucleus), x0=x0, F0=F0,
+                   along=t.along if along is None else along)
 
 
 def at_rest(t: Template) -> Template:
@@ -120,14 +122,18 @@ def _divided(x: np.ndarray, size: np.ndarray, facets: np.ndarray) -> tuple[np.nd
     return np.concatenate([x, between]), np.append(size, wide[of]), divided
 
 
-def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray,
+def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray, along: np.ndarray,
                  solve: Callable[..., np.ndarray] = rkpm.factorised) -> Scene:
-    """A scene in which some `cells` (k,) int are renewed, by x0 (size, 2) [µm] and F0 (size, 2, 2) [-] of all."""
+    """A scene in which some `cells` (k,) int are renewed, by x0 (size, 2) [µm] and F0 (size, 2, 2) [-] of all particles
+    and by `along` (m,) [µm] of all surface particles, nan where surfaces are as they were.
+    """
     templates, kind, material_of = list(scene.templates), scene.kind.copy(), list(scene.material_of)
+    first = np.concatenate([[0], np.cumsum([len(scene.templates[k].surface) for k in kind])])
     for c in cells.tolist():
         on, before = slice(*scene.offset[c : c + 2]), kind[c]
         kind[c] = len(templates)
-        templates.append(renewed(templates[before], x0[on], F0[on], solve))
+        places = along[first[c] : first[c + 1]]
+        templates.append(renewed(templates[before], x0[on], F0[on], None if np.isnan(places[0]) else places, solve))
         material_of.append(material_of[before])
     used, kind = np.unique(kind, return_inverse=True)
     return replace(scene, templates=[templates[k] for k in used], kind=kind,

@@ -14,6 +14,7 @@ from ..meshfree.recovery import Recovery
 from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum, global_maximum
+from .energies import energies
 from .fields import FIELDS
 from .tables import ENERGY, HELD, MEASURES, PROBED, further_columns
 from .view import View
@@ -226,23 +227,7 @@ class Sampler:
         """
         m, terms = self.mechanics, self.mechanics.terms
         v = (m.state.v + half_step * acceleration[:, m.scene.dimension :]) * terms.inertia
-        parts = {"kinetic": 0.5 * self.mass * (v**2).sum(axis=1), "elastic": 0.0, "compression": 0.0, "director": 0.0}
-        rows = {"F": m.state.tensors()[0], **m.internal_fields()}
-        everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
-        for i, law in enumerate(m.scene.materials):
-            on = self.material == i
-            local = {k: q[..., on] for k, q in everything.items()}
-            for name, method in ((law.energy_column, "energy"), ("director", "director_energy")):
-                if method == "energy" or (terms.director != "none" and hasattr(law, method)):
-                    density = np.zeros(m.n_owned)
-                    density[on] = pointwise(law, method, local)
-                    parts[name] = parts[name] + self.V * density
-        parts["director"] = parts["director"] + m.missed_energy()
-        for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
-                                ("adhesion_cells", "contact", terms.contacts)):
-            parts[name] = m.surface_force(term)[1] if law is not None else 0.0
-        if terms.cortex is not None:
-            parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
+        parts = energies(m, v)
         for name in ("external_work", "viscous_loss", "friction_loss", "medium_loss", "artificial_dissipation"):
             parts[name] = m.accounts.of_particles[name] + half_step * (powers or {}).get(name, 0.0)
         parts["network_loss"] = m.accounts.of_particles["network_loss"]  # networks are at the time of u

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from ..kernel.kernel import Kernel
 from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
+from ..meshfree.division import divisible
 from ..meshfree.terms import Terms
 from ..parallel.reduce import global_maximum
 from ..parallel.swarm import Swarm
@@ -66,7 +67,8 @@ class Mechanics:
     times : Times -- of the previous step.
     undo : Undo -- copy of an earlier state.
     renewals : int -- how often neighbours were found anew: see `renewal.renew`.
-    renewal_loss : float -- energy of the elastic stabilisation that was lost then [pN].
+    renewal_loss : float -- energy that was lost then [pN].
+    divisible : (cells,) bool -- cells whose surface may then be divided anew.
     """
 
     def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, protruding: Protruding, owner: np.ndarray,
@@ -76,6 +78,7 @@ class Mechanics:
         self._boundary, self._protruding, self._owner = boundary, protruding, owner
         self.kernel = Kernel(scene.materials, terms, FIELDS)
         self.renewals, self.renewal_loss = 0, 0.0
+        self.divisible = divisible(scene, boundary) & (not terms.has_director)
         self._make(scene)
         self._load(swarm)
         self.prescribe(0.0)

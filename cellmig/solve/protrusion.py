@@ -8,12 +8,13 @@ import numpy as np
 
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
+from ..meshfree.division import carried
 from .segments import Segments
 from .subdomain import Subdomain
 
 
 class Protruding(NamedTuple):
-    """Which cells protrude (cells,) bool, and random factors alpha of all surface particles (m,) [-]."""
+    """Which cells protrude (cells,) bool, and random factors alpha of all surface particles at the start (m,) [-]."""
 
     cells: np.ndarray
     alpha: np.ndarray
@@ -45,7 +46,7 @@ class Protrusion:
         assert law is not None and bonds is not None  # without bonds nothing protrudes
         self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
         size = law.protrusion_ratio * bonds.work / part.scene.dimension
-        k["push"] = np.where(segments.acts[:, None], size * protruding.alpha[segments.ends], 0.0)
+        k["push"] = np.where(segments.acts[:, None], size * carried(part.scene, protruding.alpha)[segments.ends], 0.0)
         k["pushed"] = np.zeros(segments.ends.shape)
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
         share = s.shares[part.pushed]

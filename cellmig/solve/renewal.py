@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.polygons import cross
+from ..geometry.polygons import cross, turn
+from ..meshfree.division import Division, divided, extremes, uneven
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
+from ..output.energies import energies
 from ..parallel.reduce import exact_sum, global_maximum
 from .mechanics import Mechanics
 from .restart import restore, saved
@@ -25,23 +27,39 @@ def stretched(m: Mechanics) -> np.ndarray:
     return global_maximum(m.comm, most)
 
 
+def crowded(m: Mechanics) -> np.ndarray:
+    """Cells whose surface is to be divided anew, as lengths of segments differ too much (cells,) bool; collective."""
+    s, own = m.surfaces, m.kernel["facet"][:, 0] < m.n_owned
+    loop, x = s.loop[m.segments.number[own]], m.segments.owned()[1]
+    ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(s.loop[-1]) + 1)
+    found = np.zeros(len(m.scene.kind), bool)
+    found[s.cell[uneven(global_maximum(m.comm, ends.ravel()).reshape(2, -1))[s.loop]]] = True
+    return found & m.divisible
+
+
 def due(m: Mechanics) -> bool:
-    """Whether a cell is stretched so far that its neighbours are to be found anew; collective."""
-    return m.terms.renewal is not None and bool((stretched(m) > m.terms.renewal).any())
+    """Whether a cell is stretched, or its surface crowded, so far that neighbours are to be found anew; collective."""
+    return m.terms.renewal is not None and bool(_due(m).any())
+
+
+def _due(m: Mechanics) -> np.ndarray:
+    """The cells that are due (cells,) bool; collective."""
+    return (stretched(m) > m.terms.renewal) | crowded(m)
 
 
 def renew(m: Mechanics, time: float) -> None:
     """Find the neighbours anew in the cells that are `due`; collective.
 
-    Surfaces, masses, volumes, J and stresses of laws stay.  Particles of a fluid inside a cell move a little, to be
-    more evenly spread, by amounts whose mean over the mass is zero, and take the velocity that is there; momentum and
-    its moment stay.  A fluid keeps J alone of F, and a network its stress.  The energy of the elastic stabilisation
-    begins at zero; that and the change of kinetic energy is `Mechanics.renewal_loss`.
+    Masses, volumes, J and stresses of laws stay.  Particles of a fluid inside a cell move a little, to be more evenly
+    spread, and those on its surface along the outline, where they crowd: see `divided`.  They take the velocity that is
+    there, on the surface also J and the stress of a network; centre of mass, momentum and its moment stay.  A fluid
+    keeps J alone of F.  The energy of the elastic stabilisation begins at zero; that and the change of all other
+    energies is `Mechanics.renewal_loss`.
 
     Raises NumericsError where particles have too few neighbours; `time` [µs] is for its message.
     """
     m.resume()
-    cells = np.flatnonzero(stretched(m) > m.terms.renewal)
+    cells = np.flatnonzero(_due(m))
     m.rate()  # completes the work of the last step, with the forces of before
     before = _energy(m)
     about, arrays = saved(m)
@@ -58,33 +76,58 @@ def renew(m: Mechanics, time: float) -> None:
 
 
 def _energy(m: Mechanics) -> float:
-    """Kinetic energy and that of the elastic stabilisation [pN]; collective."""
-    kinetic = 0.5 * m.state.mass * (m.state.v**2).sum(axis=1) if m.terms.inertia else 0.0
-    return float(exact_sum(m.comm, kinetic + m.stabilisation_energy()))
+    """All energies [pN]; collective."""
+    parts = energies(m, m.state.v * m.terms.inertia)
+    return float(exact_sum(m.comm, sum(parts.values()) + m.stabilisation_energy()))
 
 
 def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     """Change the state of a cell in `arrays`, those of `saved` on rank 0, to that with other neighbours."""
     scene, on, d = m.scene, slice(*m.scene.offset[c : c + 2]), m.scene.dimension
     t, state = scene.templates[scene.kind[c]], arrays["particle state"][on]
-    fluid = np.array([getattr(law, "fluid", False) for law in scene.materials])[scene.material[on]]
+    fluid = scene.fluid[on]
     F = arrays["particle F"][on].reshape(-1, d, d).transpose(0, 2, 1)
-    J, x = determinant(F.transpose(1, 2, 0)), t.X + state[:, :d]
+    J, x, v = determinant(F.transpose(1, 2, 0)), t.X + state[:, :d], state[:, d:].copy()
+    A = arrays["particle network"][on].reshape(-1, d, d) if m.network is not None else np.zeros_like(F)
+    b, surface = F @ A @ F.transpose(0, 2, 1), t.surface
+    L = np.stack([g @ v for g in t.G], axis=2) @ np.linalg.inv(F)
     loose = fluid.copy()
-    loose[t.surface] = False
-    by = _centred(evened(t, x, J, loose) - x, t.mass, loose)
-    L = np.stack([g @ state[:, d:] for g in t.G], axis=2) @ np.linalg.inv(F)
-    v = state[:, d:] + _centred(np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0), t.mass, loose)
+    loose[surface] = False
+    by, area = np.zeros_like(x), float(t.V @ J)
+    division = divided(t, x, area) if m.divisible[c] and loose.any() else None
+    if division is not None:
+        by[surface] = division.x - x[surface]
+        for values in (v, b, J):
+            values[surface] = division.between(values[surface])
+        J[surface] *= 1.0 + (area - t.V @ J) / (t.V[surface] @ J[surface])
+        _divide(m, arrays, c, division, by[surface])
+    by = np.where(loose[:, None], evened(t, x + by, J, loose) - x, by)
+    by = _centred(by, t.mass, loose)
+    v += np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0)
+    v -= np.where(loose[:, None], t.mass @ (v - state[:, d:]) / max(t.mass[loose].sum(), 1e-300), 0.0)
     v += _turn(t.mass * (cross(x, state[:, d:]) - cross(x + by, v)), x + by, t.mass, loose)
     state[:] = np.hstack([state[:, :d] + by, v])
-    kept = np.where(fluid[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
+    F = np.where(fluid[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
     if m.network is not None:  # b = F A Fᵀ stays
-        A = arrays["particle network"][on].reshape(-1, d, d)
-        change = np.linalg.solve(kept, F)
-        arrays["particle network"][on] = (change @ A @ change.transpose(0, 2, 1)).reshape(-1, d * d)
-    F = kept
+        inverse = np.linalg.inv(F)
+        arrays["particle network"][on] = (inverse @ b @ inverse.transpose(0, 2, 1)).reshape(-1, d * d)
     arrays["particle F"][on], arrays["particle bend"][on] = F.transpose(0, 2, 1).reshape(-1, d * d), 0.0
     arrays["neighbours x"][on], arrays["neighbours F"][on] = x + by, F
+
+
+def _divide(m: Mechanics, arrays: dict[str, np.ndarray], c: int, division: Division, by: np.ndarray) -> None:
+    """Change what the surface of a cell has in `arrays` for particles that move `by` (m, 2) [µm]."""
+    on = m.surfaces.cell == c  # of a segment too, which goes by its first particle
+    arrays["neighbours along"][on] = division.along
+    arrays["surface place"][on] += by[:, :-1]
+    if "facet bond_impulse" in arrays:
+        arrays["facet bond_impulse"][on] = np.tensordot(division.overlap, arrays["facet bond_impulse"][on], 1)
+    t = m.scene.templates[m.scene.kind[c]]
+    at = slice(*m.scene.offset[c : c + 2])
+    arrays["surface renewed"][on] = arrays["particle state"][at][t.surface, : m.scene.dimension] + by
+    if "surface turn" in arrays:
+        way = division.x[t.after] - division.x
+        arrays["surface turn"][on] = turn(way[t.before], way)
 
 
 def _turn(moment: np.ndarray, x: np.ndarray, mass: np.ndarray, on: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     m.undo.aside = False
     everything = broadcast(m.comm, arrays)
     if m.terms.renewal is not None:
-        _find_neighbours(m, everything["neighbours x"], everything["neighbours F"])
+        _find_neighbours(m, *(everything[f"neighbours {name}"] for name in ("x", "F", "along")))
     particle, surface, facet = ({name.removeprefix(kind): values for name, values in everything.items()
                                  if name.startswith(kind)} for kind in ("particle ", "surface ", "facet "))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
@@ -84,23 +84,26 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
 
 
 def _reference(scene: Scene) -> dict[str, np.ndarray]:
-    """Where neighbours were found: x (size, d) from the centres [µm], F (size, d, d) [-], nan where never anew."""
+    """Where neighbours were found: x (size, d) from the centres [µm], F (size, d, d) [-], nan where never anew; places
+    `along` the reference outline (m,) [µm], nan where surfaces were not divided anew.
+    """
     d, used = scene.dimension, [scene.templates[k] for k in scene.kind]
+    along = np.concatenate([np.full(len(t.surface), np.nan) if t.along is None else t.along for t in used])
     x, F = np.full((scene.size, d), np.nan), np.full((scene.size, d, d), np.nan)
     for c, t in enumerate(used):
         if t.x0 is not None:
             on = slice(*scene.offset[c : c + 2])
             x[on], F[on] = t.x0, t.F0
-    return {"neighbours x": x, "neighbours F": F}
+    return {"neighbours x": x, "neighbours F": F, "neighbours along": along}
 
 
-def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray) -> None:
+def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray, along: np.ndarray) -> None:
     """Find the neighbours of cells anew that have others for these results of `_reference`; collective."""
     before, first = _reference(m.scene)["neighbours x"], m.scene.offset[:-1]
     cells = np.flatnonzero(np.logical_or.reduceat((x != before).any(axis=1), first) & np.isfinite(x[first, 0]))
     if len(cells):
         solve = solve_positive if np.diff(m.scene.offset)[cells].max() > LARGE else factorised
-        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, solve)))
+        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, along, solve)))
 
 
 # By blocks, until particles get them.

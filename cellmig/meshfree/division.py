@@ -1,0 +1,129 @@
+"""Surfaces of fluid bodies in the plane divided anew: their particles move along the outline, apart where they crowd.
+
+Bonds, the push of the protrusion and the drag of a medium are per reference length.  It is carried by the outline, not
+by the particles: these get other places on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import polygons
+from ..geometry.respacing import Places, filled, respaced
+from .body import Scene, Template
+from .boundary import Boundary
+from .simplices import facet_sizes
+
+UNEVEN = 2.5  # ratio of longest to shortest segment of a loop beyond which it is divided anew [-]
+LITTLE = 0.02  # farthest way along the normal by which the area is restored [spacings]
+
+
+@dataclass(frozen=True)
+class Division:
+    """Where the surface particles of a body come to be.
+
+    Attributes
+    ----------
+    x : (m, 2) -- positions [µm].
+    first, second : (m,) int -- particles of before, as indices in `Template.surface`, between which they are.
+    share : (m,) -- of the way from the first to the second [-].
+    along : (m,) -- places along the reference outline [µm].
+    overlap : (m, m) -- shares of the segments of before (columns) in those of now, which sum to 1 for each of before.
+    """
+
+    x: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    share: np.ndarray
+    along: np.ndarray
+    overlap: np.ndarray
+
+    def between(self, values: np.ndarray) -> np.ndarray:
+        """Values (m, ...) at the new places, linear between those of before (m, ...), in their unit."""
+        share = self.share.reshape(-1, *[1] * (values.ndim - 1))
+        return (1.0 - share) * values[self.first] + share * values[self.second]
+
+
+def extremes(lengths: np.ndarray, loop: np.ndarray, count: int) -> np.ndarray:
+    """Largest of the `lengths` (e,) [µm] and of their inverses, (2, count), by the `loop` (e,) int of each."""
+    ends = np.zeros((2, count))
+    np.maximum.at(ends[0], loop, lengths)
+    np.maximum.at(ends[1], loop, 1.0 / lengths)
+    return ends
+
+
+def uneven(ends: np.ndarray) -> np.ndarray:
+    """Which loops are to be divided anew (loops,) bool, by their `extremes` (2, loops)."""
+    return ends[0] * ends[1] > UNEVEN
+
+
+def divided(t: Template, x: np.ndarray, area: float) -> Division | None:
+    """The surface of a body whose particles are at x (n, 2) [µm] divided anew so that it encloses an `area` [µm²]; None
+    where all loops are even.
+
+    The shape stays but for what is finer than a segment; what it loses of its area is given back where it is curved.
+    """
+    at, m = x[t.surface], len(t.surface)
+    loops = uneven(extremes(polygons.sides(x[t.facets]), t.loop, int(t.loop[-1]) + 1))
+    if not loops.any():
+        return None
+    points, first, second, share = at.copy(), np.arange(m), t.after.copy(), np.zeros(m)
+    along, overlap, weight = _along(t), np.eye(m), np.zeros(m)
+    for number in np.flatnonzero(loops):
+        on = np.flatnonzero(t.loop == number)
+        found, part = respaced(at[on]), along[on]
+        whole = float(t.facet_size[on].sum())
+        points[on], first[on], share[on] = found.points, on[found.edge], found.share
+        second[on] = t.after[first[on]]
+        turns = np.floor(found.arc / np.cumsum(polygons.sides(at[on]))[-1])
+        along[on] = part[found.edge] + whole * turns + found.share * t.facet_size[on[found.edge]]
+        overlap[np.ix_(on, on)] = _overlap(at[on], found)
+        way = np.roll(found.points, -1, axis=0) - found.points
+        turn = polygons.turn(np.roll(way, 1, axis=0), way)
+        weight[on] = np.where(found.kept, 0.0, np.abs(turn))
+    return Division(filled(points, t.places, area, weight, LITTLE * t.spacing), first, second, share, along, overlap)
+
+
+def _along(t: Template) -> np.ndarray:
+    """Places of the surface particles along the reference outline (m,) [µm]."""
+    if t.along is not None:
+        return t.along.copy()
+    ends = np.cumsum(t.facet_size) - t.facet_size
+    return ends - ends[np.searchsorted(t.loop, t.loop)]
+
+
+def _overlap(polygon: np.ndarray, places: Places) -> np.ndarray:
+    """Shares (k, k) [-] of the edges of a `polygon` (k, 2) [µm], in columns, between each of `places` and the next."""
+    side = polygons.sides(polygon)
+    high = np.cumsum(side)
+    low, length = high - side, high[-1]
+    begin, end = places.arc[:, None], np.append(places.arc[1:], places.arc[0] + length)[:, None]
+    common = sum(np.maximum(np.minimum(end, high + turn * length) - np.maximum(begin, low + turn * length), 0.0)
+                 for turn in (-1, 0, 1))
+    return common / common.sum(axis=0)
+
+
+def carried(scene: Scene, values: np.ndarray) -> np.ndarray:
+    """Values (m,) at the places of all surface particles, of those that were at the particles at the start, in their
+    unit; linear between these along the reference outlines.
+    """
+    out, start = values.copy(), 0
+    for t in (scene.templates[k] for k in scene.kind):
+        if t.along is not None:
+            size = facet_sizes(t.X[t.facets])
+            for number in range(int(t.loop[-1]) + 1):
+                on = np.flatnonzero(t.loop == number)
+                place = np.cumsum(size[on]) - size[on]
+                out[start + on] = np.interp(t.along[on], place, values[start + on], period=size[on].sum())
+        start += len(t.surface)
+    return out
+
+
+def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
+    """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it."""
+    named = np.zeros(scene.size, bool)
+    for ids in (boundary.held[:, 0], boundary.dead, boundary.pressed):
+        named[ids] = True
+    return np.array([bool((scene.fluid & ~named)[scene.surface(c)].all()) for c in range(len(scene.kind))])
