@@ -17,14 +17,13 @@ class Places(NamedTuple):
 
     points : (k, 2) -- their positions [µm];  arc : (k,) -- arc lengths on the polygon, ascending, which may begin below
     0 or end beyond its whole length [µm];  edge : (k,) int -- edges on which they are;  share : (k,) -- of it that
-    is before them [-];  kept : (k,) bool -- points that are corners that stay.
+    is before them [-].
     """
 
     points: np.ndarray
     arc: np.ndarray
     edge: np.ndarray
     share: np.ndarray
-    kept: np.ndarray
 
 
 def respaced(polygon: np.ndarray) -> Places:
@@ -42,11 +41,11 @@ def respaced(polygon: np.ndarray) -> Places:
     arc, length, k = ends[:-1], ends[-1], len(polygon)
     way = np.roll(polygon, -1, axis=0) - polygon
     turn = polygons.turn(np.roll(way, 1, axis=0), way)
-    slots, kept = _slots(arc, np.abs(turn), length)
-    if kept.any():  # the points are assigned to them, in order, so that the sum of squared ways is least
+    slots, sharp = _slots(arc, np.abs(turn), length)
+    if sharp:  # the points are assigned to them, in order, so that the sum of squared ways is least
         thrice = np.concatenate([slots - length, slots, slots + length])
         begin = int(np.argmin([((thrice[i : i + k] - arc) ** 2).sum() for i in range(2 * k)]))
-        slots, kept = thrice[begin : begin + k], np.tile(kept, 3)[begin : begin + k]
+        slots = thrice[begin : begin + k]
     else:
         slots = slots + (arc - slots).mean()
     inside = slots - length * np.floor(slots / length)
@@ -56,11 +55,11 @@ def respaced(polygon: np.ndarray) -> Places:
     bend = np.where(first * last > 0.0, np.sign(first) * np.minimum(np.abs(first), np.abs(last)), 0.0)
     bulge = 0.5 * bend * share * (1.0 - share)
     points = polygon[edge] + share[:, None] * along + bulge[:, None] * np.column_stack([along[:, 1], -along[:, 0]])
-    return Places(points, slots, edge, share, kept)
+    return Places(points, slots, edge, share)
 
 
-def _slots(arc: np.ndarray, turn: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """As many arc lengths (k,) [µm] as there are points at `arc` (k,) [µm], ascending, and which are corners (k,) bool.
+def _slots(arc: np.ndarray, turn: np.ndarray, length: float) -> tuple[np.ndarray, bool]:
+    """Arc lengths (k,) [µm], ascending, for as many points as are at `arc` (k,) [µm]; whether corners are among them.
 
     turn : (k,) -- sizes of the turns [rad];  length : of the whole outline [µm].
     """
@@ -71,15 +70,14 @@ def _slots(arc: np.ndarray, turn: np.ndarray, length: float) -> tuple[np.ndarray
         if turn[i] > CORNER and (np.minimum(away, length - away) > least).all():
             corners.append(float(arc[i]))
     if not corners:
-        return length * np.arange(k) / k, np.zeros(k, bool)
+        return length * np.arange(k) / k, False
     start = np.sort(corners)
     part = np.diff(start, append=start[0] + length)
     count = np.maximum(np.floor(k * part / length).astype(int), 1)
     while (short := k - count.sum()) != 0:
         ratio = part / (count + 0.5 * np.sign(short))
         count[np.argmax(ratio) if short > 0 else np.argmin(np.where(count > 1, ratio, np.inf))] += np.sign(short)
-    slots = np.concatenate([s + w * np.arange(n) / n for s, w, n in zip(start, part, count, strict=True)])
-    return slots, np.concatenate([np.arange(n) == 0 for n in count])
+    return np.concatenate([s + w * np.arange(n) / n for s, w, n in zip(start, part, count, strict=True)]), True
 
 
 def filled(points: np.ndarray, edges: np.ndarray, area: float, weight: np.ndarray, most: float) -> np.ndarray:

@@ -394,11 +394,6 @@ class Scene:
         parts = [np.where(self.templates[k].nucleus, self.material_of[k][1], self.material_of[k][0]) for k in self.kind]
         return np.concatenate(parts).astype(np.int32)
 
-    @cached_property
-    def fluid(self) -> np.ndarray:
-        """Whether a particle is of a fluid (size,) bool."""
-        return np.array([getattr(law, "fluid", False) for law in self.materials])[self.material]
-
     def surface(self, cell: int) -> np.ndarray:
         """Global ids of the surface particles of a cell, loop by loop (m,) int."""
         return self.offset[cell] + self.templates[self.kind[cell]].surface

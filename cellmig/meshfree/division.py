@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import polygons
+from ..geometry.resample import CORNER
 from ..geometry.respacing import Places, filled, respaced
 from .body import Scene, Template
 from .boundary import Boundary
 from .simplices import facet_sizes
 
-UNEVEN = 2.5  # ratio of longest to shortest segment of a loop beyond which it is divided anew [-]
+UNEVEN, CROWDED = 1.5, 3.0  # ratio of longest to shortest segment of a loop beyond which it is divided anew when
+# neighbours are found anew, and beyond which they are [-]
+WRONG = 1e-3  # error of the area beyond which it is restored [-]
 LITTLE = 0.02  # farthest way along the normal by which the area is restored [spacings]
 
 
@@ -30,7 +33,7 @@ class Division:
     first, second : (m,) int -- particles of before, as indices in `Template.surface`, between which they are.
     share : (m,) -- of the way from the first to the second [-].
     along : (m,) -- places along the reference outline [µm].
-    overlap : (m, m) -- shares of the segments of before (columns) in those of now, which sum to 1 for each of before.
+    overlap : (m, m) -- shares of the segments of before (columns) in those of now; each column sums to 1 [-].
     """
 
     x: np.ndarray
@@ -41,7 +44,7 @@ class Division:
     overlap: np.ndarray
 
     def between(self, values: np.ndarray) -> np.ndarray:
-        """Values (m, ...) at the new places, linear between those of before (m, ...), in their unit."""
+        """`values` (m, ...) of any unit, of the particles of before, at the new places (m, ...), linear in between."""
         share = self.share.reshape(-1, *[1] * (values.ndim - 1))
         return (1.0 - share) * values[self.first] + share * values[self.second]
 
@@ -54,23 +57,20 @@ def extremes(lengths: np.ndarray, loop: np.ndarray, count: int) -> np.ndarray:
     return ends
 
 
-def uneven(ends: np.ndarray) -> np.ndarray:
-    """Which loops are to be divided anew (loops,) bool, by their `extremes` (2, loops)."""
-    return ends[0] * ends[1] > UNEVEN
-
-
 def divided(t: Template, x: np.ndarray, area: float) -> Division | None:
     """The surface of a body whose particles are at x (n, 2) [µm] divided anew so that it encloses an `area` [µm²]; None
-    where all loops are even.
+    where all loops are even and do.
 
-    The shape stays but for what is finer than a segment; what it loses of its area is given back where it is curved.
+    The shape stays but for what is finer than a segment; what it lacks of the area is given to it where it is curved,
+    but not at sharp corners, such as those at the edge of the contact.
     """
     at, m = x[t.surface], len(t.surface)
-    loops = uneven(extremes(polygons.sides(x[t.facets]), t.loop, int(t.loop[-1]) + 1))
-    if not loops.any():
+    longest, inverse = extremes(polygons.sides(x[t.facets]), t.loop, int(t.loop[-1]) + 1)
+    loops = longest * inverse > UNEVEN
+    if not loops.any() and abs(polygons.area(x[t.facets]) - area) < WRONG * area:
         return None
     points, first, second, share = at.copy(), np.arange(m), t.after.copy(), np.zeros(m)
-    along, overlap, weight = _along(t), np.eye(m), np.zeros(m)
+    along, overlap = _along(t), np.eye(m)
     for number in np.flatnonzero(loops):
         on = np.flatnonzero(t.loop == number)
         found, part = respaced(at[on]), along[on]
@@ -80,9 +80,9 @@ def divided(t: Template, x: np.ndarray, area: float) -> Division | None:
         turns = np.floor(found.arc / np.cumsum(polygons.sides(at[on]))[-1])
         along[on] = part[found.edge] + whole * turns + found.share * t.facet_size[on[found.edge]]
         overlap[np.ix_(on, on)] = _overlap(at[on], found)
-        way = np.roll(found.points, -1, axis=0) - found.points
-        turn = polygons.turn(np.roll(way, 1, axis=0), way)
-        weight[on] = np.where(found.kept, 0.0, np.abs(turn))
+    way = points[t.after] - points
+    turn = np.abs(polygons.turn(way[t.before], way))
+    weight = np.where(turn > CORNER, 0.0, turn)
     return Division(filled(points, t.places, area, weight, LITTLE * t.spacing), first, second, share, along, overlap)
 
 
@@ -105,9 +105,14 @@ def _overlap(polygon: np.ndarray, places: Places) -> np.ndarray:
     return common / common.sum(axis=0)
 
 
+def fluid(scene: Scene) -> np.ndarray:
+    """Which particles are of a fluid, whose energy knows J alone (size,) bool."""
+    return np.array([getattr(law, "fluid", False) for law in scene.materials])[scene.material]
+
+
 def carried(scene: Scene, values: np.ndarray) -> np.ndarray:
-    """Values (m,) at the places of all surface particles, of those that were at the particles at the start, in their
-    unit; linear between these along the reference outlines.
+    """`values` (m,) of any unit, of surface particles at the start, at the places of the reference outlines where these
+    are now (m,), linear in between.
     """
     out, start = values.copy(), 0
     for t in (scene.templates[k] for k in scene.kind):
@@ -126,4 +131,4 @@ def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
     named = np.zeros(scene.size, bool)
     for ids in (boundary.held[:, 0], boundary.dead, boundary.pressed):
         named[ids] = True
-    return np.array([bool((scene.fluid & ~named)[scene.surface(c)].all()) for c in range(len(scene.kind))])
+    return np.array([bool((fluid(scene) & ~named)[scene.surface(c)].all()) for c in range(len(scene.kind))])

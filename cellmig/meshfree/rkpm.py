@@ -203,8 +203,14 @@ def interpolation(X: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def factorised(A: sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution x (n, k) of A x = b, for a symmetric positive definite A (n, n) and b (n, k), of any units."""
-    return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
+    """Solution x (n, k) of A x = b, for a symmetric positive definite A (n, n) and b (n, k), of any units.
+
+    Raises ValueError where A is singular.
+    """
+    try:
+        return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(b)
+    except RuntimeError as error:
+        raise ValueError("particles are too close together, or a part of the body is too thin for them") from error
 
 
 def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, facets: np.ndarray,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.polygons import cross, turn
-from ..meshfree.division import Division, divided, extremes, uneven
+from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
 from ..output.energies import energies
@@ -32,8 +32,9 @@ def crowded(m: Mechanics) -> np.ndarray:
     s, own = m.surfaces, m.kernel["facet"][:, 0] < m.n_owned
     loop, x = s.loop[m.segments.number[own]], m.segments.owned()[1]
     ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(s.loop[-1]) + 1)
+    longest, inverse = global_maximum(m.comm, ends.ravel()).reshape(2, -1)
     found = np.zeros(len(m.scene.kind), bool)
-    found[s.cell[uneven(global_maximum(m.comm, ends.ravel()).reshape(2, -1))[s.loop]]] = True
+    found[s.cell[(longest * inverse > CROWDED)[s.loop]]] = True
     return found & m.divisible
 
 
@@ -85,13 +86,13 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     """Change the state of a cell in `arrays`, those of `saved` on rank 0, to that with other neighbours."""
     scene, on, d = m.scene, slice(*m.scene.offset[c : c + 2]), m.scene.dimension
     t, state = scene.templates[scene.kind[c]], arrays["particle state"][on]
-    fluid = scene.fluid[on]
+    flows = fluid(scene)[on]
     F = arrays["particle F"][on].reshape(-1, d, d).transpose(0, 2, 1)
     J, x, v = determinant(F.transpose(1, 2, 0)), t.X + state[:, :d], state[:, d:].copy()
     A = arrays["particle network"][on].reshape(-1, d, d) if m.network is not None else np.zeros_like(F)
     b, surface = F @ A @ F.transpose(0, 2, 1), t.surface
     L = np.stack([g @ v for g in t.G], axis=2) @ np.linalg.inv(F)
-    loose = fluid.copy()
+    loose = flows.copy()
     loose[surface] = False
     by, area = np.zeros_like(x), float(t.V @ J)
     division = divided(t, x, area) if m.divisible[c] and loose.any() else None
@@ -107,7 +108,7 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     v -= np.where(loose[:, None], t.mass @ (v - state[:, d:]) / max(t.mass[loose].sum(), 1e-300), 0.0)
     v += _turn(t.mass * (cross(x, state[:, d:]) - cross(x + by, v)), x + by, t.mass, loose)
     state[:] = np.hstack([state[:, :d] + by, v])
-    F = np.where(fluid[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
+    F = np.where(flows[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
     if m.network is not None:  # b = F A Fᵀ stays
         inverse = np.linalg.inv(F)
         arrays["particle network"][on] = (inverse @ b @ inverse.transpose(0, 2, 1)).reshape(-1, d * d)

@@ -72,7 +72,8 @@ def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: 
     assert np.abs(after["J"] - before["J"]).max() < 1e-12  # measured 9e-16
     assert np.abs(after["stress"] - before["stress"]).max() < 1e-5  # Pa, of 5e4; measured 2e-8
     moved = np.linalg.norm(after["u"] - before["u"], axis=1) / sim.scene.templates[0].spacing
-    assert (moved.max() == 0.0) if law == "gel" else 0.01 < moved.max() < 0.25  # measured 0.2
+    inside = np.setdiff1d(np.arange(150), sim.scene.surface(0))
+    assert (moved.max() == 0.0) if law == "gel" else 0.01 < moved[inside].max() < 0.25  # measured 0.2
     mass = sim.scene.field("mass")
     assert np.abs(mass @ (after["u"] - before["u"])).max() < 1e-6  # fg, of 8e4; measured 5e-12
     assert np.abs(momentum - mass @ after["v"]).max() < 1e-7  # pN µs/µm; measured 4e-12
