@@ -17,6 +17,7 @@ from mpi4py import MPI
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
+from cellmig.geometry import polygons
 from cellmig.geometry.polygons import cross
 from cellmig.meshfree.renewal import at_rest, renewed
 from cellmig.output.manifest import read_manifest
@@ -93,6 +94,43 @@ def test_uniform_stress_causes_no_force_inside_a_body_that_has_flowed() -> None:
     for g, direction in zip(new.G, np.eye(2), strict=True):
         assert np.abs(g @ x - direction).max() < 1e-11  # measured 2e-14
     assert np.abs(at_rest(new).mass - t.mass).max() < 1e-12 * t.mass.max()
+
+
+@pytest.mark.parametrize("law", ["nematic", "gel"])
+def test_surfaces_of_fluids_are_divided_anew_and_what_they_carry_stays_on_the_outline(comm: MPI.Comm, law: str) -> None:
+    tree = case("one_cell", per_cell=200).resolved()
+    tree["materials"]["cytoplasm"] |= {"law": law} | ({"shear_modulus": "100 Pa"} if law == "gel" else {})
+    tree["cells"][0] |= {"centre": ["0 um", "10 um"], "rest": False}
+    tree["protrusion"] = {"cells": [tree["cells"][0]["name"]]}
+    with built(renewing(from_dict(tree)), comm) as sim:
+        m, t = sim.mechanics, sim.scene.templates[0]
+        around = sim.scene.X - sim.scene.centre
+        set_motion(sim, u=around @ (np.diag([1.5, 1.0 / 1.5]) - np.eye(2)), v=0.1 * smooth(around, 4, 1.0))
+        m.accounts.impulses.bond[:] = 1.0
+        mass, q = sim.scene.field("mass"), state(sim)
+        turn = (mass @ cross(sim.scene.X + q["u"], q["v"]), *(mass @ q["u"]), *sim.sampler.momentum())
+        before, impulse = m.segments.everywhere(), np.array(m.accounts.impulses.bond)
+        alpha, sim.sampler.start = m.kernel["push"].copy(), None  # the ledger counts from here
+        sim.sample()
+        renew(m, 0.0)
+        q, after, new = state(sim), m.segments.everywhere(), m.scene.templates[m.scene.kind[0]]
+        left = sim.sample()[1]["energy_error"]
+    assert np.allclose((mass @ cross(sim.scene.X + q["u"], q["v"]), *(mass @ q["u"]), *sim.sampler.momentum()), turn,
+                       rtol=1e-9, atol=1e-6)
+    side = [polygons.sides(x) for x in (before, after)]
+    assert side[0].max() > 2.0 * side[0].min()
+    if law == "gel":  # a solid surface stays
+        assert np.array_equal(before, after) and new.along is None and np.array_equal(m.kernel["push"], alpha)
+        return
+    assert side[1].max() < 1.05 * side[1].min()  # measured 1.01
+    assert new.facet_size.sum() == pytest.approx(t.facet_size.sum(), rel=1e-12)
+    assert new.facet_size.max() > 2.0 * new.facet_size.min() > 0.0  # it is where it was: the density of bonds stays
+    assert polygons.area(after) == pytest.approx(float(t.V @ q["J"]), rel=1e-6)
+    assert polygons.area(after) == pytest.approx(polygons.area(before), rel=2e-3)
+    if comm.size == 1:
+        assert m.accounts.impulses.bond.sum(axis=0) == pytest.approx(impulse.sum(axis=0), rel=1e-12)
+        assert 0.0 <= m.kernel["push"].min() < m.kernel["push"].max() <= alpha.max()
+    assert left < 1e-9
 
 
 @pytest.mark.serial
