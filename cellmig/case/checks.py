@@ -195,8 +195,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
     used = {name for cell, _ in found["cells"] for name in (cell.material, cell.nucleus)}
     for name, law in (found["materials"] or {}).items():
         if name in used and law is not None and (law.viscosity or not law.shear_modulus):
-            source.reject(("materials", name), f"{why}: '{law.law}' flows, and bears no load that stays; "
-                         "steps in time (\"beuler\", a long time.step) lead to its rest")
+            source.reject(("materials", name), f"{why}: '{law.law}' has a viscosity; "
+                         "time.integrator = \"overdamped\" follows it in time, to its rest if it has one")
     for name, path, what in (
             ("substrate", ("adhesion", "substrate"), "adhesion"), ("contact", ("adhesion", "cells"), "adhesion"),
             ("pairs", ("adhesion", "pairs"), "adhesion"),

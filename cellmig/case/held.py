@@ -21,7 +21,12 @@ def unheld(cells: Sequence[Cell], supports: Sequence[Support], friction: Any, su
         rubs = law is not None and law.coefficient > 0.0 and substrate is not None and substrate.work > 0.0
         if rubs and cell.centre[-1] + cell.shape.lowest() < substrate.cutoff:
             continue
-        directions = {axis for s in supports if not s.cells or cell.name in s.cells
-                      for axis, value in enumerate(s.displacement) if value != "free"}
-        if len(directions) < len(cell.centre):
+        if not supported(cell, supports):
             yield cell
+
+
+def supported(cell: Cell, supports: Sequence[Support]) -> bool:
+    """Whether supports hold each direction of a cell."""
+    directions = {axis for s in supports if not s.cells or cell.name in s.cells
+                  for axis, value in enumerate(s.displacement) if value != "free"}
+    return len(directions) == len(cell.centre)

@@ -180,8 +180,8 @@ def _run_missing(jobs: Sequence[Job], at_once: int, stop_signals: Sequence[int],
         return {}
     seconds = _costs(missing)
     wall = expected(seconds, at_once, load, len(os.sched_getaffinity(0)))
-    print(f"{len(missing)} to go, {at_once} at a time: about {clock(wall)} with the machine as busy as it is now (load "
-          f"{load:.1f})", flush=True)
+    told = f": about {clock(wall)} with the machine as busy as it is now (load {load:.1f})" if wall else ""
+    print(f"{len(missing)} to go, {at_once} at a time{told}", flush=True)
     if longest_first:
         missing.sort(key=lambda job: (job.ranks, -seconds[job]))
     count, failed = ProgressCounter(len(missing)), {}
@@ -194,11 +194,16 @@ def _run_missing(jobs: Sequence[Job], at_once: int, stop_signals: Sequence[int],
 
 
 def _costs(jobs: Sequence[Job]) -> dict[Job, float]:
-    """Estimated time of each job on a free core [s]; jobs that differ in the seed only are measured once."""
+    """Estimated time of each job on a free core [s]; jobs that differ in the seed only are measured once.
+
+    All are 0 where a case has no inertia: only trials would tell.
+    """
     known: dict[str, float] = {}
     found = {}
     for job in jobs:
         case = dataclasses.replace(until(job.load(), job.until), seed=0, title="", path="")
+        if case.overdamped:
+            return dict.fromkeys(jobs, 0.0)
         if repr(case) not in known:
             known[repr(case)] = _SETUP + cost(case).seconds
         found[job] = known[repr(case)]

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from cellmig.case.expression import evaluate
 from cellmig.case.gaps import Arrangement, arrangement
-from cellmig.case.held import unheld
+from cellmig.case.held import supported, unheld
 from cellmig.case.schema import Case, Cell
 
 SMALL, BRIEF, LASTING = 0.1, 10.0, 1e5  # Reynolds number; times over that in which momentum spreads [-]
@@ -60,9 +60,11 @@ def expected(case: Case, found: Arrangement, end: float) -> Expected:
 
     *Push.*  The protrusion on a membrane at an angle θ with the substrate is β ᾱ w ∫S'(g) ds = β ᾱ w / sin θ, with
     w = N σ and ᾱ = 1/2.  For a round cell of radius R it is β ᾱ w (8/5) √(R/2ℓ); spread cells are steeper, with a
-    somewhat smaller push.  Cells in contact share their pushes F, and m v' = ΣF - c v with m = Σρ A.  The drag is c =
-    ΣF/V, with the speed V at which the friction on a contact of one diameter, and the medium, bear the pushes; without
-    any v = F t/m, and the distance is F t²/2m.
+    somewhat smaller push.  Bonded membrane, at g = ε under the front half of the contact, adds β ᾱ w S'(ε) times its
+    length: little for bonds of 10 nm, most of the push for those of 50 nm.  Cells in contact share their pushes F, and
+    m v' = ΣF - c v with m = Σρ A.  The drag is c = ΣF/V, with the speed V at which the friction on a contact of one
+    diameter, and the medium, bear the pushes; without any v = F t/m, and the distance is F t²/2m.  A cell whose
+    supports hold each direction goes nowhere.
 
     *Spreading.*  Adhesion pulls at the contact line with w, against viscosity or inertia: v = w / (μ + √(ρ R w)).
 
@@ -91,6 +93,8 @@ def _groups(found: Arrangement) -> list[np.ndarray]:
 
 def _carried(case: Case, end: float, cells: list[Cell], touching: list[bool]) -> tuple[float, float, float, float]:
     """Speed and distance at the end, push per cell and the most that bonds bear of it, of cells that move together."""
+    if any(supported(c, case.supports) for c in cells):
+        return 0.0, 0.0, 0.0, math.inf
     mass = sum(_law(case, c).density * _content(c) for c in cells)
     rubbing = [c for c, touches in zip(cells, touching, strict=True) if touches]
     force = sum(_push(case, c) for c in rubbing)
@@ -143,7 +147,8 @@ def _push(case: Case, cell: Cell) -> float:
         return 0.0
     slope = 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height))
     wide = 1.0 if case.dimension == 2 else 2.0 * _radius(cell)  # of the front [µm]
-    return 0.5 * law.protrusion_ratio * case.substrate.work * max(1.0, slope) * wide
+    bonded = 0.5 * _contact(case, cell) * float(law.ramp_slope(case.substrate.equilibrium_distance))
+    return 0.5 * law.protrusion_ratio * case.substrate.work * (max(1.0, slope) * wide + bonded)
 
 
 def _spreading(case: Case, cell: Cell) -> float:

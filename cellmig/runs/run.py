@@ -310,7 +310,7 @@ class Run:
                           f"{summary.span([t.spacing for t in s.scene.templates])} µm"
                           f"{shared * (self.comm.size > 1)}"),
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
-            *(summary.describe_scene(self.case, self.end) if self.log.root else []),
+            *(summary.describe_scene(s.case, self.end) if self.log.root else []),
             *summary.describe_laws(self.case, s),
             *summary.describe_skipped(s.terms.skipped),
             *([("neighbours", f"found anew where a fluid is stretched {s.terms.renewal:g}-fold")]

@@ -28,6 +28,9 @@ from .state import State
 from .subdomain import Subdomain
 from .undo import Times, Undo
 
+LOOK = 64  # parts of a step from one look at whether directors rest to the next
+RESTS = 1e-13  # change of a director in such a part, at which it rests [-]
+
 
 class Extremes(NamedTuple):
     """Extremes over some steps and all ranks.
@@ -199,16 +202,25 @@ class Mechanics:
             self.network.reach(dt)
             self.kernel("deformation")
             self.network.renew()
-        parts = math.ceil(dt / relaxing) or 1
-        for _ in range(parts):
+        if self.director is None or self.terms.director != "relaxing":
+            return
+        parts = math.ceil(dt / relaxing) or 1  # millions in a step of seconds
+        for part in range(parts):
+            before = self.director.values.copy() if part % LOOK == LOOK - 1 else None
             self.relax_director(dt / parts)
+            if before is not None and self._greatest(np.abs(self.director.values - before)) < RESTS:
+                return  # it is at rest for the shape at the end of the step
+
+    def _greatest(self, values: np.ndarray) -> float:
+        """Largest of some values of all ranks; collective."""
+        return float(global_maximum(self.comm, np.array([values.max(initial=0.0)]))[0])
 
     def relax_director(self, dt: float) -> None:
         """Relax the director by dt [µs], for integrators that keep it constant within a step; collective.
 
         Raises PETSc.Error where an exchange of ghosts failed.
         """
-        if self.terms.director == "relaxing" and self.kernel("relax_director", float(dt)):
+        if self.kernel("relax_director", float(dt)):
             raise PETSc.Error(75)
 
     # ------------------------------------------------------------ back to an earlier state

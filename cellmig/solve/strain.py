@@ -69,8 +69,9 @@ class StrainWatch:
         self.longest = max(before, float(global_maximum(m.comm, np.array([sizes.max(initial=0.0)]))[0]))
         if _doublings(self.longest, LONG) <= _doublings(before, LONG):
             return ""
-        return (f"WARNING at {time:.6g} µs: a segment of a surface is {self.longest:.3g} spacings long: neighbours are "
-                "found anew, segments are not, so that shapes and contacts are coarse there; take finer particles")
+        return (f"WARNING at {m.scene.time_unit.text(time)}: a segment of a surface is {self.longest:.3g} spacings "
+                "long: neighbours are found anew, segments are not, so that shapes and contacts are coarse there; take "
+                "finer particles")
 
     def _stretched(self, time: float) -> str:
         """Warning where neighbours are too far apart; collective."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
-from scenes import case
+from scenes import CASES, built, case
 
 from mpi4py import MPI
 
+from cellmig.case.gaps import arrangement
 from cellmig.case.load import change
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.runs import preflight
-from cellmig.runs.estimates import inertia_is_gone
+from cellmig.runs.api import run_here
+from cellmig.runs.batch import Job, _costs
+from cellmig.runs.estimates import expected, inertia_is_gone
 from cellmig.runs.preflight import report
 from cellmig.runs.summary import describe_scene
 from cellmig.runs.trial import choose
@@ -62,3 +67,32 @@ def test_what_has_no_answer_without_inertia_is_refused(changes: dict, message: s
     "friction": None, "medium": None, "supports": [{"name": "base", "parts": ["base"]}]}])
 def test_a_medium_or_friction_or_supports_hold_a_cell(changes: dict) -> None:
     assert change(CRAWL, changes).overdamped
+
+
+def test_a_cell_that_supports_hold_is_not_said_to_fall() -> None:
+    found = change(CRAWL, {"friction": None, "medium": None, "supports": [{"name": "base", "parts": ["base"]}],
+                           "body_force": {"acceleration": ["0 m/s^2", "-9.81 m/s^2"]}, "protrusion": None})
+    e = expected(found, arrangement(found), found.time.end)
+    assert (e.speed, e.distance) == (0.0, 0.0)
+    assert "inertia counts" not in warnings(found)
+
+
+def test_the_push_that_validate_tells_counts_bonded_membrane() -> None:
+    told = expected(CRAWL, arrangement(CRAWL), CRAWL.time.end).push
+    with built(CRAWL, MPI.COMM_SELF) as s:
+        s.go(1e6)
+        pushed = s.sampler.fields()["protrusion_force"][:, 0].sum()
+    assert told == pytest.approx(pushed, rel=0.3)  # 122 and 128 pN/µm
+
+
+def test_the_log_of_auto_does_not_ask_for_what_it_has_chosen(tmp_path: Path) -> None:
+    quick = change(CRAWL, {"time.integrator": "auto", "time.end": "2 s", "time.samples": 1, "time.frames": 1})
+    run_here(quick, tmp_path / "run", None, True, None)
+    log = (tmp_path / "run" / "run.log").read_text()
+    assert "chosen      overdamped" in log
+    assert "leaves inertia out" not in log
+
+
+def test_no_time_is_told_of_many_runs_without_inertia() -> None:
+    job = Job("crawl", CASES["crawl"], (), Path("output"))
+    assert _costs([job]) == {job: 0.0}
