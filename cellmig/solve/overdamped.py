@@ -108,9 +108,15 @@ class Overdamped(Implicit):
 
     @property
     def remedy(self) -> str:
-        """What to try where no step is short enough: often nothing holds what moves."""
-        return ("a push or load above what bonds bear has no speed (validate compares both); try a weaker one, more "
-                "friction, or finer particles")
+        """What to try where no step is short enough, by what the scene has."""
+        t, flows = self.mechanics.terms, any(getattr(law, "fluid", False) for law in self.mechanics.scene.materials)
+        anchored = t.director_law is not None and t.director_law.anchoring == "surface"
+        tries = [text for there, text in (
+            (t.protrusion or t.load_curves, "a weaker push or load: one above what bonds bear has no speed, which "
+                                            "validate compares"),
+            (anchored, "a smaller eta: the tangent lacks the couple of anchored directors"),
+            (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]
+        return "try " + "; ".join([*tries, "more friction, or finer particles"])
 
     @property
     def step_description(self) -> str:
@@ -121,7 +127,7 @@ class Overdamped(Implicit):
             how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
         if self.fixed_step is None:
             return f"errors of {1e3 * self.tolerance:.3g} nm a step; {how}"
-        return f"{1e-6 * self.fixed_step:.3g} s as given; {how}"
+        return f"{1e-6 * self.fixed_step:.3g} s as given, or to the next sample; {how}"
 
     def _move(self, step: PETSc.Vec) -> np.ndarray:
         return self._vectors(step)
