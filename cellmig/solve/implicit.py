@@ -208,13 +208,17 @@ class Implicit(Integrator):
         for _ in range(HALVINGS):
             trial.waxpy(-share, step, x)
             self.ts.getSNES().computeFunction(trial, out)
-            if np.isfinite(out.norm()):
+            if self._acceptable(out.norm()):
                 break
             share *= 0.5
         step.scale(share)
         trial.destroy()
         out.destroy()
         return share < 1.0
+
+    def _acceptable(self, norm: float) -> bool:
+        """Whether a Newton step may lead to a residual of this norm [pN/µm]: nan where surfaces cross."""
+        return bool(np.isfinite(norm))
 
     def _move(self, step: PETSc.Vec) -> np.ndarray:
         """Displacements (n_owned, d) [µm] of a Newton step."""

@@ -58,6 +58,8 @@ class Overdamped(Implicit):
     def __init__(self, *about: Any):
         """Create the TS, see `Integrator`; collective."""
         self.unbalanced = self.last = self.least = 0.0
+        self._solved = self._descends = True  # whether the last solve was one, whether Newton's steps are halved
+        self._most = 0  # iterations of a solve
         super().__init__(*about)
         self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
 
@@ -94,12 +96,8 @@ class Overdamped(Implicit):
     reduced = False  # u is the only unknown
 
     def _defaults(self) -> dict[str, str]:
-        """Default options; steps are chosen here.
-
-        Newton's steps are halved where they do not lead towards balance: friction that yields is as sharp as a kink.
-        """
-        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS),
-                                       "snes_linesearch_type": "bt"}
+        """Default options; steps are chosen here."""
+        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS)}
 
     @property
     def description(self) -> str:
@@ -134,6 +132,23 @@ class Overdamped(Implicit):
 
     # ------------------------------------------------------------ equations
 
+    def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        """As of any implicit step.
+
+        Newton's steps are halved until they lead towards balance, as friction that yields is as sharp as a kink.  After
+        a solve that failed the next ones do without that, until one fails: the way may lead over a hill.  Such friction
+        is as sharp in short steps, so that after two failures solves may take twice as many iterations.
+        """
+        if not (iteration or self._solved):
+            self._descends = not self._descends
+            snes.setTolerances(max_it=2 * self._most)
+        found = super()._converged(snes, iteration, norms)
+        self._norm, self._solved = norms[2], found > 0
+        return found
+
+    def _acceptable(self, norm: float) -> bool:
+        return super()._acceptable(norm) and not (self._descends and norm > self._norm)
+
     def _out_of_balance(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f."""
         self._velocity = self._vectors(rate).copy()
@@ -164,6 +179,8 @@ class Overdamped(Implicit):
     def _choose_step(self, stop: float) -> None:
         """Set the next step: one of equal ones to `stop` [µs], at most as long as errors, or the case, allow."""
         m, left = self.mechanics, stop - self.ts.getTime()
+        self._most = self._most or self.ts.getSNES().getTolerances()[3]
+        self.ts.getSNES().setTolerances(max_it=self._most)
         self._begun = m.state.v.copy()
         self.least = self.least or self._first_step()
         self.dt = self.fixed_step or max(self.dt, self.least)
@@ -205,12 +222,12 @@ class Overdamped(Implicit):
 
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint, with the last step, from which the next error follows."""
-        return super().saved() | {"last": self.last, "least": self.least}
+        return super().saved() | {"descends": self._descends, "last": self.last, "least": self.least}
 
     def restore(self, about: dict[str, Any]) -> None:
         """Set the state from `about`, which `saved` returned."""
         super().restore(about)
-        self.last, self.least = about["last"], about["least"]
+        self.last, self.least, self._descends = about["last"], about["least"], about["descends"]
 
     @property
     def closing(self) -> str:
