@@ -32,19 +32,22 @@ static int act_in_pair(const KernelData *s, Pair *p)
     for (int i = 0; i < 3; i++) T.x[i] = p->x[i], T.force[i] = p->force[i];
     set_sides(&T);
     if (p->kind == OVER_FACE) {
-        FacePieces found = {.n = 0};
+        FacePieces found;
+        found.n = 0, found.pierced = 0, found.law = 0;
         Face f;
         set_face(&f, x);
         over_face(&T, &f, force, &found);
         act_on_faces(&found);
     } else if (p->kind == BESIDE_EDGE) {
-        Lines found = {.n = 0};
+        Lines found;
+        found.n = 0, found.law = 0;
         Edge3 e;
         set_edge(&e, x);
         beside_edge3(&T, &e, force, &found);
         act_on_lines(&found);
     } else {
-        Points found = {.n = 0};
+        Points found;
+        found.n = 0, found.law = 0;
         Vertex v;
         const Ball ball = ball_around(&T);
         set_vertex(&v, x[0], x + 1, p->n - 4);
