@@ -272,10 +272,12 @@ class Implicit(Integrator):
         self._checked_limits()
         m.renew_lists()
         self._to_petsc()
+        accepted = True
         while ts.getTime() < stop and not self.finished:
-            self.follow_neighbours()
+            if accepted:  # TS begins a step that is repeated where the last one began, with the unknowns of then
+                self.follow_neighbours()
             self._choose_step(stop)
-            self._step()
+            accepted = self._step()
         m.state.exchange()
         self._checked_limits()
         return ts.getTime()
@@ -296,8 +298,8 @@ class Implicit(Integrator):
         """Stable step of leapfrog on the reference configuration [µs]."""
         return min(self.control.stable().values())
 
-    def _step(self) -> None:
-        """Take one step of TS, which may try several lengths."""
+    def _step(self) -> bool:
+        """Take one step of TS, which may try several lengths; whether it was accepted."""
         ts, m, failed = self.ts, self.mechanics, self.ts.getSNESFailures()
         before, start = m.state.owned.copy(), ts.getTime()
         self.equations.begin(start)
@@ -313,13 +315,15 @@ class Implicit(Integrator):
             unit = m.scene.time_unit
             self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
             self.dt = dt
-        if self._accept(before, dt):
+        accepted = self._accept(before, dt)
+        if accepted:
             self._finish(before, start, dt)
         else:
             self.redone += 1
             ts.rollBack()
             m.state.owned[:] = before
             m.state.exchange()
+        return accepted
 
     def _accept(self, before: np.ndarray, dt: float) -> bool:
         """Whether a step of dt [µs] from the state `before` is accurate, which PETSc's error control sees to."""

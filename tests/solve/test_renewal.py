@@ -25,6 +25,7 @@ from cellmig.parallel.collect import broadcast
 from cellmig.runs.run import Run
 from cellmig.simulation import Simulation
 from cellmig.solve import strain
+from cellmig.solve.overdamped import Overdamped
 from cellmig.solve.renewal import due, renew
 from cellmig.solve.stiffness import Stiffness
 
@@ -304,7 +305,8 @@ def test_a_drop_drawn_to_a_thread_keeps_its_step_and_its_width_agrees_with_finer
     assert max(steps) < 3.0  # measured 2.0; 100 and more on an axis where particles gather
 
 
-def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_stress(comm: MPI.Comm) -> None:
+def slow_drop() -> Case:
+    """A drop of a viscous Maxwell fluid, 2.6 times as wide as high, that a tension draws together, without inertia."""
     tree = squeezed(150).resolved()
     tree["materials"]["cytoplasm"] |= {"law": "maxwell", "shear_modulus": "1 kPa", "relaxation_time": "1 s"}
     tree["materials"]["cytoplasm"]["viscosity"] = "1 Pa s"
@@ -312,7 +314,11 @@ def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_str
     tree["cells"][0].pop("velocity_gradient")
     tree["medium"] = {"viscosity": "1 mPa s"}
     tree["time"] |= {"integrator": "overdamped", "end": "20 s", "samples": 20, "frames": 1}
-    with built(renewing(from_dict(tree), 1.2), comm) as sim:
+    return renewing(from_dict(tree), 1.2)
+
+
+def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_stress(comm: MPI.Comm) -> None:
+    with built(slow_drop(), comm) as sim:
         m = sim.mechanics
         sim.sample()
         before = state(sim)
@@ -325,6 +331,28 @@ def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_str
     assert np.abs(after["stress"] - before["stress"]).max() < 1e-6  # Pa, of 1,000; measured 7e-9
     assert ledger["energy_error"] < 1e-3 and m.renewals > 1  # measured 6e-8; 3
     assert np.abs(size - 2.0 * RADIUS).max() < 0.1  # µm: round again; measured 0.02
+
+
+def test_steps_that_are_repeated_begin_with_the_neighbours_of_before(
+        comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step that was too long may have stretched the fluid so far that neighbours would be due, but it is undone."""
+    accept, undone = Overdamped._accept, []
+
+    def but_once(self: Overdamped, before: np.ndarray, dt: float) -> bool:
+        wanted = accept(self, before, dt)
+        if due(self.mechanics) and not undone:
+            undone.append(dt)
+            self.dt = 0.5 * dt
+            return False
+        return wanted
+
+    monkeypatch.setattr(Overdamped, "_accept", but_once)
+    with built(slow_drop(), comm) as sim:
+        sim.go(2e7)
+        ledger, size = sim.sample()[1], np.ptp(sim.mechanics.segments.everywhere(), axis=0)
+    assert undone and sim.mechanics.renewals > 1
+    assert ledger["energy_error"] < 1e-3
+    assert np.abs(size - 2.0 * RADIUS).max() < 0.1
 
 
 # ------------------------------------------------------------------------------------------------------------- messages
