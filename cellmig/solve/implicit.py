@@ -315,15 +315,14 @@ class Implicit(Integrator):
             unit = m.scene.time_unit
             self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
             self.dt = dt
-        accepted = self._accept(before, dt)
-        if accepted:
+        if self._accept(before, dt):
             self._finish(before, start, dt)
-        else:
-            self.redone += 1
-            ts.rollBack()
-            m.state.owned[:] = before
-            m.state.exchange()
-        return accepted
+            return True
+        self.redone += 1
+        ts.rollBack()
+        m.state.owned[:] = before
+        m.state.exchange()
+        return False
 
     def _accept(self, before: np.ndarray, dt: float) -> bool:
         """Whether a step of dt [µs] from the state `before` is accurate, which PETSc's error control sees to."""

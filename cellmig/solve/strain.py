@@ -70,7 +70,7 @@ class StrainWatch:
         if _doublings(self.longest, LONG) <= _doublings(before, LONG):
             return ""
         return (f"WARNING at {m.scene.time_unit.text(time)}: a segment of a surface is {self.longest:.3g} spacings "
-                "long: neighbours are found anew, segments are not, so that shapes and contacts are coarse there; take "
+                "long: surfaces have as many particles as at the start, and are coarse where they have grown; take "
                 "finer particles")
 
     def _stretched(self, time: float) -> str:
