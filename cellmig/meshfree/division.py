@@ -128,7 +128,7 @@ def carried(scene: Scene, values: np.ndarray) -> np.ndarray:
 
 def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
     """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it."""
-    named = np.zeros(scene.size, bool)
+    free = fluid(scene)
     for ids in (boundary.held[:, 0], boundary.dead, boundary.pressed):
-        named[ids] = True
-    return np.array([bool((fluid(scene) & ~named)[scene.surface(c)].all()) for c in range(len(scene.kind))])
+        free[ids] = False
+    return np.array([bool(free[scene.surface(c)].all()) for c in range(len(scene.kind))])
