@@ -62,8 +62,8 @@ class Simulation:
         if begun is not None:
             self.mechanics.begin_from(begun)
         fixed = None if isinstance(case.time.step, str) else case.time.step
-        kind: type[Integrator] = Implicit if requested_integrator(case.time.integrator) in IMPLICIT else Integrator
-        kind = Overdamped if case.overdamped else kind
+        implicit = requested_integrator(case.time.integrator) in IMPLICIT
+        kind: Any = Overdamped if case.overdamped else Implicit if implicit else Integrator
         self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
         self.sampler = Sampler(self.mechanics, probes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,7 +32,7 @@ class SurfaceTerm:
 
     name: str
     formula: Callable[[Terms], Any]
-    methods: dict[str, tuple[str, ...]]
+    methods: Mapping[str, tuple[str, ...]]
     in_fours: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
 
@@ -54,9 +54,9 @@ def _with_bonds(t: Terms, dimension: int, law: Any, formula: Callable[[Any, Any]
     return formula(law, bonds_of(bonds) if dimension == 2 else TriangleBonds(bonds))
 
 
-POLYHEDRA = {"face_kind": (), "edge_kind": (),
-             **{name: ("load", "stored", "stiff") for name in ("face", "edge", "vertex")},
-             **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}}
+POLYHEDRA: dict[str, tuple[str, ...]] = {
+    "face_kind": (), "edge_kind": (), **{name: ("load", "stored", "stiff") for name in ("face", "edge", "vertex")},
+    **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}}
 # In the order in which forces are added up.
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),

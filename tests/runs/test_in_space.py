@@ -148,7 +148,7 @@ def test_a_sweep_draws_what_cells_in_space_have(cellmig, tmp_path: Path) -> None
     (["dimension=2"], "no shape 'ball' in 2 dimensions; there is 'disc'"),
     (['probes=[{name="p", point=["0 um", "0 um"]}]'], 'point: expects a list such as ["1 um", "1 um", "1 um"]'),
     (["particles.dilation=2.0"], "dilation: has no meaning in three dimensions"),
-    (["time.integrator=static"], "finds equilibria of solids: 'nematic' flows"),
+    (["time.integrator=static"], "finds equilibria of solids: 'nematic' has a viscosity"),
     (['cells.0.centre=["0 um", "0 um"]'], "centre: expects a list such as"),
     (["cells.0.rest=false", 'cells.0.centre=["0 um", "0 um", "4 um"]'], "reaches 1 um below the substrate z = 0"),
     (['cells.0.pitch=[["8 um", "0 um", "0 um"]]'], "overlaps 'Cell-1' by 1.998 um"),
