@@ -90,7 +90,8 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_law_of_the_example_is_in_the_schema_and_the_derivative_of_its_energy(registered: None) -> None:
     own_laws.include(LAW)
     own_laws.include(LAW)  # twice is once
-    assert json_schema()["properties"]["cortex"]["properties"]["law"]["enum"] == ["elastic", "line-tension", "stiffening"]
+    known = json_schema()["properties"]["cortex"]["properties"]["law"]["enum"]
+    assert known == ["elastic", "line-tension", "stiffening"]
     assert "### cortex: `stiffening`" in handbook()
     cortex, s, h = registry.laws("cortex")["stiffening"](modulus=50.0, rate=2.0), np.linspace(0.6, 2.0, 15), 1e-5
     slope = (cortex.energy(s + h) - cortex.energy(s - h)) / (2 * h)
