@@ -234,7 +234,7 @@ WINDOW = 2.0  # width at half of its height [µm]
 
 @reference("layer-stress", shows="stress of a crawling cell over its height, h σ, against ∫ T dx of its traction",
            source="balance of forces of the part on the left (monolayer stress microscopy, Tambe et al. 2011, "
-                  "Nat. Mater. 10:469-475)", at=(100, 300, 900), seconds=20.0,
+                  "Nature Materials 10:469-475)", at=(100, 300, 900), seconds=20.0,
            expected={"h σ": converges(1, "stress is singular at the ends of the contact"),
                      "forces of all": exact(1e-6, "to the balance of forces")})
 def layer_stress(count: int) -> Measured:
