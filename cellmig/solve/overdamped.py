@@ -133,15 +133,7 @@ class Overdamped(Implicit):
     # ------------------------------------------------------------ equations
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """As of any implicit step.
-
-        Newton's steps are halved until they lead towards balance, as friction that yields is as sharp as a kink.  After
-        a solve that failed the next ones do without that, until one fails: the way may lead over a hill.  Such friction
-        is as sharp in short steps, so that after two failures solves may take twice as many iterations.
-        """
-        if not (iteration or self._solved):
-            self._descends = not self._descends
-            snes.setTolerances(max_it=2 * self._most)
+        """As of any implicit step; notes the norm, and whether the solve has succeeded."""
         found = super()._converged(snes, iteration, norms)
         self._norm, self._solved = norms[2], found > 0
         return found
@@ -164,7 +156,15 @@ class Overdamped(Implicit):
         J.assemble()
 
     def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
-        """Move the first guess of a solve on by the last velocity, unless cells would be too deep in each other."""
+        """Move the first guess of a solve on by the last velocity, unless cells would be too deep in each other.
+
+        Newton's steps are halved until they lead towards balance, as friction that yields is as sharp as a kink.  After
+        a solve that failed the next ones do without that, until one fails: the way may lead over a hill.  Such friction
+        is as sharp in short steps, so that then solves may take twice as many iterations.
+        """
+        if not self._solved:
+            self._descends = not self._descends
+            snes.setTolerances(max_it=2 * self._most)
         trial, out = x.duplicate(), x.duplicate()
         move = self.ts.getTimeStep() * self._begun
         trial.setArray(x.getArray(readonly=True) + move.ravel())
