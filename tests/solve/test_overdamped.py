@@ -123,6 +123,7 @@ def test_a_medium_alone_holds_a_cell_without_a_substrate() -> None:
         assert entries["medium_loss_pn"] == pytest.approx(entries["external_work_pn"], rel=1e-5)  # measured 1e-6
 
 
+@pytest.mark.serial
 def test_the_density_does_not_matter() -> None:
     """Not even in the last bit."""
     light, heavy = (positions(crawler(material={"density": f"{rho} kg/m^3"}), 0.2) for rho in (1000.0, 10000.0))
@@ -130,6 +131,7 @@ def test_the_density_does_not_matter() -> None:
     assert np.abs(light).max() > 0.01
 
 
+@pytest.mark.serial
 def test_all_viscosities_and_times_together_scale_time_alone() -> None:
     slow = crawler(material={"viscosity": "1000 Pa s"}, friction="30000 Pa s/um")
     fast, slow = positions(crawler(), 0.2), positions(slow, 2.0)
@@ -171,6 +173,7 @@ def test_any_number_of_ranks_finds_the_same() -> None:
     assert np.abs(ours - alone).max() < 1e-6 * np.abs(alone).max()
 
 
+@pytest.mark.serial
 def test_a_resumed_run_goes_on_with_the_same_bits() -> None:
     with built(crawler()) as sim:
         at(sim, 0.1)
@@ -190,6 +193,7 @@ def test_errors_of_steps_follow_the_tolerance() -> None:
     assert np.sqrt(((tight - finest) ** 2).mean() / ((loose - finest) ** 2).mean()) < 0.6
 
 
+@pytest.mark.serial
 def test_large_scenes_reuse_factors_of_earlier_tangents() -> None:
     steps = crawler(BOX, time={"step": "0.2 s"}, loads=[{"name": "pull", "body": ["10 Pa/um", "0 Pa/um"]}])
     with default_options({"matrix_free": "true"}), built(steps) as sim:
