@@ -49,7 +49,8 @@ class Simulation:
         prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : on rank 0 arrays of a
         checkpoint of the same particles, whose u, v, director and network are the initial ones.
         """
-        self.case, self.comm = case, comm = without_inertia(case) if case.overdamped else case, comm
+        case = without_inertia(case) if case.overdamped else case
+        self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
         self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
         owner, state, boundary, probes, protruding = others

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -208,10 +209,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
         if cell.friction is not None:
             source.reject((*path, "friction"), f"{why} under supports, loads and plates; it has no friction yet")
-        for key in ("displacement", "velocity", "velocity_gradient"):
-            still = default_in(declared(Cell)[key], len(cell.centre))
-            if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):
-                source.reject((*path, key), f"{why}, from rest: nothing moves at the start")
+        for key in _given(cell, "displacement", "velocity", "velocity_gradient"):
+            source.reject((*path, key), f"{why}, from rest: nothing moves at the start")
     for kind in ("supports", "loads", "plates"):
         for item, path in found[kind]:
             if item.load_curve.value(0.0) and _acts(item):
@@ -226,17 +225,23 @@ def _without_inertia(source: Source, found: dict[str, Any]) -> None:
     why = "\"overdamped\" is motion without inertia"
     cells = {path: (cell, path) for cell, path in found["cells"]}.values()
     for cell, path in cells:
-        for key in ("velocity", "velocity_gradient"):
-            still = default_in(declared(Cell)[key], len(cell.centre))
-            if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):
-                source.reject((*path, key), f"{why}, where forces alone decide velocities: leave it out")
+        for key in _given(cell, "velocity", "velocity_gradient"):
+            source.reject((*path, key), f"{why}, where forces alone decide velocities: leave it out")
     loose = set(unheld([cell for cell, _ in cells], [item for item, _ in found["supports"]], found["friction"],
-                       found["substrate"], found.get("medium")))
+                       found["substrate"], found["medium"]))
     for cell, path in cells:
         if cell in loose:
             source.reject((*path, "centre"), f"{why}: nothing holds '{cell.name}', so that the least force would move "
                           "it at once; give [medium] a viscosity, [friction] to a cell that rests on the substrate, or "
                           "[[supports]]")
+
+
+def _given(cell: Cell, *keys: str) -> Iterator[str]:
+    """Those of the keys whose values a cell does not have by default."""
+    for key in keys:
+        still = default_in(declared(Cell)[key], len(cell.centre))
+        if np.any(np.array(getattr(cell, key), object) != np.array(still, object)):
+            yield key
 
 
 def _acts(item: Any) -> bool:

@@ -92,6 +92,7 @@ class Terms:
     load_curves : tuple or None -- laws of kind load_curve of supports, loads and plates.
     single : bool -- whether the coefficients of neighbours are stored in single precision.
     dimension : int -- 2, plane strain, or 3.
+    inertia : bool -- whether bodies have kinetic energy.
     renewal : float or None -- stretch of fluids at which the neighbours are found anew [-]; None if they never are.
     skipped : dict -- by name of an absent term, the reason for the log.
     """

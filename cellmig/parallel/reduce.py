@@ -60,3 +60,8 @@ def global_maximum(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:
     values = np.where(np.isnan(values), np.inf, values)
     comm.Allreduce(MPI.IN_PLACE, values, MPI.MAX)
     return values
+
+
+def largest(comm: MPI.Comm, values: np.ndarray) -> float:
+    """Largest magnitude of `values` (n, ...) of all ranks, in any unit; 0 without any, infinite for NaN; collective."""
+    return float(global_maximum(comm, np.array([np.abs(values).max(initial=0.0)]))[0])

@@ -194,25 +194,24 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     count = f"{steps} to {_end(case)}"
     if not fixed:
         count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_trial_text(trial)}"
-    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
-        ("time step", solver),
+    return _report_of_solves(case, c, [
+        *chosen, ("time step", solver),
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
-        ("steps", count), ("time", f"{duration(steps * one)} on one core"),
-        ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
-        ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
-        _disk(case, c.particles),
-        *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
-    ])
+        ("steps", count), ("time", f"{duration(steps * one)} on one core")])
 
 
 def _overdamped_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     """The report of a case without inertia."""
     solver, told = _overdamped_time(case)
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
+    return _report_of_solves(case, c, [*chosen, ("time step", solver), ("time", told)])
+
+
+def _report_of_solves(case: Case, c: Cost, steps: list[tuple[str, str]]) -> str:
+    """The report of a case whose steps are solved for; `c` : cost of leapfrog, `steps` : rows about the steps."""
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
-        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *chosen,
-        ("time step", solver), ("time", told), ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
+        _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *steps,
+        ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
         ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),

@@ -9,7 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..model.tensors import cofactors, contracted, determinant
-from ..parallel.reduce import global_maximum
+from ..parallel.reduce import largest
 from .mechanics import Mechanics
 from .stiffness import Stiffness, fill
 
@@ -152,7 +152,7 @@ class Equations:
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, d); collective."""
         t, u0, v0, _, _, a0 = self.at
-        longest = global_maximum(self.mechanics.comm, np.array([np.abs(u).max(initial=0.0)]))[0]
+        longest = largest(self.mechanics.comm, u)
         step = DIFFERENCE * self.spacing / max(longest, 1e-300)
         x, y = self.geometric.createVecs()
         x.setArray(u.ravel())
@@ -162,6 +162,12 @@ class Equations:
         x.destroy()
         y.destroy()
         return change
+
+    def applied(self) -> PETSc.Mat:
+        """The tangent that Krylov methods apply: the assembled one, or differences of forces; collective."""
+        if not self.matrix_free:
+            return self.matrix
+        return PETSc.Mat().createPython(self.matrix.getSizes(), self, comm=self.mechanics.comm)
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the tangent times x, by a finite difference of forces, for a Mat of type python; collective."""

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from ..model.adhesion import GAUSS
 from ..parallel.options import default_options
-from ..parallel.reduce import exact_sum, global_maximum
+from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
 from .integrate import Integrator
 from .reduction import Reduction
@@ -86,7 +86,7 @@ class Implicit(Integrator):
         if self.second_order:
             self._x, self._v = self._displacements(), self._displacements()
             ts.setI2Function(self._residual2, self._x.duplicate())
-            ts.setI2Jacobian(self._tangent2, self._applied(), self.equations.matrix)
+            ts.setI2Jacobian(self._tangent2, self.equations.applied(), self.equations.matrix)
             ts.setSolution2(self._x, self._v)
             with default_options(self._defaults()):
                 ts.setFromOptions()
@@ -120,13 +120,6 @@ class Implicit(Integrator):
         """A Vec of the components of vectors (n_owned, d); collective."""
         d = self.mechanics.scene.dimension
         return PETSc.Vec().createMPI((d * self.mechanics.n_owned, None), bsize=d, comm=self.mechanics.comm)
-
-    def _applied(self) -> PETSc.Mat:
-        """The tangent of the displacements that Krylov methods apply: the assembled one, or differences of forces."""
-        matrix = self.equations.matrix
-        if not self.equations.matrix_free:
-            return matrix
-        return PETSc.Mat().createPython(matrix.getSizes(), self.equations, comm=self.mechanics.comm)
 
     def _configure(self, ts: PETSc.TS) -> None:
         """Set tolerances before options are read; a solve that fails cuts its step, up to CUTS times."""
@@ -169,17 +162,22 @@ class Implicit(Integrator):
         return "try a smaller time.step"
 
     @property
+    def solvers(self) -> str:
+        """Solvers, for the log."""
+        solver = self.ts.getSNES()
+        if self.equations.matrix_free:
+            return f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
+        ksp = self.reduction.solver if self.reduced else solver.getKSP()
+        return f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
+
+    @property
     def step_description(self) -> str:
         """Length of the steps, and solvers, for the log."""
-        solver, ksp = self.ts.getSNES(), self.ts.getSNES().getKSP() if self.second_order else self.reduction.solver
-        how = f"{solver.getType()} with {ksp.getType()} and {ksp.getPC().getType()}"
-        if self.equations.matrix_free:
-            how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
         if self.fixed_step is None:
             allowed = 1e3 * self.ts.getTolerances()[1]
-            return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {how}"
-        given = self.mechanics.scene.time_unit.step(self.fixed_step)
-        return f"{given} as given, {self.fixed_step / self._stable():.3g} times the stable one of leapfrog; {how}"
+            return f"PETSc's adaptivity to an error of {allowed:.3g} nm and nm/µs a step; {self.solvers}"
+        given, ratio = self.mechanics.scene.time_unit.step(self.fixed_step), self.fixed_step / self._stable()
+        return f"{given} as given, {ratio:.3g} times the stable one of leapfrog; {self.solvers}"
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
@@ -202,7 +200,7 @@ class Implicit(Integrator):
         Returns whether it was shortened.  Source: step limits of incremental potential contact, Li et al. (2020).
         """
         move = self._move(step)
-        longest = global_maximum(self.mechanics.comm, np.array([np.abs(move).max(initial=0.0)]))[0]
+        longest = largest(self.mechanics.comm, move)
         share = min(1.0, LONGEST * self.equations.spacing / max(longest, 1e-300))
         trial, out = x.duplicate(), x.duplicate()
         for _ in range(HALVINGS):
@@ -378,7 +376,7 @@ class Implicit(Integrator):
         after, mass, work = m.state.owned.copy(), self.equations.mass, np.zeros(m.n_owned)
         (u, v_before), (u_after, v) = (np.split(state, 2, axis=1) for state in (before, after))
         moved = u_after - u
-        longest = global_maximum(m.comm, np.array([np.abs(moved).max(initial=0.0)]))[0]
+        longest = largest(m.comm, moved)
         parts = int(min(max(1.0, np.ceil(longest / self._piece)), MOST_PARTS))
         for part, (at, weight) in product(range(parts), GAUSS):
             at, share = (part + at) / parts, weight / parts

@@ -14,7 +14,7 @@ from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.division import divisible
 from ..meshfree.terms import Terms
-from ..parallel.reduce import global_maximum
+from ..parallel.reduce import global_maximum, largest
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
 from .director import Director
@@ -208,12 +208,8 @@ class Mechanics:
         for part in range(parts):
             before = self.director.values.copy() if part % LOOK == LOOK - 1 else None
             self.relax_director(dt / parts)
-            if before is not None and self._greatest(np.abs(self.director.values - before)) < RESTS:
+            if before is not None and largest(self.comm, self.director.values - before) < RESTS:
                 return  # it is at rest for the shape at the end of the step
-
-    def _greatest(self, values: np.ndarray) -> float:
-        """Largest of some values of all ranks; collective."""
-        return float(global_maximum(self.comm, np.array([values.max(initial=0.0)]))[0])
 
     def relax_director(self, dt: float) -> None:
         """Relax the director by dt [µs], for integrators that keep it constant within a step; collective.

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from ..case.schema import Case
 from ..parallel.options import default_options
-from ..parallel.reduce import exact_sum, global_maximum
+from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
 from .implicit import BALANCE, Implicit
 
@@ -72,7 +72,7 @@ class Overdamped(Implicit):
         ts = self.ts
         self._x = self._displacements()
         ts.setIFunction(self._out_of_balance, self._x.duplicate())
-        ts.setIJacobian(self._linearise, self._applied(), self.equations.matrix)
+        ts.setIJacobian(self._linearise, self.equations.applied(), self.equations.matrix)
         ts.setSolution(self._x)
         ts.getSNES().setInitialGuess(self._guess)
         with default_options(self._defaults()):
@@ -119,13 +119,9 @@ class Overdamped(Implicit):
     @property
     def step_description(self) -> str:
         """Length of the steps, and solvers, for the log."""
-        solver = self.ts.getSNES()
-        how = f"{solver.getType()} with {solver.getKSP().getType()} and {solver.getKSP().getPC().getType()}"
-        if self.equations.matrix_free:
-            how = f"{solver.getType()} with {solver.getKSP().getType()}, preconditioned by tangents that are kept"
         if self.fixed_step is None:
-            return f"errors of {1e3 * self.tolerance:.3g} nm a step; {how}"
-        return f"{1e-6 * self.fixed_step:.3g} s as given, or to the next sample; {how}"
+            return f"errors of {1e3 * self.tolerance:.3g} nm a step; {self.solvers}"
+        return f"{1e-6 * self.fixed_step:.3g} s as given, or to the next sample; {self.solvers}"
 
     def _move(self, step: PETSc.Vec) -> np.ndarray:
         return self._vectors(step)
@@ -184,7 +180,7 @@ class Overdamped(Implicit):
         self._begun = m.state.v.copy()
         self.least = self.least or self._first_step()
         self.dt = self.fixed_step or max(self.dt, self.least)
-        fastest = global_maximum(m.comm, np.array([np.abs(self._begun).max(initial=0.0)]))[0]
+        fastest = largest(m.comm, self._begun)
         longest = min(self.dt, MOVE * m.segments.skin / max(fastest, 1e-300))
         self.ts.setTimeStep(left / np.ceil(left / longest * (1.0 - 1e-12)))
 
@@ -206,8 +202,7 @@ class Overdamped(Implicit):
         self.dt = dt * min(max(share, SHORTER), LONGER)
         if good:
             self.last = dt
-            left = global_maximum(self.mechanics.comm, np.array([np.abs(self._remainder).max(initial=0.0)]))[0]
-            self.unbalanced = max(self.unbalanced, float(left) / self.scale)
+            self.unbalanced = max(self.unbalanced, largest(self.mechanics.comm, self._remainder) / self.scale)
         return good
 
     def _from_petsc(self) -> None:

@@ -17,7 +17,7 @@ from ..meshfree.contact_space import Features, TriangleLists, acting_triangles, 
 from ..meshfree.simplices import facet_sizes, share_below
 from ..meshfree.terms import NO_CONTACTS
 from ..model.adhesion import Pieces
-from ..parallel.reduce import global_maximum
+from ..parallel.reduce import largest
 from .state import State
 from .subdomain import Subdomain
 from .surface_exchange import SurfacePlaces
@@ -186,8 +186,7 @@ class Segments:
         if t.substrate is None and t.contacts is None:
             return
         x2 = self.owned()[1]
-        longest = np.linalg.norm(x2 - np.roll(x2, 1, axis=1), axis=2).max(initial=0.0)
-        longest = float(global_maximum(part.comm, np.array([longest]))[0])
+        longest = largest(part.comm, np.linalg.norm(x2 - np.roll(x2, 1, axis=1), axis=2))
         reach = self._contacts.reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
         x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
         if t.substrate is not None:
