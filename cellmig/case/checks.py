@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import units
+from .amounts import amounts
 from .gaps import OUTLINE, depth, near
 from .held import unheld
 from .messages import show, suggest
@@ -40,6 +41,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _without_inertia(source, found)
     _reach_of_push(source, found["protrusion"], found["substrate"])
     _renewal(source, found)
+    amounts(source, found)
     if found["dimension"] == 3:
         _in_space(source, found)
     if on_substrate:
@@ -203,7 +205,8 @@ def _equilibria(source: Source, found: dict[str, Any]) -> None:
             ("pairs", ("adhesion", "pairs"), "adhesion"),
             ("protrusion", ("protrusion",), "protrusion"), ("cortex", ("cortex",), "cortex"),
             ("friction", ("friction",), "friction"), ("medium", ("medium",), "medium"),
-            ("director", ("director",), "director"), ("body_force", ("body_force",), "body force")):
+            ("director", ("director",), "director"), ("ground", ("substrate",), "substrate"),
+            ("body_force", ("body_force",), "body force")):
         if found[name] not in (None, []):
             source.reject(path, f"{why} under supports, loads and plates; it has no {what} yet")
     for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():

@@ -84,7 +84,8 @@ def _row(name: str, f: Any) -> str:
     default = "*needed*" if required(f) else _value(f)
     words = [f'"{word}"' for word in meta.get("words", ())]
     allowed = [bounds(meta), *words, *(f'"{word}"' for word in meta.get("choices", ())),
-               "a formula" if meta.get("formula") else "", "a file" if meta.get("or_file") else ""]
+               "a formula" if meta.get("formula") else "", "a file" if meta.get("or_file") else "",
+               f"a name of [{meta['or_name']}s.NAME]" if "or_name" in meta else ""]
     if "kind" in meta:
         allowed = [", ".join(registry.laws(meta["kind"]))]
     unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({_TYPES.get(type_name(f), 'table')})")

@@ -90,7 +90,8 @@ def _value(f: Any) -> dict:
         leaf = {"anyOf": [leaf, {"type": "array", "items": leaf}]}
     if unit:
         number = r"^.*\S\s+\S+$" if meta.get("formula") else r"^\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*\S+"
-        leaf["pattern"] = "|".join([number, *meta.get("words", ())])
+        if "or_name" not in meta:
+            leaf["pattern"] = "|".join([number, *meta.get("words", ())])
     else:
         leaf |= {_LIMITS[k]: meta[k] for k in _LIMITS if meta.get(k) is not None}
     if "choices" in meta:
@@ -104,7 +105,7 @@ def _value(f: Any) -> dict:
         sizes = {"minItems": meta.get("least", least), "maxItems": most} if n else {}
         leaf = {"type": "array", "items": leaf} | sizes
     if "reader" in meta:
-        leaf = {"type": "object"}
+        leaf = {"type": meta.get("as_type", "object")}
     if meta.get("or_file"):
         leaf = {"anyOf": [leaf, {"type": "string"}]}
     limits = bounds(meta) and f", {bounds(meta)}"

@@ -77,9 +77,9 @@ class _Reader:
         self.source, self.reject, self.older = source, source.reject, older
         self.formulas: dict[tuple, tuple] = {}
         self.partial = bool(source.mistakes)  # a file could not be read: missing keys are not reported
-        materials = source.data.get("materials")
         self.changed: dict[tuple, tuple] = {}  # copies of repeated cells that have changes, by path
-        self.names = {"material": list(materials) if isinstance(materials, dict) else []}
+        many = {f.metadata["kind"]: self.find(case_path(f)) for f in case_fields().values() if f.metadata.get("many")}
+        self.names = {kind: list(given) if isinstance(given, dict) else [] for kind, given in many.items()}
         given = source.data.get("dimension")
         self.dimension = 3 if isinstance(given, int | float) and given > 2 else 2  # what else it may be is refused
         self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
@@ -137,6 +137,8 @@ class _Reader:
     def part(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one field of the case."""
         meta = f.metadata
+        if "section" in meta and value is None and f.default is None:
+            return None
         if "section" in meta:
             return self.record(meta["section"], {} if value is None else value, path)
         if meta.get("items_of") is Cell:
@@ -146,9 +148,10 @@ class _Reader:
             return self.items(read, [] if value is None else value, path)
         if meta.get("many"):
             if not isinstance(value, dict | None):
-                self.reject(path, f"holds tables such as [{f.name}.cytoplasm], not {show(value)}")
+                self.reject(path, f"holds tables such as [{f.name}.{meta['such_as']}], not {show(value)}")
                 return {}
-            return {name: self.law(meta["kind"], item, (*path, name)) for name, item in (value or {}).items()}
+            return {name: self.law(meta["kind"], item, (*path, name), meta["default_law"])
+                    for name, item in (value or {}).items()}
         if value is None:
             if "unit" in meta and self.find(path[:-1]) == {}:
                 self.missing(path, f"{meta['doc']}, such as {path[-1]} = {values.example(f)}")
@@ -289,6 +292,8 @@ class _Reader:
         """Value of one key; None if it has a mistake."""
         if "kind" in f.metadata:
             return self.law(f.metadata["kind"], value, path, f.metadata["default_law"])
+        if isinstance(value, str) and value in self.names.get(f.metadata.get("or_name"), ()):
+            return value
         try:
             if f.metadata.get("or_file") and isinstance(value, str):
                 place = self.source.place(path)[0]
@@ -299,7 +304,9 @@ class _Reader:
             if isinstance(value, Corners):
                 found = Corners(found, value.path, value.lines)
         except ValueError as error:
-            self.reject(path, str(error))
+            other = "or_name" in f.metadata and isinstance(value, str) and "is not a" in str(error)
+            named = suggest(value, self.names["field"]) if other else ""
+            self.reject(path, f"{error}{named and f', or the name of a field{named}'}")
             return None
         what = f.metadata.get("refers") or f.metadata.get("items")
         if what == "pair":

@@ -79,6 +79,8 @@ def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> 
     or_file : function that reads the value from a file whose name is given instead.
     scaled : whether lengths are pure numbers if the table has a `unit`.
     reader : function that makes the value from that in the case; its method `written()` is the inverse.
+    as_type : JSON type of what such a function reads, if it is no table.
+    or_name : "field" for a name of one that may be given instead.
     formerly : former key.
     """
     from .units import number

@@ -189,8 +189,37 @@ class Probe(OnPart):
                                    shape=("d",))
 
 
-def _section(cls: type, doc: str) -> Any:
-    return field(metadata={"doc": doc, "section": cls})
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What varies along the substrate."""
+
+    stiffness: Any = parameter("Young's modulus E of the substrate; a formula of the place, or a name of [fields.NAME]",
+                               None, unit="Pa", above=0, formula=True, or_name="field")
+    ligand: Any = parameter("density of bonds over that of adhesion.substrate, from 0 to 1; a formula of the place, or "
+                            "a name of [fields.NAME]", None, unit="", minimum=0, maximum=1, formula=True,
+                            or_name="field")
+    response: Any = parameter("factor of the push by the stiffness, such as { law = \"saturating\", "
+                              "half = \"10 kPa\" }", None, kind="response", default_law="saturating", optional=True)
+
+    def __post_init__(self) -> None:
+        """Check the response.
+
+        Raises ValueError where it has no stiffness; the message is for the user.
+        """
+        if self.response is not None and self.stiffness is None:
+            raise ValueError("response: is to a stiffness, which is missing")
+
+
+def _section(cls: type, doc: str, **more: Any) -> Any:
+    """A section; with `default` None if it is absent, and `at` a path."""
+    default = {"default": more.pop("default")} if "default" in more else {}
+    return field(**default, metadata={"doc": doc, "section": cls, **more})
+
+
+def _many(kind: str, doc: str, such_as: str, default_law: str | None = None) -> Any:
+    """Laws of a kind by name."""
+    return field(default_factory=dict, metadata={"doc": doc, "kind": kind, "many": True, "such_as": such_as,
+                                                 "default_law": default_law})
 
 
 def _list(cls: type, doc: str, at: str = "") -> Any:
@@ -215,7 +244,7 @@ class Case:
     time: Time = _section(Time, "duration, time step and times of output; log, tables and pictures have times in the "
                          "unit of `end`: us, ms, s, min, h or d")
     particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
-    materials: dict = field(metadata={"doc": "materials by name", "kind": "material", "many": True})
+    materials: dict = _many("material", "materials by name", "cytoplasm")
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
     substrate: Any = _law("adhesion", "adhesion to the substrate, y = 0 or z = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
@@ -227,6 +256,10 @@ class Case:
     friction: Any = _law("friction", "drag on the substrate; by default none, as in the paper", default_law="bonds")
     medium: Any = _law("medium", "drag of the liquid around the cells; by default none, as in the paper",
                        default_law="stokes")
+    fields: dict = _many("field", "fields by name: amounts that vary from place to place, such as concentrations",
+                         "CXCL12", "formula")
+    ground: Ground | None = _section(Ground, "what varies along the substrate: stiffness, density of ligands; by "
+                                     "default nothing", default=None, at=("substrate",))
     director: Any = _law("director", "director field of the cytoplasm; by default uniform")
     body_force: tuple | None = parameter("acceleration due to a body force", None, unit="m/s^2", shape=("d",),
                                          at=("body_force", "acceleration"))
@@ -267,7 +300,7 @@ class Case:
         for name, f in case_fields().items():
             value, table = getattr(self, name), tree
             *groups, key = case_path(f)
-            if value is not None and not (f.default == () and value == ()):
+            if value is not None and value != {} and not (f.default == () and value == ()):
                 for group in groups:
                     table = table.setdefault(group, {})
                 table[key] = _written(f, value)

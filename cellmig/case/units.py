@@ -1,7 +1,8 @@
 """Conversion of quantities, such as "10 nm", to numbers in the code's units and back.
 
 The code's units are µm, µs and Pa.  Forces are then in pN = Pa µm², masses in fg = Pa µm µs², and a density has the
-same value as in kg/m³.  In the plane, forces are per unit thickness: pN/µm = Pa µm.
+same value as in kg/m³.  In the plane, forces are per unit thickness: pN/µm = Pa µm.  Amounts of substance are numbers
+of molecules, so that a concentration of 1 nM is 0.602 /µm³.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ if sys.modules["pandas"] is None:
 
 _UNITS = pint.UnitRegistry()
 _LENGTH, _TIME, _MASS = 1e6, 1e6, 1e18  # µm per m, µs per s, fg per kg
+_MOLECULES = 6.02214076e23  # in a mole
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*$")
 # Text that is no unit: numbers with blanks, powers of powers (9^9^9 would take for ever), other characters.
 _NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*)|[^\w\s*/^()-]|.{60}", re.DOTALL)
@@ -27,7 +29,8 @@ _NO_UNIT = re.compile(r"\d\s*\d|(\^|\*\*)\s*(?!-?\d)|(\^|\*\*)\s*-?\d\s*(\^|\*\*
 # (kilotesla), kt (knot), ma (1/1000 year), c (speed of light), Mm and PN, which would be misunderstood.
 SYMBOLS = {"m": "f p n u m c d k", "s": "f p n u m", "g": "f p n u m k", "N": "f p n u m k", "Pa": "n u m h k M G",
             "J": "a f p n u m k", "eV": "m k", "L": "f p n u m", "l": "f p n u m", "P": "m c", "Hz": "m k M G",
-            "bar": "m", "rad": "m", "Da": "k", "dyn": "", "erg": "", "atm": "", "mmHg": "", "cmH2O": "", "psi": "",
+            "bar": "m", "rad": "m", "Da": "k", "M": "f p n u m", "mol": "f p n u m",
+            "dyn": "", "erg": "", "atm": "", "mmHg": "", "cmH2O": "", "psi": "",
             "min": "", "h": "", "d": "", "deg": "", "Å": "", "angstrom": "", "micron": "", "microns": ""}
 _NAMES = ("meter", "metre", "second", "gram", "newton", "pascal", "joule", "liter", "litre", "hertz", "radian",
           "degree", "dyne", "minute", "hour", "day", "dalton", "poise", "electron_volt", "atmosphere")
@@ -82,10 +85,11 @@ def _scale(unit: str) -> tuple[float, dict]:
     except Exception as error:
         raise UnitError(f"'{unit}' is not a unit") from error
     dimension = {k.strip("[]"): v for k, v in factor.dimensionality.items()}
-    known = {"length": _LENGTH, "time": _TIME, "mass": _MASS}
+    known = {"length": _LENGTH, "time": _TIME, "mass": _MASS, "substance": _MOLECULES}
     scale = float(factor.magnitude)
     for name, exponent in dimension.items():
         scale *= known[name] ** exponent
+    dimension.pop("substance", None)  # a number
     return _tidy(scale), dimension
 
 
@@ -123,6 +127,11 @@ def number(text: str, unit: str) -> float:
     if abs(result) == float("inf"):
         raise UnitError(f"'{text}' is not a finite number")
     return result
+
+
+def same_kind(unit: str, other: str) -> bool:
+    """Whether two units are of one kind, so that one can stand for the other.  Raises UnitError for what is none."""
+    return _scale(unit)[1] == _scale(other)[1]
 
 
 def unit_size(quantity: str) -> float:

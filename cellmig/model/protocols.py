@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+
 Value = Any  # float, array, dual number, or nested tuples of them for vectors and tensors
 
 
@@ -204,6 +206,28 @@ class DirectorLaw(Law, Protocol):
     @property
     def mobility(self) -> float:
         """Mobility γ [µm²/µs], 0 if it is frozen."""
+
+
+class Field(Law, Protocol):
+    """An amount that depends on the place, and may on the time."""
+
+    @property
+    def unit(self) -> str:
+        """Unit in the case file, of the kind of the amount; "" of pure numbers."""
+
+    @property
+    def steady(self) -> bool:
+        """Whether it does not depend on the time."""
+
+    def value(self, x: np.ndarray, time: float) -> np.ndarray:
+        """Values (n,) in the code's units at places x (n, d) [µm] and a time [µs]."""
+
+
+class Response(Law, Protocol):
+    """How the push depends on the stiffness of the substrate."""
+
+    def factor(self, stiffness: Value) -> Value:
+        """Factor of the push [-] at a stiffness [Pa]."""
 
 
 class LoadCurve(Law, Protocol):

@@ -203,7 +203,8 @@ def test_quantities_are_read_in_the_characters_that_people_and_programs_write(te
 @pytest.mark.parametrize(("text", "unit", "message"), [
     ("7 kT", "pN um", "'kT' is no unit of energy here: 1 k_B T is 4.1 pN nm at 25 °C"),
     ("5 px", "um", "'px' is no length: say how large a pixel is"), ("5 pixels", "um", "'pixels' is no length"),
-    ("5 Mm", "um", "did you mean 'mm'"), ("5 PN", "pN", "did you mean 'pN'"), ("5 Ms", "us", "did you mean 'ms'"),
+    ("5 Mm", "um", "did you mean 'mM' or 'mm'"), ("5 PN", "pN", "did you mean 'pN'"),
+    ("5 Ms", "us", "did you mean 'ms'"),
     ("5 MPA", "Pa", "did you mean 'MPa' or 'mPa'"), ("5 c", "um/us", "'c' is not a unit"),
     ("5 kt", "um/us", "'kt' is not a unit"), ("5 ma", "us", "'ma' is not a unit"), ("5 pt", "um", "'pt' is not"),
     ("5 point", "um", "'point' is not a unit"), ("5 a", "us", "'a' is not a unit"), ("5 um2", "um^2", "is not a unit"),
@@ -604,8 +605,8 @@ def test_the_schema_lists_every_law_with_its_units_and_bounds() -> None:
     schema = json.loads(json.dumps(json_schema()))
     properties = schema["properties"]
     assert set(properties) == {"extends", "title", "dimension", "seed", "time", "particles", "materials", "cells",
-                               "adhesion", "protrusion", "cortex", "friction", "medium", "director", "body_force",
-                               "supports", "loads", "plates", "probes", "numerics"}
+                               "adhesion", "protrusion", "cortex", "friction", "medium", "fields", "substrate",
+                               "director", "body_force", "supports", "loads", "plates", "probes", "numerics"}
     options = properties["materials"]["additionalProperties"]["anyOf"]
     assert {option["properties"]["law"]["const"] for option in options} == set(registry.laws("material"))
     radius = properties["cells"]["items"]["anyOf"][0]["properties"]["radius"]

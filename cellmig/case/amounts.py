@@ -1,0 +1,73 @@
+"""Checks of fields and of the substrate: kinds of units, and values where the cells are at the start."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from . import units
+from .expression import Expression
+from .messages import show
+from .schema import Ground
+from .source import Source
+from .values import declared
+
+OUTLINE = 24  # points of each cell at which values are tried, at least
+OF_SUBSTRATE = ("stiffness", "ligand")  # names under which cues find what is given there
+
+
+def amounts(source: Source, found: dict[str, Any]) -> None:
+    """Note mistakes in the fields and the substrate of a case of which the parts are `found`."""
+    fields, ground, cells = found["fields"], found["ground"], [cell for cell, _ in found["cells"]]
+    points = np.concatenate([np.array(cell.centre) + cell.shape.outline(OUTLINE) for cell in cells]) if cells else None
+    for name, law in fields.items():
+        if not re.fullmatch(r"[A-Za-z][\w-]*", name):
+            source.reject(("fields", name), "names columns and figures: expects letters, digits, - and _ alone")
+        if name in OF_SUBSTRATE and getattr(ground, name, None) != name:
+            source.reject(("fields", name), f"is the name of what substrate.{name} gives: take another name, or write "
+                                            f"{name} = \"{name}\" in [substrate]")
+        if points is not None and isinstance(formula := getattr(law, "formula", None), Expression):
+            _values(source, formula, points, ("fields", name, "formula"))
+    if ground is None:
+        return
+    if found["substrate"] is None and ground.ligand is not None:
+        source.reject(("substrate", "ligand"), "is that of the bonds to the substrate, but there is no "
+                                               "[adhesion.substrate]")
+    for key in OF_SUBSTRATE:
+        _ground(source, key, getattr(ground, key), fields, points)
+
+
+def _ground(source: Source, key: str, given: Any, fields: dict[str, Any], points: np.ndarray | None) -> None:
+    """Note mistakes in one of the keys of the substrate."""
+    path, unit = ("substrate", key), str(declared(Ground)[key].metadata["unit"])
+    most = 1.0 if key == "ligand" else np.inf
+    if isinstance(given, Expression) and points is not None:
+        _values(source, given, points, path, most)
+    law = fields.get(given) if isinstance(given, str) else None
+    if law is None:
+        return
+    if not units.same_kind(law.unit, unit):
+        kind = f"a field in a unit such as {unit}" if unit else "a field of pure numbers"
+        source.reject(path, f"expects {kind}; '{given}' is in {law.unit or 'no unit'}")
+    elif not getattr(law, "steady", False):
+        source.reject(path, f"'{given}' depends on the time, but a substrate does not")
+    elif points is not None and (law.value(points, 0.0) > most).any():
+        source.reject(path, f"is at most {most:g}, but '{given}' is {law.value(points, 0.0).max():.4g} at a cell")
+
+
+def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple, most: float = np.inf) -> None:
+    """Note a formula with values that are no amounts at the `points` (n, d) [µm] of the cells."""
+    try:
+        values = formula(points)
+    except ValueError as error:
+        source.reject(path, str(error))
+        return
+    wrong = np.flatnonzero(~((values >= 0.0) & (values <= most)))
+    if len(wrong):
+        value, at = values[wrong[0]] / units.number(f"1 {formula.unit}", formula.unit), points[wrong[0]]
+        limits = "at least 0" + (f" and at most {most:g}" if np.isfinite(most) else "")
+        where = ", ".join(f"{axis} = {x:.4g}" for axis, x in zip("xyz", at, strict=False))
+        source.reject(path, f"{show(formula.text)} is {value:.4g} {formula.unit}".rstrip()
+                      + f" at {where} um, at a cell: an amount is finite and {limits}")

@@ -1,0 +1,43 @@
+"""What varies along the substrate, as fields, and how the push depends on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..case import units
+from ..case.amounts import OF_SUBSTRATE
+from ..case.expression import Expression
+from ..case.schema import Case, Ground
+from ..case.values import declared
+from .field import FormulaField
+from .protocols import Field
+
+
+def fields_of(case: Case) -> dict[str, Field]:
+    """Fields of a case by name, with those of its substrate as "stiffness" [Pa] and "ligand" [-]."""
+    found: dict[str, Any] = dict(case.fields)
+    for name in OF_SUBSTRATE:
+        if (given := getattr(case.ground, name, None)) is not None:
+            unit = declared(Ground)[name].metadata["unit"]
+            found[name] = case.fields[given] if isinstance(given, str) else _formula(given, unit)
+    return found
+
+
+def _formula(given: float | Expression, unit: str) -> Any:
+    """The field of a number or a formula."""
+    text = given.text if isinstance(given, Expression) else units.text(given, unit)
+    kind: Any = FormulaField
+    return kind(formula=Expression(text, unit, 3, True))
+
+
+def push_factor(ground: Ground | None, fields: Mapping[str, Field], x: np.ndarray, time: float) -> np.ndarray:
+    """Factor of the push (m,) [-] at places x (m, d) [µm] by the stiffness there; 1 without a response.
+
+    fields : those of `fields_of`;  time : float -- [µs].
+    """
+    if ground is None or ground.response is None:
+        return np.ones(len(x))
+    return ground.response.factor(fields["stiffness"].value(x, time))
