@@ -22,6 +22,7 @@ from .parallel.collect import broadcast, computed_on_root, gathered
 from .parallel.options import IMPLICIT, requested_integrator
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
+from .solve.guidance import Guidance, steady
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
@@ -67,6 +68,7 @@ class Simulation:
         kind: Any = Overdamped if case.overdamped else Implicit if implicit else Integrator
         self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
+        self.guidance = Guidance(case, self.mechanics) if self.terms.guided else None
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
         self.time = 0.0
@@ -81,7 +83,7 @@ class Simulation:
         owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         names, law = [c.name for c in case.cells], self.terms.protrusion
         protruding = Protruding(np.array([law is not None and name in law.cells for name in names]),
-                                random_factor(scene, law, case.seed, names))
+                                random_factor(scene, law, case.seed, names), steady(case, self.terms, scene))
         return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
                 protruding)
 
@@ -103,7 +105,14 @@ class Simulation:
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""
-        self.time = self.integrator.advance_to(stop)
+        while self.guidance is not None and self.guidance.due <= stop:
+            if self.guidance.due > self.time:
+                self.time = self.integrator.advance_to(self.guidance.due)
+            if self.integrator.finished:
+                return self.time
+            self.guidance.turn()
+        if self.guidance is None or stop > self.time:
+            self.time = self.integrator.advance_to(stop)
         return self.time
 
     def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
@@ -141,12 +150,18 @@ class Simulation:
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
             arrays["X"], arrays["surface"] = self.scene.X, self.mechanics.surfaces.ids
-        return {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
-                "interval": self.interval.saved()}, arrays
+        found = {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
+                 "interval": self.interval.saved()}
+        if self.guidance is not None:
+            found["guidance"], more = self.guidance.saved()
+            arrays |= more if self.comm.rank == 0 else {}
+        return found, arrays
 
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Set the state from the results of `saved`, on any number of ranks; collective."""
         restore(self.mechanics, about["mechanics"], arrays)
+        if self.guidance is not None:
+            self.guidance.restore(about["guidance"], arrays)
         self.integrator.restore(about["integrator"])
         self.sampler.start = about["ledger"]
         self.interval.restore(about["interval"])

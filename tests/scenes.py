@@ -35,7 +35,7 @@ def example(kind: str, name: str) -> Any:
     cls, values = laws(kind)[name], {}
     for key, f in declared(cls).items():
         default, unit = f.default, f.metadata.get("unit")
-        if unit is not None and (not isinstance(default, int | float) or default == 0.0):
+        if unit is not None and default != () and (not isinstance(default, int | float) or default == 0.0):
             assert unit in EXAMPLES, f"tests/scenes.py has no example in '{unit}' for '{key}' of the {kind} '{name}'"
             values[key] = number(f"{EXAMPLES[unit]} {unit}", unit)
         elif f.metadata.get("items"):

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from cellmig.meshfree.body import Scene, Template, template
 from cellmig.meshfree.boundary import Boundary, Probes
+from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.terms import Terms
 from cellmig.model.director import initial
 from cellmig.output.sample import Sampler
@@ -22,7 +23,7 @@ from cellmig.parallel.swarm import Swarm
 from cellmig.solve.accounts import ACCOUNTS
 from cellmig.solve.integrate import Integrator
 from cellmig.solve.mechanics import Mechanics
-from cellmig.solve.protrusion import Protruding
+from cellmig.solve.protrusion import Drives, Protruding
 from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.step import StepControl
 
@@ -77,7 +78,9 @@ class Space:
                             some.reshape(0, 3), none, some, none.reshape(0, 9), some)
         names, law = [f"Cell-{k + 1}" for k in range(cells)], terms.protrusion
         pushing = np.array([law is not None and name in law.cells for name in names])
-        protruding = Protruding(pushing, random_factor(scene, law, 2019, names))
+        along_x = np.tile([[[1.0, 0.0]]], (cells, 1, 1))
+        drives = Drives(along_x, 0.0 * along_x, 0.0, np.ones(len(Surfaces.of(scene).ids)))
+        protruding = Protruding(pushing, random_factor(scene, law, 2019, names), drives)
         self.mechanics = Mechanics(scene, terms, boundary, protruding, owner, self.swarm)
         self.integrator = Integrator(self.mechanics, StepControl(scene, terms), "leapfrog", None, 0.8)
         self.sampler = Sampler(self.mechanics, Probes((), some, some, some, none))

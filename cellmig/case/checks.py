@@ -42,6 +42,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _reach_of_push(source, found["protrusion"], found["substrate"])
     _renewal(source, found)
     amounts(source, found)
+    _pushes(source, found)
     if found["dimension"] == 3:
         _in_space(source, found)
     if on_substrate:
@@ -91,6 +92,31 @@ def _renewal(source: Source, found: dict[str, Any]) -> None:
              "exert stresses: take \"never\", or materials with eta = 0")):
         if wrong:
             source.reject(("numerics", "renewal"), why)
+
+
+def _pushes(source: Source, found: dict[str, Any]) -> None:
+    """Note directions of another dimension, polarities of cells that do not push, and times that never come."""
+    push, polarity, n = found["protrusion"], found["polarity"], found["dimension"] - 1
+    example = "[1] or [-1]" if n == 1 else "[1, 0]"
+    for law, path, key in ((push, ("protrusion",), "direction"), (polarity, ("polarity",), "start"),
+                           *((cell.push, (*path, "push"), "direction") for cell, path in found["cells"])):
+        given = getattr(law, key, ())
+        if given and (len(given) != n or not any(given)):
+            source.reject((*path, key), "has a component for each direction along the substrate and is not zero, such "
+                          f"as {example}")
+    if polarity is not None and not (push is not None and push.cells):
+        source.reject(("polarity",), "no cell protrudes: name those that do in protrusion.cells")
+    elif polarity is not None and (idle := [name for name in polarity.cells if name not in push.cells]):
+        source.reject(("polarity", "cells"), f"'{idle[0]}' does not protrude: name it in protrusion.cells, too")
+    if polarity is not None and found["time"] is not None and found["time"].integrator == "static":
+        source.reject(("polarity",), "nothing moves in a static case")
+    for cell, path in found["cells"]:
+        if cell.push is None:
+            continue
+        if push is not None and cell.name not in push.cells:
+            source.reject((*path, "push"), f"'{cell.name}' does not protrude: name it in protrusion.cells")
+        if cell.push.end is not None and cell.push.end <= cell.push.begin:
+            source.reject((*path, "push", "end"), "is not after `begin`")
 
 
 def _nucleus(source: Source, cell: Cell, path: tuple) -> None:

@@ -88,6 +88,8 @@ def _row(name: str, f: Any) -> str:
                f"a name of [{meta['or_name']}s.NAME]" if "or_name" in meta else ""]
     if "kind" in meta:
         allowed = [", ".join(registry.laws(meta["kind"]))]
+    if "record" in meta:
+        allowed = ["; ".join(f"`{key}`: {one.metadata['doc']}" for key, one in declared(meta["record"]).items())]
     unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({_TYPES.get(type_name(f), 'table')})")
     cells = [f"`{name}`", unit, default, ", ".join(filter(None, allowed)), _sentence(meta["doc"])]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -82,6 +82,8 @@ def _value(f: Any) -> dict:
     meta = f.metadata
     if "kind" in meta and not meta.get("inline"):
         return {"description": meta["doc"], **_choice(meta["kind"], "law")}
+    if "record" in meta:
+        return _record(meta["record"], doc=meta["doc"])
     unit = meta.get("unit", "")
     leaf: dict = {"type": "string" if unit or "items" in meta else _TYPES.get(type_name(f), "number")}
     if meta.get("items") == "count":

@@ -290,6 +290,8 @@ class _Reader:
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:
         """Value of one key; None if it has a mistake."""
+        if "record" in f.metadata:
+            return self.record(f.metadata["record"], value, path)
         if "kind" in f.metadata:
             return self.law(f.metadata["kind"], value, path, f.metadata["default_law"])
         if isinstance(value, str) and value in self.names.get(f.metadata.get("or_name"), ()):

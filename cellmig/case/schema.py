@@ -65,6 +65,17 @@ class Numerics:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Push:
+    """What differs in the push of a cell, of all that [protrusion] names, from that of the others."""
+
+    strength: float = quantity("", "factor of the push", 1.0, minimum=0)
+    direction: tuple = quantity("", "direction along the substrate, of any length, in place of that of [protrusion]: "
+                                "[1] or [-1], in space [x, y]", (), shape=(None,))
+    begin: float = quantity("us", "time from which on it pushes", "0 us", minimum=0)
+    end: float | None = quantity("us", "time at which it ceases to", None, above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cell:
     """A cell, or equal cells in a row or grid; the parameters of the shape are keys of the same table."""
 
@@ -80,6 +91,8 @@ class Cell:
     friction: Any = parameter("friction of this cell in place of that of [friction], such as "
                               "{ coefficient = \"3 kPa s/um\" }", None, kind="friction", default_law="bonds",
                               optional=True)
+    push: Push | None = parameter("how its push differs, such as { strength = 2, begin = \"1 h\" }", None,
+                                  record=Push)
     displacement: tuple = quantity("um", "initial displacement; may be formulas of x, y (and z) from the centre",
                                    (0.0, 0.0), shape=("d",), formula=True)
     velocity: tuple = quantity("um/us", "initial velocity; may be formulas of x, y (and z) from the centre", (0.0, 0.0),
@@ -251,6 +264,8 @@ class Case:
     pairs: tuple = _list(Pair, "exceptions: cells whose adhesion to each other differs from adhesion.cells",
                          "adhesion.pairs")
     protrusion: Any = _law("protrusion", "push of the leading edge", default_law="edge")
+    polarity: Any = _law("polarity", "polarity of the cells that protrude, along which they push; by default "
+                         "protrusion.direction, for ever", default_law="relaxing")
     cortex: Any = _law("cortex", "tension of the cells' surfaces; by default none, as in the paper",
                        default_law="line-tension")
     friction: Any = _law("friction", "drag on the substrate; by default none, as in the paper", default_law="bonds")
@@ -289,6 +304,14 @@ class Case:
     def overdamped(self) -> bool:
         """Whether the case asks for motion without inertia."""
         return self.time.integrator == "overdamped"
+
+    @property
+    def guided(self) -> bool:
+        """Whether pushes change in time by themselves: by polarities, by times of cells, or by what is near."""
+        push = self.protrusion
+        return push is not None and bool(push.cells) and (
+            self.polarity is not None or push.gate is not None
+            or any(c.push is not None and (c.push.begin or c.push.end is not None) for c in self.cells))
 
     def friction_of(self, cell: Cell) -> Any:
         """Law of friction of a cell, None without."""
@@ -340,8 +363,8 @@ def _table(item: Any) -> dict:
             shape = _table(value)
             table |= {name: shape.pop("law"), **shape}
         elif value is not None:
-            of_law = "kind" in f.metadata
-            table[name] = _table(value) if of_law else write(in_table(f, getattr(item, "unit", None)), value)
+            of_table = {"kind", "record"} & f.metadata.keys()
+            table[name] = _table(value) if of_table else write(in_table(f, getattr(item, "unit", None)), value)
     return table
 
 

@@ -132,6 +132,7 @@ PARTS = (
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
+    Part("drives.c", lambda t: t.guided, {"after_forces": "turn_drives(s, dt);"}),
     Part("boundary.c", lambda t: t.load_curves is not None, {
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
@@ -153,5 +154,6 @@ def sizes(terms: Terms) -> dict[str, int]:
     return {"D": terms.dimension, "M": numbers(terms.dimension), "STABILISED": terms.stabilised,
             "STIFFENED": terms.stiffened, "BENDS": terms.stabilised or terms.stiffened,
             "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
+            "GUIDED": terms.guided, "SIDES": terms.sides,
             "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network,
             "RENEWED": terms.renewal is not None}

@@ -18,6 +18,7 @@ from ..model.seifert import WALL, BetweenCells, solid
 from .boundary import load_curves_of
 
 ETA, ZETA = "director gradients (eta)", "active stress (zeta)"
+SIDES = {2: 2, 3: 8}  # directions in which a cell without polarity pushes, by the number of dimensions
 SINGLE_FROM = 25_000  # particles of all kinds of cells: beyond, coefficients in double leave caches of 32 MB
 
 
@@ -94,6 +95,8 @@ class Terms:
     dimension : int -- 2, plane strain, or 3.
     inertia : bool -- whether bodies have kinetic energy.
     renewal : float or None -- stretch of fluids at which the neighbours are found anew [-]; None if they never are.
+    guided : bool -- whether pushes change in time by themselves.
+    sides : int -- directions in which each cell pushes.
     skipped : dict -- by name of an absent term, the reason for the log.
     """
 
@@ -117,6 +120,8 @@ class Terms:
     dimension: int = 2
     inertia: bool = True
     renewal: float | None = None
+    guided: bool = False
+    sides: int = 1
     skipped: dict = field(default_factory=dict)
 
     @property
@@ -163,6 +168,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                             (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
                             (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
+    guided = unless(None if case.guided and protrusion is not None else "they are the same at all times",
+                    "changes of pushes", True, False)
     uniform = law is None or law.uniform
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
@@ -189,7 +196,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
                  load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
                  dimension=case.dimension, inertia=not (case.overdamped or case.static), renewal=_renewal(case),
-                 skipped=skipped)
+                 guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
@@ -209,6 +216,11 @@ def _single(case: Case) -> bool:
     """Whether coefficients are stored in single precision."""
     shapes = {(c.shape, c.material, c.nucleus) for c in case.cells}
     return sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM and _renewal(case) is None
+
+
+def _sides(case: Case) -> int:
+    """Directions in which each protruding cell pushes."""
+    return SIDES[case.dimension] if case.protrusion is not None and case.protrusion.basal else 1
 
 
 def _renewal(case: Case) -> float | None:

@@ -99,7 +99,7 @@ class SlidingFriction:
 
 @dataclass(frozen=True)
 class ProtrusionPush:
-    """Push of a cell on a triangle of its surface along x.
+    """Push of a cell on a triangle of its surface along one direction, which is x in what follows.
 
     law : of protrusion, as EdgeProtrusion is;  bonds : TriangleBonds of the substrate.
     """

@@ -136,6 +136,18 @@ class ProtrusionLaw(Law, Protocol):
     def correlation_length(self) -> float:
         """Distance of the points where α is drawn [µm]."""
 
+    @property
+    def direction(self) -> tuple[float, ...]:
+        """Direction along the substrate, of any length (d - 1,) [-]; empty for +x."""
+
+    @property
+    def basal(self) -> float:
+        """Push outwards on every side over that of a polarity of size one [-]."""
+
+    @property
+    def gate(self) -> float | None:
+        """Distance from other cells below which the membrane does not push [µm]."""
+
     def front(self, x: Value) -> Value:
         """Share of the push [-] at a distance x [µm] ahead of the mean of the surface."""
 
@@ -150,6 +162,28 @@ class ProtrusionLaw(Law, Protocol):
 
     def ramp_primitive(self, g: Value) -> Value:
         """Its primitive, zero below g = 0 [µm]; in three dimensions only."""
+
+
+class PolarityLaw(Law, Protocol):
+    """How the polarity of a cell changes from knot to knot."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Names of the cells that have one; empty for all that protrude."""
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """Polarity at the start (d - 1,) [-]; empty where it is drawn."""
+
+    @property
+    def interval(self) -> float:
+        """Time from knot to knot [µs]."""
+
+    def drawn(self, towards: Value, noise: Value) -> Value:
+        """Polarities (…, d - 1) [-] at the start, for cues and normal numbers of that shape [-]."""
+
+    def next(self, p: Value, towards: Value, noise: Value, chance: Value) -> Value:
+        """Polarities (…, d - 1) [-] at the next knot, for normal numbers of that shape and uniform ones (…,) [-]."""
 
 
 class Cortex(Law, Protocol):

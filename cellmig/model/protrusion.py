@@ -16,7 +16,9 @@ LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are le
 
 @law("protrusion", "edge")
 class EdgeProtrusion:
-    r"""Push along +x, proportional to the adhesion energy, on the front half of a cell where it is near the substrate.
+    r"""Push along a direction p̂, proportional to the adhesion energy, on the front half of a cell near the substrate.
+
+    The direction is `direction`, +x by default, or where cells have a polarity p that of p, and |p| is then a factor.
 
     The force per reference length is β α c N σ S'(g) [pN/µm] at the height g, with S = u² (3 - 2u), u = g/ℓ in [0, 1]:
     it vanishes at the substrate (g = 0) and where the membrane is high (g >= ℓ; ℓ is at most the cutoff of the bonds).
@@ -24,8 +26,9 @@ class EdgeProtrusion:
     pushes; 0.29 per µm for those of 50 nm, so that the front half of a spread cell pushes more than its edge.
     The factor α in [0, 1] varies along the surface.  The factor c = min(1, B/ℓ), where B is the length of closed bonds
     under the front half, makes the push depend on adhesion: without bonds there is none, and at a height of 30 ε it is
-    less than 0.2 % of the full one.  The front half begins gradually, over ℓ, at the mean x of the surface, which is
-    computed in every step.
+    less than 0.2 % of the full one.  The front half begins gradually, over ℓ, at the mean of the surface along p̂, which
+    is computed in every step.  A share `basal` pushes outwards on every side besides: on both in the plane, in space in
+    eight directions.
     S' and B are integrated exactly along surface segments, so that the push converges with the spacing; the attraction
     N U'(g) itself would not, as its range ε is far less than a segment.
     Source: derived here from F_d of Bai, Lin & Zeng (2019), which acts on the front half, is proportional to the
@@ -39,6 +42,12 @@ class EdgeProtrusion:
     random: bool = parameter("whether α is random in [0, 1]; otherwise it is 1/2", True)
     correlation_length: float = quantity("um", "distance of the points at which α is drawn; it is linear between them",
                                          "0.4 um", above=0, formerly="patch")
+    direction: tuple = quantity("", "direction p̂ along the substrate, of any length: [1] or [-1], in space [x, y]; by "
+                                "default +x; a polarity takes its place", (), shape=(None,))
+    basal: float = quantity("", "push outwards on every side, whatever the polarity, over that of |p| = 1", 0.0,
+                            minimum=0)
+    gate: float | None = quantity("um", "distance from other cells below which the membrane does not push; from half "
+                                  "of it on gradually", None, above=0)
 
     def front(self, x):
         """Factor of the front half [-], from 0 to 1, at a distance x ahead of the mean of the surface [µm]."""
@@ -66,7 +75,7 @@ class EdgeProtrusion:
 
 @dataclass(frozen=True)
 class ProtrusionForce:
-    """Push of a cell on a segment of its surface.
+    """Push of a cell on a segment of its surface along one direction, which is x in what follows.
 
     law : of protrusion, as EdgeProtrusion is;  bonds : SegmentBonds of the substrate.
     """

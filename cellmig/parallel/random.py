@@ -8,10 +8,16 @@ import numpy as np
 
 
 def uniform(seed: int, purpose: str, name: str, n: int) -> np.ndarray:
-    """The first n of the numbers in [0, 1) that belong to (seed, purpose, name), (n,) [-].
+    """The first n of the numbers in [0, 1) that belong to (seed, purpose, name), (n,) [-]."""
+    return _generator(seed, purpose, name).random(n)
 
-    Source: the counter-based generator Philox (Salmon et al. 2011).
-    """
+
+def normal(seed: int, purpose: str, name: str, n: int) -> np.ndarray:
+    """The first n of the normal numbers, of mean 0 and variance 1, that belong to (seed, purpose, name), (n,) [-]."""
+    return _generator(seed, purpose, name).standard_normal(n)
+
+
+def _generator(seed: int, purpose: str, name: str) -> np.random.Generator:
+    """Source: the counter-based generator Philox (Salmon et al. 2011)."""
     words = np.frombuffer(hashlib.sha256(f"{purpose}\0{name}".encode()).digest(), "<u4")
-    key = np.random.SeedSequence([seed, *words.tolist()])
-    return np.random.Generator(np.random.Philox(key)).random(n)
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, *words.tolist()])))

@@ -71,7 +71,7 @@ class Equations:
             it still drives them apart.
         """
         m = self.mechanics
-        m.loads.set_clock(t)
+        m.set_clock(t)
         m.state.u[:], m.state.v[:] = u, v
         m.state.forget_contacts()
         a = m.rate(t - self._begun)[:, m.scene.dimension :].copy()

@@ -383,7 +383,7 @@ class Implicit(Integrator):
             a = self.equations.acceleration(start + at * dt, u + at * moved, moved / dt)
             work += share * (mass * a * moved).sum(axis=1)
             m.accounts.add(share * dt)
-        m.loads.set_clock(start + dt)
+        m.set_clock(start + dt)
         m.state.owned[:] = after
         m.rate(dt)
         motion = 0.5 * (mass * (v**2 - v_before**2)).sum(axis=1)

@@ -33,7 +33,7 @@ class Leapfrog:
             m.save()
         while True:
             left, dt = run.equal_steps(stop)
-            m.loads.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
+            m.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
             m.advance(n, dt)
             m.meet()

@@ -22,7 +22,7 @@ from .loads import Loads
 from .medium import Immersed
 from .modes import Modes
 from .network import Network
-from .protrusion import Protruding, Protrusion
+from .protrusion import Drives, Protruding, Protrusion
 from .segments import Segments
 from .state import State
 from .subdomain import Subdomain
@@ -152,10 +152,22 @@ class Mechanics:
 
     # ------------------------------------------------------------ the step
 
+    def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
+        """Set the time [µs] of pushes, supports, loads and plates, `steps` equal steps after an `origin` [µs]."""
+        self.loads.set_clock(time, origin, steps)
+        if self.protrusion is not None:
+            self.protrusion.set_clock(time)
+
+    def drive(self, drives: Drives) -> None:
+        """Push as `drives` say from their time on."""
+        self._protruding = self._protruding._replace(drives=drives)
+        if self.protrusion is not None:
+            self.protrusion.drive(drives)
+
     def prescribe(self, time: float) -> None:
         """Move supports to their positions at a time [µs], with their velocities; collective."""
+        self.set_clock(time)
         if self.loads.there:
-            self.loads.set_clock(time)
             self.kernel("prescribe")
             self.state.exchange()
 

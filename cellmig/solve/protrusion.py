@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +14,28 @@ from .segments import Segments
 from .subdomain import Subdomain
 
 
+@dataclass
+class Drives:
+    """In which directions cells push, and how strongly, the same on all ranks.
+
+    value : (cells, sides, d - 1) float -- vectors whose lengths are factors of the push, at a `time` [-];  rate : their
+    change (cells, sides, d - 1) [1/µs];  time : [µs];  factor : (m,) float -- of the push at all surface particles [-].
+    """
+
+    value: np.ndarray
+    rate: np.ndarray
+    time: float
+    factor: np.ndarray
+
+
 class Protruding(NamedTuple):
-    """Which cells protrude (cells,) bool, and random factors alpha of all surface particles at the start (m,) [-]."""
+    """Which cells protrude (cells,) bool, random factors alpha of all surface particles at the start (m,) [-], and the
+    Drives of the start.
+    """
 
     cells: np.ndarray
     alpha: np.ndarray
+    drives: Drives
 
 
 class Protrusion:
@@ -27,7 +45,7 @@ class Protrusion:
 
     FIELDS = (
         Field("push", "double *", "(n_facets, d)", "pN/µm", "β α N σ/d at the corners of the facets"),
-        Field("pushed", "double *", "(n_facets, d)", "pN/µm", "forces of the last kick"),
+        Field("pushed", "double *", "(n_facets, d, d - 1)", "pN/µm", "forces of the last kick along the substrate"),
         Field("n_movers", "long", doc="protruding cells"),
         Field("first_mover", "long *", "(n_movers + 1,)", "", "their particles in `mover`"),
         Field("mover", "int32_t *", "(…,)", "", "all of their surface particles"),
@@ -36,8 +54,12 @@ class Protrusion:
         Field("first_grip", "long *", "(n_movers + 1,)", "", "their segments in `grip`"),
         Field("grip", "int32_t *", "(…,)", "", "their segments near the substrate"),
         Field("firm", "double", "", "µm", "length of closed bonds that holds a cell"),
-        Field("middle", "double *", "(n_movers,)", "µm", "mean x of the surface"),
-        Field("hold", "double *", "(n_movers,)", "-", "share of the push that the bonds hold"),
+        Field("drive", "double *", "(n_movers, sides, d - 1)", "-", "directions of the push times its factors"),
+        Field("drive_rate", "double *", "(n_movers, sides, d - 1)", "1/µs", "their change"),
+        Field("drive_clock", "double *", "(1,)", "µs", "time since the value of `drive`"),
+        Field("drive_now", "double *", "(n_movers, sides, d)", "-", "factors and directions at the time of the clock"),
+        Field("middle", "double *", "(n_movers, sides)", "µm", "mean of the surface in each direction"),
+        Field("hold", "double *", "(n_movers, sides)", "-", "share of the push that the bonds hold"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments, protruding: Protruding):
@@ -45,17 +67,38 @@ class Protrusion:
         law, bonds = part.terms.protrusion, part.terms.substrate
         assert law is not None and bonds is not None  # without bonds nothing protrudes
         self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
-        size = law.protrusion_ratio * bonds.work / part.scene.dimension
-        k["push"] = np.where(segments.acts[:, None], size * carried(part.scene, protruding.alpha)[segments.ends], 0.0)
-        k["pushed"] = np.zeros(segments.ends.shape)
+        d, sides = part.scene.dimension, part.terms.sides
+        size = law.protrusion_ratio * bonds.work / d
+        alpha = carried(part.scene, protruding.alpha)[segments.ends]
+        self._push = np.where(segments.acts[:, None], size * alpha, 0.0)
+        k["pushed"] = np.zeros((*segments.ends.shape, d - 1))
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
         share = s.shares[part.pushed]
         k["mover_weight"] = share / np.repeat(np.add.reduceat(share, first) if len(first) else share, count)
         k["n_movers"], k["first_mover"] = len(cells), np.append(first, len(part.pushed))
         k["mover"] = part.numbering.local(s.ids[part.pushed])
         k["mover_of"] = np.searchsorted(cells, s.cell[segments.ends[:, 0]])
-        k["firm"], k["middle"], k["hold"] = law.height, np.zeros(len(cells)), np.zeros(len(cells))
+        k["firm"], k["drive_now"] = law.height, np.zeros((len(cells), sides, d))
+        k["middle"], k["hold"] = np.zeros((len(cells), sides)), np.zeros((len(cells), sides))
+        self._cells, self._time = cells, 0.0
+        self.drive(protruding.drives)
         self._on = protruding.cells[s.cell[segments.ends[:, 0]]] & s.outer[segments.number]
+
+    def drive(self, drives: Drives) -> None:
+        """Push as these Drives say, from their time on."""
+        k, self._time = self._kernel, drives.time
+        k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
+        k["push"] = self._push * drives.factor[self._segments.ends]
+        k["drive_clock"] = np.zeros(1)
+
+    def set_clock(self, time: float) -> None:
+        """Push as in the Drives at a time [µs]."""
+        self._kernel["drive_clock"][0] = time - self._time
+
+    def now(self) -> np.ndarray:
+        """Vectors (cells, sides, d - 1) [-] of the protruding cells of this rank at the time of the clock."""
+        k = self._kernel
+        return k["drive"] + k["drive_clock"][0] * k["drive_rate"]
 
     def renew(self) -> None:
         """Select the segments near the substrate, from the current search lists."""
@@ -65,5 +108,5 @@ class Protrusion:
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: the push of the last kick (n_facets, d) [pN/µm]."""
-        return {"pushed": self._kernel["pushed"]}
+        """Arrays that steps change: the push of the last kick (n_facets, d, d - 1) [pN/µm], and the clock (1,) [µs]."""
+        return {name: self._kernel[name] for name in ("pushed", "drive_clock")}

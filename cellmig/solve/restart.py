@@ -146,7 +146,7 @@ def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
 
 def _of_segments(m: Mechanics) -> dict[str, np.ndarray]:
     """Values of the segments, to write to: forces of the protrusion, impulses of bonds."""
-    found = m.protrusion.changing if m.protrusion is not None else {}
+    found = {"pushed": m.protrusion.changing["pushed"]} if m.protrusion is not None else {}
     return found | ({"bond_impulse": m.accounts.impulses.bond} if m.terms.substrate is not None else {})
 
 

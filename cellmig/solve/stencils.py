@@ -103,26 +103,28 @@ def _medium(m: Mechanics, formula: Any) -> Iterator[Stencil]:
 
 def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
     """A stencil for each protruding cell, as its push depends on its whole surface."""
-    k = m.kernel
-    for c in range(len(k["hold"])):
+    assert m.protrusion is not None
+    k, vectors = m.kernel, m.protrusion.now()
+    for c, side in np.ndindex(k["hold"].shape):
         on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
-        if not len(grip):
+        strength = np.linalg.norm(vectors[c, side])
+        if not len(grip) or not strength:
             continue
         nodes = k["mover"][on]
         order = np.argsort(nodes)
         ends = order[np.searchsorted(nodes, k["facet"][grip], sorter=order)]
         yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["facet_size"][grip],
-                   k["push"][grip].T)
+                   strength * k["push"][grip].T, vectors[c, side] / strength)
 
 
 @dataclass(frozen=True)
 class Push:
-    """The push of a cell, whose derivatives go by the mean of its surface and by its closed bonds.
+    """The push of a cell in a direction, whose derivatives go by the mean of its surface and by its closed bonds.
 
     name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce or ProtrusionPush;
     weight : (k,) float -- of the particles in the mean [-];  ends : (d, n) int -- corners of the facets near the
     substrate, among the nodes;  size : (n,) float -- of these [µm, µm²];  push : (d, n) float -- on their corners
-    [pN/µm].
+    [pN/µm];  direction : (d - 1,) float -- along the substrate [-].
     """
 
     name: str
@@ -132,13 +134,14 @@ class Push:
     ends: np.ndarray
     size: np.ndarray
     push: np.ndarray
+    direction: np.ndarray
 
     def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Forces (k, d, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
         ahead, gaps = self._places(x[..., 0])
         bonded, out = self._closed(ahead[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
         for end, along in zip(self.ends, self._along(bonded, *ahead[self.ends], *gaps), strict=True):
-            np.add.at(out[:, 0, 0], end, along)
+            np.add.at(out[:, :-1, 0], end, along[:, None] * self.direction)
         return out
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,14 +158,16 @@ class Push:
         for on, (bonded, *by) in zip(at.reshape(self.ends.shape), slopes[..., None], strict=True):
             of_x, of_gap = (bonded * mean + sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
                             for mean, part, place in zip(by_all, (by[:d], by[d:]), (by_x, unit), strict=True))
-            np.subtract.at(blocks[:, :, 0, 0], on, by_u * of_x)
-            np.subtract.at(blocks[:, :, 0, -1], on, by_u * of_gap)
+            both = self.direction[:, None] * self.direction
+            np.subtract.at(blocks[..., :-1, :-1], on, by_u * of_x[..., None, None] * both)
+            np.subtract.at(blocks[..., :-1, -1], on, by_u * of_gap[..., None] * self.direction)
         node = self.nodes[:, 0]
         return np.repeat(node[row], k), np.tile(node, len(row)), blocks.reshape(-1, d, d)
 
     def _places(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the nodes at x (k, d) [µm] what they are ahead of the mean (k,), of the ends the gaps (d, n) [µm]."""
-        return x[:, 0] - self.weight @ x[:, 0], x[self.ends, -1]
+        place = x[:, :-1] @ self.direction
+        return place - self.weight @ place, x[self.ends, -1]
 
     def _closed(self, ahead: Any, *gaps: Any) -> Any:
         return self.formula.grip(self.size, ahead, *gaps)

@@ -605,8 +605,9 @@ def test_the_schema_lists_every_law_with_its_units_and_bounds() -> None:
     schema = json.loads(json.dumps(json_schema()))
     properties = schema["properties"]
     assert set(properties) == {"extends", "title", "dimension", "seed", "time", "particles", "materials", "cells",
-                               "adhesion", "protrusion", "cortex", "friction", "medium", "fields", "substrate",
-                               "director", "body_force", "supports", "loads", "plates", "probes", "numerics"}
+                               "adhesion", "protrusion", "polarity", "cortex", "friction", "medium", "fields",
+                               "substrate", "director", "body_force", "supports", "loads", "plates", "probes",
+                               "numerics"}
     options = properties["materials"]["additionalProperties"]["anyOf"]
     assert {option["properties"]["law"]["const"] for option in options} == set(registry.laws("material"))
     radius = properties["cells"]["items"]["anyOf"][0]["properties"]["radius"]

@@ -1,25 +1,28 @@
-/* F_d of equation (2) in space: push of the leading edge along +x, over the triangles near the substrate. */
+/* F_d of equation (2) in space: push of the leading edge, over the triangles near the substrate. */
 
 /* A triangle that is pushed: forces on its corners, over the mean slope of the ramp. */
-typedef struct { Facet e; double push[D]; } Pushed;
+typedef struct { Facet e; double push[D][PLANE]; } Pushed;
 
 /* Sets that of facet k; whether any force is there, or was at the start of the step. */
 static int set_pushed(const KernelData *s, long k, Pushed *p)
 {
-    p->e = facet_at(s, k);
-    double most = 0, before = 0;
-    for (int i = 0; i < D; i++) {
-        const double push = s->push[D * k + i];
-        if (!(push > 0)) {
-            p->push[i] = 0;
-            continue;
+    if (!is_pushed(s, k)) return 0;
+    *p = (Pushed){.e = facet_at(s, k)};
+    int any = 0;
+    for (long m = SIDES * s->mover_of[k]; m < SIDES * (s->mover_of[k] + 1); m++) {
+        const Drive *drive = drive_at(s, m);
+        for (int i = 0; i < D; i++) {
+            const double push = s->push[D * k + i];
+            if (!(push > 0)) continue;
+            const double ahead = along(s, drive, p->e.node[i]) - s->middle[m];
+            const double size = s->hold[m] * p->e.size * push * protrusion_front(s->protrusion, ahead);
+            for (int c = 0; c < PLANE; c++) p->push[i][c] += drive->strength * size * drive->direction[c];
         }
-        const double ahead = coordinate(s, p->e.node[i], TANGENT) - s->middle[s->mover_of[k]];
-        p->push[i] = s->hold[s->mover_of[k]] * p->e.size * push * protrusion_front(s->protrusion, ahead);
-        most = d_maximum(most, p->push[i]);
-        before = d_maximum(before, fabs(s->pushed[D * k + i]));
     }
-    return most > 0 || before > 0;
+    for (int i = 0; i < D; i++)
+        for (int c = 0; c < PLANE; c++)
+            any |= p->push[i][c] != 0 || s->pushed[PLANE * (D * k + i) + c] != 0;
+    return any;
 }
 
 /* Mean slopes of the ramp over n triangles. */
@@ -51,8 +54,11 @@ void add_protrusion(const KernelData *s, double *force, double *energy, double a
         find_slopes(s, found, n, slope);
         for (int m = 0; m < n; m++)
             for (int i = 0; i < D; i++) {
-                const double now = found[m].push[i] * slope[m];
-                force[D * found[m].e.node[i] + TANGENT] += now;
+                double now[PLANE];
+                for (int c = 0; c < PLANE; c++) {
+                    now[c] = found[m].push[i][c] * slope[m];
+                    force[D * found[m].e.node[i] + TANGENT + c] += now[c];
+                }
                 if (!energy) account_push(s, &found[m].e, i, now, accounted_dt, dt);
             }
     }

@@ -1,0 +1,161 @@
+"""Where cells push: polarities, which chance and cues turn, and what becomes of them in the mechanics."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..case.schema import Case
+from ..meshfree.body import Scene
+from ..meshfree.contact import Surfaces
+from ..meshfree.terms import Terms
+from ..parallel.collect import broadcast, computed_on_root
+from ..parallel.random import normal, uniform
+from .mechanics import Mechanics
+from .protrusion import Drives
+
+# Shares of a basal push, which is the same on all sides, and of a polarity in each of the directions of a cell: the sum
+# of n unit vectors e over half a circle is n/π long, that of (p·e) e over the half around p is n p/4.
+SHARES = {1: (0.0, 1.0), 2: (1.0, 1.0), 8: (math.pi / 8.0, 0.5)}
+
+
+def directions(sides: int, dimension: int) -> np.ndarray:
+    """Unit vectors (sides, d - 1) [-] along the substrate in which a cell pushes on every side."""
+    if dimension == 2:
+        return np.array([[1.0], [-1.0]])[:sides]
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    return np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+def towards(case: Case) -> np.ndarray:
+    """Unit vectors (cells, d - 1) [-] along which cells without a polarity push."""
+    n, given = case.dimension - 1, case.protrusion.direction if case.protrusion is not None else ()
+    found = np.array([(cell.push and cell.push.direction) or given or (1.0,) + (0.0,) * (n - 1)
+                      for cell in case.cells], float)
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def vectors(case: Case, terms: Terms, p: np.ndarray) -> np.ndarray:
+    """Vectors (cells, sides, d - 1) [-] of the pushes of cells with polarities p (cells, d - 1) [-]."""
+    if terms.sides == 1:
+        return p[:, None].copy()
+    basal, along = SHARES[terms.sides]
+    ways = directions(terms.sides, terms.dimension)
+    law: Any = terms.protrusion
+    return (basal * law.basal + along * np.maximum(p @ ways.T, 0.0))[..., None] * ways
+
+
+def strengths(case: Case, time: float) -> np.ndarray:
+    """Factors (cells,) [-] of the pushes of cells at a time [µs]."""
+    found = np.ones(len(case.cells))
+    for c, push in enumerate(cell.push for cell in case.cells):
+        if push is not None:
+            found[c] = push.strength * (push.begin <= time < (math.inf if push.end is None else push.end))
+    return found
+
+
+def steady(case: Case, terms: Terms, scene: Scene) -> Drives:
+    """Drives at the start of cells without polarities, which do not change."""
+    value = strengths(case, 0.0)[:, None, None] * vectors(case, terms, towards(case))
+    return Drives(value, np.zeros_like(value), 0.0, np.ones(len(Surfaces.of(scene).ids)))
+
+
+class Guidance:
+    """Polarities of cells, found at knots that are fixed in time, and drives that are linear in time between them.
+
+    Attributes
+    ----------
+    knot : int -- number of the last knot.
+    p, then : (cells, d - 1) float -- polarities at the last and at the next knot [-].
+    parts : dict of (cells, d - 1) float -- what each cue gave at the last knot, by its name [-].
+    due : float -- time up to which the drives hold [µs].
+    """
+
+    def __init__(self, case: Case, mechanics: Mechanics):
+        """Find polarities at the start, and at the first knot; collective."""
+        self._case, self._mechanics, self._law = case, mechanics, case.polarity
+        names, law = [cell.name for cell in case.cells], self._law
+        self._names = names
+        push = case.protrusion.cells if case.protrusion is not None else ()
+        self._polar = np.array([law is not None and name in push and name in (law.cells or push) for name in names])
+        self._interval = law.interval if law is not None else case.time.end / case.time.samples
+        self._events = sorted({t for cell in case.cells if cell.push for t in (cell.push.begin, cell.push.end) if t})
+        self.knot, self._at, self.parts = 0, 0.0, dict[str, np.ndarray]()
+        self._factor = np.ones(len(mechanics.surfaces.ids))
+        self.p = self.then = towards(case)
+        self.p, self.then = computed_on_root(mechanics.comm, self._begun)
+        self._drive()
+
+    @property
+    def due(self) -> float:
+        """Time of the next knot, or at which a cell begins or ceases to push [µs]."""
+        if not self._case.guided:
+            return math.inf
+        return min([self._interval * (self.knot + 1), *(t for t in self._events if t > self._at)])
+
+    def turn(self) -> None:
+        """Find what follows at the time that was due; collective."""
+        self._at = self.due
+        if self._at == self._interval * (self.knot + 1):
+            self.knot += 1
+            self.p = self.then
+            self.then = computed_on_root(self._mechanics.comm, lambda: self._next(self._cues()))
+        self._drive()
+
+    def now(self) -> np.ndarray:
+        """Polarities (cells, d - 1) [-] at the time that was due last."""
+        return self.p + (self._at / self._interval - self.knot) * (self.then - self.p)
+
+    def _begun(self) -> tuple[np.ndarray, np.ndarray]:
+        """Polarities (cells, d - 1) [-] at the start and at the first knot."""
+        law, p = self._law, self.p.copy()
+        if law is None:
+            return p, p
+        cues, on = self._cues(), self._polar
+        p[on] = law.start or law.drawn(cues, self._normal("start"))[on]
+        self.p = p
+        return p, self._next(cues)
+
+    def _next(self, cues: np.ndarray) -> np.ndarray:
+        """Polarities (cells, d - 1) [-] at the next knot, for the sum of `cues` of that shape [-]."""
+        if self._law is None:
+            return self.p
+        chance = np.array([uniform(self._case.seed, "turn", self._key(name), 1)[0] for name in self._names])
+        turned = self._law.next(self.p, cues, self._normal("noise"), chance)
+        return np.where(self._polar[:, None], turned, self.p)
+
+    def _cues(self) -> np.ndarray:
+        """Sum of all cues (cells, d - 1) [-] at the last knot."""
+        return np.zeros_like(self.p)
+
+    def _normal(self, purpose: str) -> np.ndarray:
+        """Independent normal numbers (cells, d - 1) [-] that belong to each cell and the last knot."""
+        n = self.p.shape[1]
+        return np.array([normal(self._case.seed, f"polarity {purpose}", self._key(name), n) for name in self._names])
+
+    def _key(self, name: str) -> str:
+        return f"{name}\0{self.knot}"
+
+    def _drive(self) -> None:
+        """Push as the polarities say from now on."""
+        case, terms, start = self._case, self._mechanics.terms, self._interval * self.knot
+        low, high = (vectors(case, terms, p) for p in (self.p, self.then))
+        on = strengths(case, self._at)[:, None, None]
+        rate = (high - low) / self._interval
+        self._mechanics.drive(Drives(on * (low + (self._at - start) * rate), on * rate, self._at, self._factor))
+
+    def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """State for a checkpoint: numbers, and the factor of the push at all surface particles (m,) [-]."""
+        parts = {name: values.tolist() for name, values in self.parts.items()}
+        return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts},
+                {"guidance factor": self._factor})
+
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Set the state from the results of `saved`, whose arrays are on rank 0; collective."""
+        found = broadcast(self._mechanics.comm, {name: a for name, a in arrays.items() if name.startswith("guidance")})
+        self.knot, self._at, self._factor = about["knot"], about["at"], found["guidance factor"]
+        self.p, self.then = np.array(about["p"]), np.array(about["then"])
+        self.parts = {name: np.array(values) for name, values in about["parts"].items()}
+        self._drive()
