@@ -18,9 +18,11 @@ TURNING = ('materials.cytoplasm.zeta="2 kPa"', 'materials.cytoplasm.eta="30 pN"'
 WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
         "load_curve": {"law": "sine", "period": "1 us"}}
 PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "load_curve": {"law": "ramp", "duration": "1 us"}}
+POLAR = ('polarity.persistence="4 us"', "protrusion.basal=0.5", 'cells.Cell-2.push={begin="0.5 us", end="1.7 us"}')
 SCENES = {
     "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
     "protrusion": lambda: case("all_protrude", FAST),
+    "polarity": lambda: case("all_protrude", FAST, *POLAR),
     "uniform, active": lambda: case("two_three", TURNING[0]),
     "frozen director": lambda: case("one_cell", *TURNING, 'director.law="frozen"',
                                        'director.start="radial"', FAST),
