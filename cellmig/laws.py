@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import geometry, model
+from . import cues, geometry, model
 from .case.registry import discover
 
 
@@ -10,3 +10,4 @@ def register() -> None:
     """Import every module of laws and shapes, which registers them; a second call has no effect."""
     discover(model)
     discover(geometry)
+    discover(cues)

@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent / "cellmig"
-ROOMS = ["case", "model", "geometry", "meshfree", "kernel", "parallel", "solve"]
+ROOMS = ["case", "model", "geometry", "meshfree", "kernel", "parallel", "cues", "solve"]
 
 ARRAY, NUMBER = re.compile(r"\bndarray\b"), re.compile(r"\bfloat\b")
 CONTAINER = re.compile(r"\b(?:dict|Mapping|Callable)\[.*\]")  # what is in it has its own description

@@ -1,4 +1,4 @@
-"""Checks of fields and of the substrate: kinds of units, and values where the cells are at the start."""
+"""Checks of fields, of the substrate and of cues: kinds of units, and values where the cells are at the start."""
 
 from __future__ import annotations
 
@@ -37,6 +37,20 @@ def amounts(source: Source, found: dict[str, Any]) -> None:
                                                "[adhesion.substrate]")
     for key in OF_SUBSTRATE:
         _ground(source, key, getattr(ground, key), fields, points)
+
+
+def cues(source: Source, found: dict[str, Any]) -> None:
+    """Note cues of cells that have no polarity, and levels of another kind than the field of a cue."""
+    if found["cues"] and "polarity" not in source.data:
+        source.reject(("cues",), "turn the polarity of cells, of which there is none: add [polarity], such as "
+                                 'persistence = "10 min"')
+    known = {key: declared(Ground)[key].metadata["unit"] for key in OF_SUBSTRATE}
+    known |= {name: law.unit for name, law in found["fields"].items() if law is not None}
+    for cue, path in found["cues"]:
+        name, level = getattr(cue, "field", None), getattr(cue, "affinity", None)
+        if level is not None and name in known and not units.same_kind(level.unit, known[name]):
+            such = f"a level such as {show(units.written('1', known[name]))}" if known[name] else "a pure number"
+            source.reject((*path, "affinity"), f"expects {such}, of the kind of '{name}', not {show(level.text)}")
 
 
 def _ground(source: Source, key: str, given: Any, fields: dict[str, Any], points: np.ndarray | None) -> None:

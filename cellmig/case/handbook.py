@@ -55,12 +55,13 @@ def _section(f: Any) -> list[str]:
     meta, path = f.metadata, ".".join(case_path(f))
     if "section" in meta:
         return [f"## `[{path}]`", "", f"{_sentence(meta['doc'])}.", "", *_table(declared(meta["section"]).items())]
-    if "items_of" in meta:
+    if "items_of" in meta and not isinstance(meta["items_of"], str):
         more = _BESIDE.get(meta["items_of"], "")
         return [f"## `[[{path}]]`", "", f"{_sentence(meta['doc'])}.{more}", "",
                 *_table(declared(meta["items_of"]).items())]
-    known = ", ".join(f"[`{name}`](#{_anchor(meta['kind'], name)})" for name in registry.laws(meta["kind"]))
-    title = f"{path}.NAME" if meta.get("many") else path
+    kind = meta.get("kind", meta.get("items_of"))
+    known = ", ".join(f"[`{name}`](#{_anchor(kind, name)})" for name in registry.laws(kind))
+    title = f"[{path}]" if "items_of" in meta else f"{path}.NAME" if meta.get("many") else path
     return [f"## `[{title}]`", "", f"{_sentence(meta['doc'])}.  Laws: {known}."]
 
 

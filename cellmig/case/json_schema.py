@@ -35,6 +35,8 @@ def _part(f: Any) -> dict:
         return _record(meta["section"], doc=meta["doc"])
     if "items_of" in meta:
         around = meta["items_of"]
+        if isinstance(around, str):
+            return {"type": "array", "description": meta["doc"], "items": _choice(around, "law")}
         key, law = next(((name, f) for name, f in declared(around).items() if f.metadata.get("inline")), (None, None))
         item = _choice(law.metadata["kind"], key, around) if law is not None else _record(around)
         return {"type": "array", "description": meta["doc"], "items": item}
@@ -103,7 +105,7 @@ def _value(f: Any) -> dict:
     elif meta.get("formula") and not unit:
         leaf = {"anyOf": [leaf, {"type": "string"}]}
     for n in reversed(meta.get("shape") or {"pair": (2,)}.get(meta.get("items"), (None,) if "items" in meta else ())):
-        least, most = (2, 3) if n == "d" else (n, n)
+        least, most = {"d": (2, 3), "d-1": (1, 2)}.get(n, (n, n))
         sizes = {"minItems": meta.get("least", least), "maxItems": most} if n else {}
         leaf = {"type": "array", "items": leaf} | sizes
     if "reader" in meta:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from . import accuracy, registry, units, values
+from .amounts import OF_SUBSTRATE
 from .checks import check, ordered, resolution
 from .copies import copy_names, expand, named
 from .expression import Expression
@@ -144,7 +145,8 @@ class _Reader:
         if meta.get("items_of") is Cell:
             return self.cells(value, path)
         if "items_of" in meta:
-            read = self.pair if meta["items_of"] is Pair else partial(self.record, meta["items_of"])
+            what = meta["items_of"]
+            read = (self.pair if what is Pair else partial(self.law if isinstance(what, str) else self.record, what))
             return self.items(read, [] if value is None else value, path)
         if meta.get("many"):
             if not isinstance(value, dict | None):
@@ -317,7 +319,7 @@ class _Reader:
             return tuple(self.copies((side,) if isinstance(side, str) else side, path) for side in found)
         if what == "cell":
             return self.copies(found, path)
-        if what in self.names:
+        if what in self.names and found is not None:
             self.known(what, found, path)
         return found
 
@@ -330,8 +332,10 @@ class _Reader:
 
     def known(self, what: str, name: str, path: tuple) -> None:
         """Note a mistake unless there is such a material or cell."""
-        if name not in self.names[what] and not self.partial:
-            self.reject(path, f"no {what} {show(name)}{suggest(name, self.names[what])}")
+        of_substrate = [key for key in OF_SUBSTRATE if what == "field" and self.find(("substrate", key)) is not None]
+        names = list(dict.fromkeys([*self.names[what], *of_substrate]))
+        if name not in names and not self.partial:
+            self.reject(path, f"no {what} {show(name)}{suggest(name, names)}")
 
     def missing(self, path: tuple, what: str) -> None:
         """Note a required key that is missing."""

@@ -56,8 +56,8 @@ def quantity(unit: str, doc: str, default: Any = dataclasses.MISSING, *, above: 
     doc : str -- meaning and symbol, in one line.
     default : str or float -- as in a case file ("10 nm"); None if the parameter may be absent.
     above, minimum, maximum : float -- bounds in `unit`: exclusive, inclusive, inclusive.
-    shape : tuple -- () for a number, (2,) for two, ("d",) for a vector, one for each dimension of the case, (None, "d")
-        for any number of vectors, as nested tuples.
+    shape : tuple -- () for a number, (2,) for two, ("d",) for a vector, one for each dimension of the case, ("d-1",)
+        for one along the substrate, (None, "d") for any number of vectors, as nested tuples.
     words : tuple of str -- words that are allowed in place of a number, such as ("auto",).
     formula : bool -- whether an `Expression` of x and y is allowed in place of a number.
     formerly : str -- former key, which a message replaces by the new one.
@@ -75,11 +75,12 @@ def parameter(doc: str, default: Any = dataclasses.MISSING, **metadata: Any) -> 
     known : tuple -- usual words: a similar word is refused as a misspelling, any other is allowed.
     above, minimum, maximum : bounds of an int.
     items : "cell" for a tuple of names of cells, "pair" for two such tuples, "count" for one of counts.
-    refers : "material" for a string that names a material.
+    refers : "material" or "field" for a string that names one.
     or_file : function that reads the value from a file whose name is given instead.
     scaled : whether lengths are pure numbers if the table has a `unit`.
     reader : function that makes the value from that in the case; its method `written()` is the inverse.
-    as_type : JSON type of what such a function reads, if it is no table.
+    as_type : JSON type, or types, of what such a function reads, if it is no table.
+    timed : whether formulas may depend on the time.
     or_name : "field" for a name of one that may be given instead.
     formerly : former key.
     """

@@ -235,9 +235,14 @@ def _many(kind: str, doc: str, such_as: str, default_law: str | None = None) -> 
                                                  "default_law": default_law})
 
 
-def _list(cls: type, doc: str, at: str = "") -> Any:
+def _list(cls: type | str, doc: str, at: str = "") -> Any:
     extra = {"at": tuple(at.split("."))} if at else {}
     return field(default=(), metadata={"doc": doc, "items_of": cls, **extra})
+
+
+def _laws(kind: str, doc: str, at: str = "") -> Any:
+    """A list of laws of a kind, each in a table that names its law."""
+    return _list(kind, doc, at)
 
 
 def _law(kind: str, doc: str, at: str = "", default_law: str | None = None) -> Any:
@@ -282,6 +287,7 @@ class Case:
     loads: tuple = _list(Load, "tractions, pressures and body forces on the cells")
     plates: tuple = _list(Plate, "rigid frictionless plates")
     probes: tuple = _list(Probe, "points and parts of surfaces whose motion is recorded in history.csv")
+    cues: tuple = _laws("cue", "what turns the polarity of cells; cues add")
     numerics: Numerics = _section(Numerics, "parameters of the method")
     path: str = field(default="", compare=False, metadata={"doc": "file that it came from", "hidden": True})
     formulas: dict = field(default_factory=dict, compare=False, metadata={

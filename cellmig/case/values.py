@@ -42,7 +42,8 @@ def in_table(field: dataclasses.Field, unit: Any) -> dataclasses.Field:
 
 def shape_in(field: dataclasses.Field, dimension: int) -> tuple:
     """Shape of the values of a field in a case of this `dimension`."""
-    return tuple(dimension if n == "d" else n for n in field.metadata.get("shape", ()))
+    known = {"d": dimension, "d-1": dimension - 1}
+    return tuple(known.get(n, n) for n in field.metadata.get("shape", ()))
 
 
 def default_in(field: dataclasses.Field, dimension: int) -> Any:
@@ -116,7 +117,7 @@ def _quantity(meta: Any, value: Any, dimension: int = 2) -> Any:
     if isinstance(value, str) and value in meta.get("words", ()):
         return value
     if meta.get("formula") and is_formula(value):
-        return Expression(value, unit, dimension)
+        return Expression(value, unit, dimension, bool(meta.get("timed")))
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     or_word = "".join(f" or '{word}'" for word in meta.get("words", ()))
     if unit and isinstance(value, str):
