@@ -17,7 +17,7 @@ class Level:
 
     Attributes
     ----------
-    text : float or str -- as in the case file: "10 nM", or a pure number.
+    text : float or str -- as in the case file: "10 nM", or a pure number [-].
     unit : str -- its unit, "" for a pure number.
     value : float -- the level in the code's units [unit of the field].
     """
@@ -34,14 +34,17 @@ class Level:
         """
         if not isinstance(given, str | int | float) or isinstance(given, bool):
             raise ValueError(f"expects a level of the field, such as \"10 nM\", not {show(given)}")
-        unit = unit_of(given) if isinstance(given, str) else ""
+        try:
+            unit = unit_of(given) if isinstance(given, str) else ""
+        except ValueError:
+            raise ValueError(f"expects a level of the field, such as \"10 nM\", not {show(given)}") from None
         value = units.number(given, unit) if isinstance(given, str) else float(given)
         if not 0.0 < value < float("inf"):
             raise ValueError(f"must be > 0, not {show(given)}")
         return cls(given, unit, value)
 
     def written(self) -> float | str:
-        """The level as in a case file."""
+        """The level as in a case file, with its unit."""
         return self.text
 
 

@@ -80,7 +80,7 @@ def sizes(corners: np.ndarray) -> np.ndarray:
 def pieces(d: int, n: int) -> np.ndarray:
     """Middles of the pieces of equal size of a facet whose sides are divided by n, by shares of its corners (p, d) [-].
 
-    A segment, d = 2, has n pieces, a triangle n².
+    A segment, for d of 2, has n pieces, a triangle n².
     """
     if d == 2:
         along = (np.arange(n) + 0.5) / n
