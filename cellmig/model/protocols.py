@@ -258,7 +258,7 @@ class Field(Law, Protocol):
 
 
 class Response(Law, Protocol):
-    """How the push depends on the stiffness of the substrate."""
+    """How the push depends on the stiffness of the substrate, at once; clutches have a memory and no `factor`."""
 
     def factor(self, stiffness: Value) -> Value:
         """Factor of the push [-] at a stiffness [Pa]."""

@@ -36,12 +36,13 @@ def picture(springs: np.ndarray, found: list[tuple[Any, np.ndarray]]) -> Figure:
     for (law, means), colour in zip(found, COLOURS, strict=False):
         label = f"{law.motors} motors, {law.clutches} clutches of {law.stiffness / PN_NM:g} pN/nm"
         axes.errorbar(springs, means[:, 0] / law.stall, means[:, 1] / law.stall, fmt=".-", color=colour, label=label)
-    axes.set(xscale="log", ylim=(0.0, 1.0), xlabel="spring of the substrate [pN/nm]", ylabel="traction / stall force [-]")
+    axes.set(xscale="log", ylim=(0.0, 1.0), xlabel="spring of the substrate [pN/nm]",
+             ylabel="traction over the stall force [-]")
     law = found[0][0]
     above = axes.secondary_xaxis("top", functions=(lambda k: law.modulus(k * PN_NM) / 1e3,
                                                    lambda E: law.spring(E * 1e3) / PN_NM))
     above.set_xlabel(f"Young's modulus below an adhesion of {law.adhesion_radius:g} µm radius [kPa]")
-    axes.legend()
+    axes.legend(loc="lower left")
     return figure
 
 

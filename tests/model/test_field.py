@@ -139,7 +139,7 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path, content: str, said: 
     assert said in wrong(tmp_path, '[fields.c]\nlaw = "table"\nfile = "c.csv"', c=content)
 
 
-@pytest.mark.parametrize("law", registry.laws("response").values(), ids=registry.laws("response"))
+@pytest.mark.parametrize("law", [one for one in registry.laws("response").values() if hasattr(one, "factor")])
 def test_a_response_is_between_nothing_and_the_full_push(law: type) -> None:
     made = law(**dict.fromkeys(law.__dataclass_fields__, 1e4))
     g = made.factor(np.logspace(0.0, 8.0, 200))
