@@ -313,10 +313,11 @@ class Case:
 
     @property
     def guided(self) -> bool:
-        """Whether pushes change in time by themselves: by polarities, by times of cells, or by what is near."""
-        push = self.protrusion
+        """Whether pushes change in time by themselves: by polarities, times of cells, what is near, the substrate."""
+        push, ground = self.protrusion, self.ground
         return push is not None and bool(push.cells) and (
             self.polarity is not None or push.gate is not None
+            or (ground is not None and (ground.ligand is not None or ground.response is not None))
             or any(c.push is not None and (c.push.begin or c.push.end is not None) for c in self.cells))
 
     def friction_of(self, cell: Cell) -> Any:

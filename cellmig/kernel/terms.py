@@ -130,7 +130,7 @@ PARTS = (
     Part("layout.h", _always),
     *_of_dimensions("{}.h", _always),
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
-                                       "divergence.c", "modes.c", "surface.h")),
+                                       "divergence.c", "modes.c", "surface.h", "ligand.h")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
     Part("drives.c", lambda t: t.guided, {"after_forces": "turn_drives(s, dt);"}),
     Part("boundary.c", lambda t: t.load_curves is not None, {
@@ -156,4 +156,5 @@ def sizes(terms: Terms) -> dict[str, int]:
             "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
             "GUIDED": terms.guided, "SIDES": terms.sides,
             "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network,
-            "RENEWED": terms.renewal is not None}
+            "RENEWED": terms.renewal is not None,
+            "LIGAND": terms.ligand is not None}

@@ -13,7 +13,8 @@ from ..case.pairs import Pairing, paired
 from ..case.registry import laws
 from ..case.schema import Case, particle_count
 from ..geometry.polygons import convex
-from ..model.protocols import Adhesion, Cortex, DirectorLaw, Friction, LoadCurve, Medium, ProtrusionLaw
+from ..model.ground import fields_of
+from ..model.protocols import Adhesion, Cortex, DirectorLaw, Field, Friction, LoadCurve, Medium, ProtrusionLaw
 from ..model.seifert import WALL, BetweenCells, solid
 from .boundary import load_curves_of
 
@@ -83,6 +84,7 @@ class Terms:
     substrate, contact, protrusion, cortex, medium : law or None -- terms of the surface; `contact` is that of all pairs
         of cells without exceptions.
     friction : Frictions or None -- laws of all cells.
+    ligand : Field or None -- density of bonds to the substrate over that of their law.
     contacts : Contacts or None -- laws of all pairs of cells, and of a cell with itself.
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
@@ -106,6 +108,7 @@ class Terms:
     protrusion: ProtrusionLaw | None = None
     cortex: Cortex | None = None
     friction: Frictions | None = None
+    ligand: Field | None = None
     medium: Medium | None = None
     director: str = "none"
     director_law: DirectorLaw | None = None
@@ -183,16 +186,16 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     damped = unless(why(still, (case.overdamped, "there is no sound without inertia"),
                         (not case.numerics.bulk_viscosity, "its viscosity is zero")),
                     "bulk damping", True, False)
-    force = case.body_force if any(case.body_force or ()) else None
-    cortex, medium, force = (unless(None if value else "the case has none", term, value) for term, value in (
-        ("cortex", case.cortex), ("drag of a medium", case.medium), ("body force", force)))
+    cortex, medium, ligand, force = (unless(None if value else "the case has none", term, value) for term, value in (
+        ("cortex", case.cortex), ("drag of a medium", case.medium), ("ligands", fields_of(case).get("ligand")),
+        ("body force", case.body_force if any(case.body_force or ()) else None)))
     rubs = any(case.friction_of(cell) is not None for cell in case.cells)
     friction = unless(why((not rubs, "the case has none"), (case.substrate is None, "no adhesion to the substrate")),
                       "friction on the substrate", _frictions(case) if rubs and case.substrate is not None else None)
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
-                 friction=friction, medium=medium, director=director, director_law=law, active=active,
+                 friction=friction, ligand=ligand, medium=medium, director=director, director_law=law, active=active,
                  stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
                  load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
                  dimension=case.dimension, inertia=not (case.overdamped or case.static), renewal=_renewal(case),

@@ -123,6 +123,10 @@ class SubstrateAdhesion:
         """Forces on both ends [pN/µm]."""
         return self.facet(length, gap1, gap2, 0.0)[0]
 
+    def energy(self, length, gap1, gap2):
+        """Energy [pN]."""
+        return self.facet(length, gap1, gap2, 0.0)[1]
+
 
 class Pieces:
     """Pieces of a segment S between two places, at ξ from 0 to 1, beside an edge and beside a vertex of an outline."""

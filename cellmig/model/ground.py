@@ -34,11 +34,14 @@ def _formula(given: float | Expression, unit: str) -> Any:
 
 
 def push_factor(ground: Ground | None, fields: Mapping[str, Field], x: np.ndarray, time: float) -> np.ndarray:
-    """Factor of the push (m,) [-] at places x (m, d) [µm] by the stiffness there; 1 without a response.
+    """Factor of the push (m,) [-] at places x (m, d) [µm]: the share of bonds there times the response to stiffness.
 
     It is 1 for clutches, too, whose factor belongs to a side of a cell and has a memory.
     fields : those of `fields_of`;  time : float -- [µs].
     """
-    if ground is None or not hasattr(ground.response, "factor"):
-        return np.ones(len(x))
-    return ground.response.factor(fields["stiffness"].value(x, time))
+    factor = np.ones(len(x))
+    if ground is not None and ground.ligand is not None:
+        factor *= np.minimum(fields["ligand"].value(x, time), 1.0)
+    if ground is not None and hasattr(ground.response, "factor"):
+        factor *= ground.response.factor(fields["stiffness"].value(x, time))
+    return factor

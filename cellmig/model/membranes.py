@@ -38,6 +38,10 @@ class TriangleAdhesion:
         """Forces on three corners [pN]."""
         return tuple((0.0, 0.0, along) for along in self.facet(area, gap1, gap2, gap3)[0])
 
+    def energy(self, area, gap1, gap2, gap3):
+        """Energy [pN µm]."""
+        return self.facet(area, gap1, gap2, gap3)[1]
+
     def stiffness(self, area, gap1, gap2, gap3):
         """Bound of the row sums of the tangent where levers are 1 [pN/µm]."""
         return self.bonds.law.bond_density * area * self.bonds.curvature(gap1, gap2, gap3)

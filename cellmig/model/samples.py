@@ -182,11 +182,12 @@ def pixels(path: str) -> Pixels:
 
     Raises ValueError for any other file; the message is for the user.
     """
-    from PIL import Image  # type: ignore[import-untyped] # comes with matplotlib; a case without images does not need it
+    from PIL.Image import DecompressionBombError  # type: ignore[import-untyped] # comes with matplotlib
+    from PIL.Image import open as opened
 
     _check_file(path)
     try:
-        with Image.open(path) as image:
+        with opened(path) as image:
             if image.width * image.height > LARGEST:
                 raise ValueError(f"'{path}' has more than {LARGEST} pixels")
             if image.mode == "F":
@@ -194,7 +195,7 @@ def pixels(path: str) -> Pixels:
             deep = image.mode.startswith("I")
             raw = np.asarray(image if deep else image.convert("L"), np.int64)
             size = image.size
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, DecompressionBombError) as error:
         raise ValueError(f"'{path}' is no image that can be read: {error}") from None
     raw = np.clip(raw, 0, 65535) if deep else 257 * raw
     return Pixels(size, base64.b64encode(zlib.compress(raw.astype("<u2").tobytes(), 9)).decode(), path)

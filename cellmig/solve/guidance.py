@@ -11,6 +11,7 @@ from ..case.schema import Case
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..meshfree.terms import Terms
+from ..model.ground import fields_of, push_factor
 from ..parallel.collect import broadcast, computed_on_root
 from ..parallel.random import normal, uniform
 from .mechanics import Mechanics
@@ -83,7 +84,8 @@ class Guidance:
         self._interval = law.interval if law is not None else case.time.end / case.time.samples
         self._events = sorted({t for cell in case.cells if cell.push for t in (cell.push.begin, cell.push.end) if t})
         self.knot, self._at, self.parts = 0, 0.0, dict[str, np.ndarray]()
-        self._factor = np.ones(len(mechanics.surfaces.ids))
+        self._fields = fields_of(case)
+        self._factor = self._factors()
         self.p = self.then = towards(case)
         self.p, self.then = computed_on_root(mechanics.comm, self._begun)
         self._drive()
@@ -100,6 +102,7 @@ class Guidance:
         self._at = self.due
         if self._at == self._interval * (self.knot + 1):
             self.knot += 1
+            self._factor = self._factors()
             self.p = self.then
             self.then = computed_on_root(self._mechanics.comm, lambda: self._next(self._cues()))
         self._drive()
@@ -129,6 +132,12 @@ class Guidance:
     def _cues(self) -> np.ndarray:
         """Sum of all cues (cells, d - 1) [-] at the last knot."""
         return np.zeros_like(self.p)
+
+    def _factors(self) -> np.ndarray:
+        """Factors of the push (m,) [-] at all surface particles, by the substrate there; collective."""
+        x = self._mechanics.segments.everywhere()
+        return computed_on_root(self._mechanics.comm,
+                                lambda: push_factor(self._case.ground, self._fields, x, self._at))
 
     def _normal(self, purpose: str) -> np.ndarray:
         """Independent normal numbers (cells, d - 1) [-] that belong to each cell and the last knot."""

@@ -18,6 +18,7 @@ from ..parallel.reduce import global_maximum, largest
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
 from .director import Director
+from .ligand import Ligand
 from .loads import Loads
 from .medium import Immersed
 from .modes import Modes
@@ -48,7 +49,7 @@ class Extremes(NamedTuple):
 
 
 FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Network.FIELDS, *Director.FIELDS,
-          *Protrusion.FIELDS, *Immersed.FIELDS, *Accounts.FIELDS)
+          *Protrusion.FIELDS, *Immersed.FIELDS, *Ligand.FIELDS, *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -66,6 +67,7 @@ class Mechanics:
     director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
     immersed : Immersed -- None without a medium.
+    ligand : Ligand -- None where the density of bonds to the substrate is the same everywhere.
     accounts : Accounts -- dissipation, work, impulses.
     times : Times -- of the previous step.
     undo : Undo -- copy of an earlier state.
@@ -104,6 +106,7 @@ class Mechanics:
         self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments,
                                                                            self._protruding)
         self.immersed = Immersed(part, kernel) if terms.medium is not None else None
+        self.ligand = Ligand(part, kernel, self.segments) if terms.ligand is not None else None
         self.accounts = Accounts(part, kernel, self.segments)
         self.times, self.undo = Times(), Undo()
 
@@ -145,6 +148,8 @@ class Mechanics:
     def renew_lists(self) -> None:
         """Make search lists, and ghosts of cells within reach, for the current positions; collective."""
         self.segments.renew()
+        if self.ligand is not None:
+            self.ligand.renew()
         if self.protrusion is not None:
             self.protrusion.renew()
         if self.segments.lists is not None:

@@ -15,6 +15,7 @@ from ..kernel.terms import SURFACE_TERMS
 from ..meshfree.contact import ContactLists
 from ..meshfree.contact_space import TriangleLists
 from ..model.director import Couple
+from ..model.ligand import LigandTable
 from .contact_tangent import ContactDifferences
 from .mechanics import Mechanics
 from .tangent import derivative, mixed
@@ -78,6 +79,31 @@ def _of_facets(name: str, formula: Any, corners: np.ndarray, size: Any = None, *
     return Stencil(name, corners, force)
 
 
+def _substrate(m: Mechanics, formula: Any) -> Iterator[Stencil]:
+    """Facets near the substrate; where ligands vary, an energy pulls them along it, too."""
+    k = m.kernel
+    on = k["near"]
+    corners, size = k["facet"][on].T, k["facet_size"][on]
+    bonds = _of_facets("substrate", formula, corners, size)
+    if m.ligand is None:
+        yield bonds
+        return
+    table = m.ligand.table
+
+    def force(x: tuple, v: tuple) -> tuple:
+        share, slopes = table.at(*_middle(x))
+        energy = formula.energy(size, *(at[-1] for at in x))
+        along = [-slope * energy / len(x) for slope in slopes]
+        return tuple((*along, share * normal) for *_, normal in bonds.force(x, v))
+
+    yield Stencil("substrate", corners, force)
+
+
+def _middle(x: tuple) -> list:
+    """Places along the substrate of the middles of facets, whose corners are at x, k vectors [µm]."""
+    return [sum(at[axis] for at in x) / len(x) for axis in range(len(x[0]) - 1)]
+
+
 def _loads(m: Mechanics, formula: Any) -> Iterator[Stencil]:
     """Facets under pressure; other loads are constant."""
     corners, pressure = m.loads.pressures()
@@ -91,7 +117,15 @@ def _friction(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
     for number, formula in enumerate(formulas):
         on = k["near"][k["facet_friction"][k["near"]] == number]
         if len(on):
-            yield _of_facets("friction", formula, k["facet"][on].T, k["facet_size"][on])
+            drag = _of_facets("friction", formula, k["facet"][on].T, k["facet_size"][on])
+            yield drag if m.ligand is None else Stencil("friction", drag.nodes, partial(_on_ligands, m.ligand.table,
+                                                                                        drag))
+
+
+def _on_ligands(table: LigandTable, of_all: Stencil, x: tuple, v: tuple) -> tuple:
+    """Forces in proportion to the ligands below facets, of which all would exert those `of_all`."""
+    share, _ = table.at(*_middle(x))
+    return tuple(tuple(share * f for f in force) for force in of_all.force(x, v))
 
 
 def _medium(m: Mechanics, formula: Any) -> Iterator[Stencil]:
@@ -226,5 +260,6 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 
 
 # Others have stencils of facets.
-OWN_STENCILS: dict[str, Callable[..., Iterator]] = {"contact": _contact, "friction": _friction, "medium": _medium,
-                                                 "protrusion": _protrusion, "loads": _loads}
+OWN_STENCILS: dict[str, Callable[..., Iterator]] = {
+    "substrate": _substrate, "contact": _contact, "friction": _friction, "medium": _medium, "protrusion": _protrusion,
+    "loads": _loads}

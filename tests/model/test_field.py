@@ -147,11 +147,12 @@ def test_a_response_is_between_nothing_and_the_full_push(law: type) -> None:
     assert made.factor(1e4) == {"saturating": 0.5, "optimum": 1.0}[law.law]
 
 
-def test_the_push_follows_the_stiffness_where_the_membrane_is(tmp_path: Path) -> None:
-    case = with_tables(tmp_path, '[substrate]\nstiffness = "3000 + 13.7*x Pa"\nresponse = { half = "10 kPa" }')
-    x = np.array([[0.0, 0.0], [100.0, 2.0]])
-    E = np.array([3000.0, 4370.0])
-    np.testing.assert_allclose(push_factor(case.ground, fields_of(case), x, 0.0), E / (E + 1e4), rtol=1e-14)
+def test_the_push_follows_stiffness_and_ligands_where_the_membrane_is(tmp_path: Path) -> None:
+    case = with_tables(tmp_path, '[substrate]\nstiffness = "3000 + 13.7*x Pa"\nresponse = { half = "10 kPa" }\n'
+                       'ligand = "0.5 + 0.001*x"')
+    x = np.array([[0.0, 0.0], [100.0, 2.0], [900.0, 0.0]])
+    E, ligand = np.array([3000.0, 4370.0, 15330.0]), np.array([0.5, 0.6, 1.0])
+    np.testing.assert_allclose(push_factor(case.ground, fields_of(case), x, 0.0), ligand * E / (E + 1e4), rtol=1e-14)
     assert (push_factor(None, {}, x, 0.0) == 1.0).all()
 
 

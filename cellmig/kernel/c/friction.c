@@ -9,7 +9,7 @@ void add_friction(const KernelData *s, double *force, double *energy, double acc
         for (int i = 0; i < D; i++)
             for (int c = 0; c < D - 1; c++) v[i][c] = velocity(s, e.node[i], TANGENT + c);
         const double *law = s->friction + FRICTION_STRIDE * s->facet_friction[e.number] + 1;
-        friction_force(law, e.size, GAPS(e.gap), SLIDING(v), f);
+        friction_force(law, LIGAND ? ligand_below(s, &e) * e.size : e.size, GAPS(e.gap), SLIDING(v), f);
         add_to_corners(force, e.node, f);
         for (int i = 0; i < D; i++)
             for (int c = 0; c < D - 1; c++) {

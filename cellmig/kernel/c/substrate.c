@@ -9,6 +9,12 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
         for (int i = 0; i < D; i++)
             if (e.gap[i] < s->least_gap[0]) s->least_gap[0] = e.gap[i];
         substrate_facet(s->substrate, e.size, GAPS(e.gap), dt, f, &stored, impulse);
+        if (LIGAND) {
+            const double share = pull_along(s, &e, stored, force, dt);
+            for (int i = 0; i < D; i++) f[i][NORMAL] *= share;
+            for (int i = 0; i < D; i++) impulse[i] *= share;
+            stored *= share;
+        }
         add_to_corners(force, e.node, f);
         for (int i = 0; i < D; i++) *impulse_at(s, &e, i, BY_BONDS) += impulse[i];
         if (energy) energy[e.node[0]] += stored;

@@ -34,6 +34,11 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
         }
         pull_down(s, e, n, pull, stored);
         for (int m = 0; m < n; m++) {
+            if (LIGAND) {
+                const double share = pull_along(s, e + m, stored[m], force, dt);
+                for (int i = 0; i < D; i++) pull[i][m] *= share;
+                stored[m] *= share;
+            }
             for (int i = 0; i < D; i++) {
                 force[D * e[m].node[i] + NORMAL] += pull[i][m];
                 *impulse_at(s, e + m, i, BY_BONDS) += dt * pull[i][m];

@@ -21,7 +21,7 @@ static inline void add_to_corners(double *force, const long node[D], const doubl
 }
 
 /* What the substrate gives to a corner of a facet, each in places of bond_impulse of its own: along the normal, and
- * along the D - 1 axes of the substrate. */
+ * along the D - 1 axes of the substrate by drag, and by what else there is, the push and ligands. */
 enum { BY_BONDS, BY_DRAG, BY_PUSH = BY_DRAG + D - 1, IMPULSES = BY_PUSH + D - 1 };
 
 static inline double *impulse_at(const KernelData *s, const Facet *e, int corner, int kind)
