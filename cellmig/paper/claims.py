@@ -8,14 +8,11 @@ only claims that do not need a section of the cells are judged.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
+from cellmig.runs.claims import Claim, Part, text_of
 from cellmig.runs.outcome import Outcome, aspect, gap, oscillation, roundness, stresses
 
-HOLDS, AVERAGE, FAILS, UNKNOWN = "holds", "holds on average", "does not hold", "not measured"
 ADHESION, PROTRUSION = (0.5, 1.0, 2.0, 4.0), (0.5, 1.0, 2.0)  # factors of the values of the paper's case
 CASES = {"three_only": "{3}", "one_three": "{1,3}", "two_three": "{2,3}", "all_protrude": "{1,2,3}"}
 END = 400.0  # of the paper's figures [us]
@@ -27,85 +24,6 @@ Results = Mapping[str, Mapping[int, Outcome]]  # outcomes by configuration and s
 def study(what: str, factor: float) -> str:
     """Name of the configuration with a multiple of the adhesion or protrusion; 1 is the paper's case."""
     return "all_protrude" if factor == 1.0 else f"{what}_x{factor:g}"
-
-
-@dataclass(frozen=True)
-class Part:
-    """A statement that one number decides.
-
-    what : the number and its unit;  values : by seed;  above, below : bounds of the number.
-    """
-
-    what: str
-    values: Mapping[int, float]
-    above: float = -np.inf
-    below: float = np.inf
-
-    @property
-    def text(self) -> str:
-        """The statement with its bounds."""
-        if np.isfinite(self.above) and np.isfinite(self.below):
-            return f"{self.what} in {self.above:g}-{self.below:g}"
-        return f"{self.what} > {self.above:g}" if np.isfinite(self.above) else f"{self.what} < {self.below:g}"
-
-    @property
-    def mean(self) -> float:
-        """Mean over the seeds."""
-        return float(np.mean(list(self.values.values()))) if self.values else np.nan
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation over the seeds; nan for one."""
-        return float(np.std(list(self.values.values()), ddof=1)) if len(self.values) > 1 else np.nan
-
-    def within(self, value: float) -> bool:
-        """Whether a value is within the bounds; nan is not."""
-        return bool(self.above < value < self.below)
-
-    @property
-    def held(self) -> set[int]:
-        """Seeds whose value is within the bounds."""
-        return {seed for seed, value in self.values.items() if self.within(value)}
-
-    @property
-    def verdict(self) -> str:
-        """HOLDS in every seed, AVERAGE in the mean, FAILS, or UNKNOWN without values."""
-        if not self.values:
-            return UNKNOWN
-        return HOLDS if len(self.held) == len(self.values) else AVERAGE if self.within(self.mean) else FAILS
-
-    @property
-    def errors(self) -> float:
-        """Distance of the mean from the nearer bound, in standard errors of the mean [-]; nan for one seed."""
-        distance = min(abs(self.mean - self.above), abs(self.mean - self.below))
-        return distance * np.sqrt(len(self.values)) / self.spread if self.spread > 0 else np.nan
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A claim of the paper, which holds where all its parts do; `why` is printed where it fails, `notes` always."""
-
-    key: str
-    text: str
-    parts: list[Part]
-    notes: list[str] = field(default_factory=list)
-    why: list[str] = field(default_factory=list)
-
-    @property
-    def seeds(self) -> set[int]:
-        """Seeds in which all parts were measured."""
-        return set.intersection(*(set(part.values) for part in self.parts))
-
-    @property
-    def held(self) -> set[int]:
-        """Seeds in which all parts hold."""
-        return set.intersection(*(part.held for part in self.parts))
-
-    @property
-    def verdict(self) -> str:
-        """The worst verdict of its parts."""
-        found = {part.verdict for part in self.parts}
-        return next(v for v in (UNKNOWN, FAILS, AVERAGE, HOLDS) if v in found)
 
 
 def judge(results: Results, keys: Iterable[str]) -> list[Claim]:
@@ -126,12 +44,6 @@ def by_seed(results: Results, names: Iterable[str], number: Callable[..., float]
 def mean_of(results: Results, name: str, number: Callable[[Outcome], float]) -> str:
     """Mean ± standard deviation of a number over the seeds of a configuration, as text."""
     return text_of(by_seed(results, [name], number).values())
-
-
-def text_of(values: Iterable[float]) -> str:
-    """Mean ± standard deviation of values, as text."""
-    part = Part("", dict(enumerate(values)))
-    return f"{part.mean:.3g} ± {part.spread:.2g}" if len(part.values) > 1 else f"{part.mean:.3g}"
 
 
 def about(results: Results) -> tuple[int, float]:

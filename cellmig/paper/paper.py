@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,25 +13,11 @@ from cellmig.exits import DONE, STOPPED
 from cellmig.output.tables import IMPULSE
 from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.cases import FOLDER
+from cellmig.runs.claims import Claim, table, text_of, write_claims
 from cellmig.runs.collect import collect, source
 from cellmig.runs.outcome import CELLS, Outcome
 
-from .claims import (
-    ADHESION,
-    CASES,
-    CLAIMS,
-    FAILS,
-    HOLDS,
-    IN_SPACE,
-    PROTRUSION,
-    Claim,
-    Part,
-    Results,
-    judge,
-    study,
-    text_of,
-    times,
-)
+from .claims import ADHESION, CASES, CLAIMS, IN_SPACE, PROTRUSION, Results, judge, study, times
 from .figures import draw
 
 # Frames every 4 us include the times of the paper's snapshots; --quick has the nearest ones of every 20 us.
@@ -138,7 +123,7 @@ def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Se
     judged = judge(results, CLAIMS if dimension == 2 else IN_SPACE)
     asked = [claim for claim in judged if claim.key in claims]
     print("", *table(asked, seeds), sep="\n", flush=True)
-    _write_claims(out / "claims.csv", judged)
+    write_claims(out / "claims.csv", judged)
     _write_runs(out / "runs.csv", jobs, results, failed | bad)
     print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
     return next((ended.code for ended in (failed | bad).values()), DONE), asked
@@ -162,23 +147,6 @@ def plan(out: Path, seeds: int, quick: bool, given: Sequence[str] = (), dimensio
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def table(claims: list[Claim], seeds: int) -> list[str]:
-    """Lines of claims and their parts with measured numbers, seeds in which they hold, verdicts; missing seeds."""
-    lines = [_line("claim", "measured", "holds in", "verdict"), "-" * 134]
-    for claim in claims:
-        lines.append(_line(f"{claim.key}  {claim.text}", "", f"{len(claim.held)} of {len(claim.seeds)}",
-                           claim.verdict))
-        lines += [_line(f"      {part.text}", text_of(part.values.values()) if part.values else "-",
-                        f"{len(part.held)} of {len(part.values)}",
-                        part.verdict + (" (within the scatter)" if part.errors < 1.0 else "")) for part in claim.parts]
-        why = [*_scatter(claim), *claim.why] if claim.verdict != HOLDS else []
-        for text in [*claim.notes, *(f"why: {reason}" for reason in why)]:
-            lines += textwrap.wrap(text, 134, initial_indent=" " * 6, subsequent_indent=" " * 8)
-        if missing := seeds - len(claim.seeds):
-            lines.append(f"      missing: {missing} of {seeds} seeds, because runs failed or do not count")
-    return lines
-
-
 def compared(judged: Mapping[str, list[Claim]]) -> list[str]:
     """Lines of the claims and their parts, with a column of verdicts or numbers for each model."""
     def line(text: str, columns: Iterable[str]) -> str:
@@ -192,35 +160,6 @@ def compared(judged: Mapping[str, list[Claim]]) -> list[str]:
             f"{text_of(p.values.values()) if p.values else '-'}, {len(p.held)} of {len(p.values)}" for p in parts))
             for parts in zip(*(c.parts for c in claims), strict=True)]
     return lines
-
-
-def _line(claim: str, measured: str, seeds: str, verdict: str) -> str:
-    return f"{claim:<88} {measured:>17}  {seeds:>8}  {verdict}".rstrip()
-
-
-def _scatter(claim: Claim) -> list[str]:
-    """For each part that does not hold in all seeds: its mean, distance to the bound in standard errors, values."""
-    remarks = []
-    for part in claim.parts:
-        if part.values and part.verdict != HOLDS:
-            errors = f" by {part.errors:.1f} standard errors" if part.spread > 0 and part.errors < 100 else ""
-            how = "misses" if part.verdict == FAILS else "keeps"
-            remarks.append(f"{part.what}: mean {part.mean:.3g} {how} its bound{errors}; by seed "
-                           f"{', '.join(f'{v:.3g}' for v in part.values.values())}")
-    return remarks
-
-
-def _write_claims(path: Path, claims: list[Claim]) -> None:
-    seeds = sorted({seed for claim in claims for part in claim.parts for seed in part.values})
-    write_rows(path, [{"claim": claim.key, **_entries(part),
-                       **{f"seed{seed}": part.values.get(seed, "") for seed in seeds}, "claim_verdict": claim.verdict}
-                      for claim in claims for part in claim.parts])
-
-
-def _entries(part: Part) -> dict[str, Any]:
-    return {"part": part.what, "above": part.above, "below": part.below, "mean": part.mean, "spread": part.spread,
-            "standard_errors": part.errors, "seeds": len(part.values), "holds_in": len(part.held),
-            "verdict": part.verdict}
 
 
 def _write_runs(path: Path, jobs: Mapping[tuple[str, int], Job], results: Results,

@@ -14,10 +14,11 @@ from cellmig.__main__ import paper as command
 from cellmig.case.load import load
 from cellmig.case.units import number
 from cellmig.output.manifest import read_manifest
-from cellmig.paper.claims import AVERAGE, CASES, CLAIMS, FAILS, HOLDS, UNKNOWN, Part
-from cellmig.paper.paper import CONFIGURATIONS, paper, plan, table
+from cellmig.paper.claims import CASES, CLAIMS
+from cellmig.paper.paper import CONFIGURATIONS, paper, plan
 from cellmig.runs import batch
 from cellmig.runs.cases import FOLDER
+from cellmig.runs.claims import AVERAGE, FAILS, HOLDS, UNKNOWN, Part, table
 from cellmig.runs.outcome import Outcome, gap
 from cellmig.usage import TENSION, UsageError, parse
 
