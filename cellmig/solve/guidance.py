@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..case.schema import Case
+from ..cues.surroundings import Surroundings
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..meshfree.terms import Terms
@@ -70,7 +72,7 @@ class Guidance:
     ----------
     knot : int -- number of the last knot.
     p, then : (cells, d - 1) float -- polarities at the last and at the next knot [-].
-    parts : dict of (cells, d - 1) float -- what each cue gave at the last knot, by its name [-].
+    parts : dict of (cells, d - 1) float -- what each cue gave at the last knot, by number and law [-].
     due : float -- time up to which the drives hold [µs].
     """
 
@@ -78,16 +80,18 @@ class Guidance:
         """Find polarities at the start, and at the first knot; collective."""
         self._case, self._mechanics, self._law = case, mechanics, case.polarity
         names, law = [cell.name for cell in case.cells], self._law
-        self._names = names
+        self._names, self._fields = tuple(names), fields_of(case)
         push = case.protrusion.cells if case.protrusion is not None else ()
         self._polar = np.array([law is not None and name in push and name in (law.cells or push) for name in names])
         self._interval = law.interval if law is not None else case.time.end / case.time.samples
         self._events = sorted({t for cell in case.cells if cell.push for t in (cell.push.begin, cell.push.end) if t})
         self.knot, self._at, self.parts = 0, 0.0, dict[str, np.ndarray]()
-        self._fields = fields_of(case)
-        self._factor = self._factors()
+        self._factor = np.ones(len(mechanics.surfaces.ids))
         self.p = self.then = towards(case)
-        self.p, self.then = computed_on_root(mechanics.comm, self._begun)
+        self._centre = np.zeros((len(names), mechanics.scene.dimension))
+        self._gate = case.protrusion.gate if case.protrusion is not None else None
+        self._senses = bool(case.cues) or self._gate is not None or case.ground is not None
+        self._look()
         self._drive()
 
     @property
@@ -102,42 +106,49 @@ class Guidance:
         self._at = self.due
         if self._at == self._interval * (self.knot + 1):
             self.knot += 1
-            self._factor = self._factors()
             self.p = self.then
-            self.then = computed_on_root(self._mechanics.comm, lambda: self._next(self._cues()))
+            self._look()
         self._drive()
 
     def now(self) -> np.ndarray:
         """Polarities (cells, d - 1) [-] at the time that was due last."""
         return self.p + (self._at / self._interval - self.knot) * (self.then - self.p)
 
-    def _begun(self) -> tuple[np.ndarray, np.ndarray]:
-        """Polarities (cells, d - 1) [-] at the start and at the first knot."""
-        law, p = self._law, self.p.copy()
-        if law is None:
-            return p, p
-        cues, on = self._cues(), self._polar
-        p[on] = law.start or law.drawn(cues, self._normal("start"))[on]
-        self.p = p
-        return p, self._next(cues)
+    def _look(self) -> None:
+        """Find the next polarities, and factors of the push, by what is around the cells at this knot; collective."""
+        m = self._mechanics
+        x = m.segments.everywhere() if self._senses else np.zeros((0, m.scene.dimension))
+        found = computed_on_root(m.comm, lambda: self._decided(x))
+        self.p, self.then, self._factor, self._centre, self.parts = found
+
+    def _decided(self, x: np.ndarray) -> tuple:
+        """What `_look` sets, for surface particles at x (m, d) [µm]; for rank 0."""
+        case, law, parts, factor, centre = self._case, self._law, dict[str, np.ndarray](), self._factor, self._centre
+        if self._senses:
+            around = self._surroundings(x)
+            parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
+            factor = push_factor(case.ground, self._fields, x, self._at)
+            if self._gate is not None:
+                factor = factor * (1.0 - around.gate(self._gate))
+            centre = around.centre
+        cues = sum(parts.values(), np.zeros_like(self.p))
+        if law is not None and not self.knot:
+            self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
+        return self.p, self.p if law is None else self._next(cues), factor, centre, parts
+
+    def _surroundings(self, x: np.ndarray) -> Surroundings:
+        """What is around the cells at this knot, for surface particles at x (m, d) [µm]."""
+        around = Surroundings(self._at, self.knot, self._case.seed, self._names, self._mechanics.surfaces, x, self.p,
+                              np.zeros_like(self.p), self._fields)
+        if not self.knot:
+            return around
+        return replace(around, velocity=(around.centre - self._centre)[:, :-1] / self._interval)
 
     def _next(self, cues: np.ndarray) -> np.ndarray:
         """Polarities (cells, d - 1) [-] at the next knot, for the sum of `cues` of that shape [-]."""
-        if self._law is None:
-            return self.p
         chance = np.array([uniform(self._case.seed, "turn", self._key(name), 1)[0] for name in self._names])
         turned = self._law.next(self.p, cues, self._normal("noise"), chance)
         return np.where(self._polar[:, None], turned, self.p)
-
-    def _cues(self) -> np.ndarray:
-        """Sum of all cues (cells, d - 1) [-] at the last knot."""
-        return np.zeros_like(self.p)
-
-    def _factors(self) -> np.ndarray:
-        """Factors of the push (m,) [-] at all surface particles, by the substrate there; collective."""
-        x = self._mechanics.segments.everywhere()
-        return computed_on_root(self._mechanics.comm,
-                                lambda: push_factor(self._case.ground, self._fields, x, self._at))
 
     def _normal(self, purpose: str) -> np.ndarray:
         """Independent normal numbers (cells, d - 1) [-] that belong to each cell and the last knot."""
@@ -159,12 +170,13 @@ class Guidance:
         """State for a checkpoint: numbers, and the factor of the push at all surface particles (m,) [-]."""
         parts = {name: values.tolist() for name, values in self.parts.items()}
         return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts},
-                {"guidance factor": self._factor})
+                {"guidance factor": self._factor, "guidance centre": self._centre})
 
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Set the state from the results of `saved`, whose arrays are on rank 0; collective."""
         found = broadcast(self._mechanics.comm, {name: a for name, a in arrays.items() if name.startswith("guidance")})
         self.knot, self._at, self._factor = about["knot"], about["at"], found["guidance factor"]
+        self._centre = found["guidance centre"]
         self.p, self.then = np.array(about["p"]), np.array(about["then"])
         self.parts = {name: np.array(values) for name, values in about["parts"].items()}
         self._drive()
