@@ -28,6 +28,7 @@ from cellmig.output.fields import field_unit
 from cellmig.output.log import Log, Progress, Timers, clock, simulated
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.mesh import Elements, write_mesh
+from cellmig.output.profile import write_profile
 from cellmig.output.tables import IMPULSE, Tables
 from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
@@ -112,6 +113,7 @@ class Run:
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
         if self.case.dimension == 3:
             write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
+        write_profile(self.directory, self.comm, self.case)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
                              self.case.dimension, self.case.time_unit)

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from cellmig.case import units
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
 from cellmig.case.time_unit import MICROSECOND, TimeUnit
 from cellmig.meshfree.terms import Terms
+from cellmig.model.ground import fields_of
 from cellmig.model.protocols import Adhesion
 from cellmig.model.seifert import solid
 from cellmig.output.log import duration
@@ -78,7 +80,23 @@ def describe_scene(case: Case, end: float) -> list[tuple[str, str]]:
         gaps.append(f"{length(found.gap)} between cells ({names})")
     if gaps:
         rows.append(("least gaps", ", ".join(gaps)))
+    rows += _amounts(case, found)
     return [*rows, *_floating(case, found), *_pressed(case, found), *([] if case.static else _motion(case, found, end))]
+
+
+def _amounts(case: Case, found: Arrangement) -> list[tuple[str, str]]:
+    """Rows about the fields of the case, below the cells at the start."""
+    rows, (low, high) = [], found.box
+    at = np.linspace(0.0, 1.0, 101)[:, None]
+    x = np.concatenate([low + at * (high - low), low + np.where(np.arange(len(low)) % 2, 1.0 - at, at) * (high - low)])
+    x[:, -1] = 0.0
+    for name, law in fields_of(case).items():
+        if not hasattr(law, "value"):
+            continue
+        values = law.value(x, 0.0) / units.number(f"1 {law.unit}", law.unit)
+        what = f"{name} from {values.min():.4g} to {values.max():.4g} {law.unit}".rstrip()
+        rows.append(("" if rows else "fields", f"{what} below the cells" + " at the start" * (not law.steady)))
+    return rows
 
 
 def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]:
