@@ -249,6 +249,13 @@ def show(options: argparse.Namespace) -> int:
         pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
         print("\n".join(map(str, pictures)))
         return DONE
+    if options.command == "tracks":
+        from .runs.tracks import as_json, measure, report
+
+        interval = _time(options.interval, "--interval") if options.interval else None
+        found = measure(options.directories, interval, "xy".index(options.axis))
+        print(as_json(found) if options.json else report(found))
+        return DONE
     if options.command == "info":
         from .runs.info import info
 

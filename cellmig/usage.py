@@ -140,6 +140,15 @@ def _others(commands: Any) -> None:
     diff = commands.add_parser("diff", help="compare two runs: equal, or their first difference")
     diff.add_argument("directories", type=Path, nargs=2, metavar="directory", help="of a run")
     diff.add_argument("--tolerance", type=float, default=0.0, help="relative; 0, the default, for equal bits")
+    tracks = commands.add_parser("tracks", help="how cells moved: speed, direction, persistence",
+                                 description="How the cells of a run moved along the substrate, by cell and in the "
+                                 "mean over cells with its standard error.  Cells of several runs, such as seeds, are "
+                                 "pooled.")
+    tracks.add_argument("directories", type=Path, nargs="+", metavar="directory", help="of a run")
+    tracks.add_argument("--axis", choices=("x", "y"), default="x", help="of the forward migration index (default: x)")
+    tracks.add_argument("--interval", metavar='"10 min"', help="between the positions that ways and speeds are made of "
+                        "(default: that of the samples)")
+    tracks.add_argument("--json", action="store_true", help="JSON instead of tables")
     plot = commands.add_parser("plot", help="pictures of a run")
     plot.add_argument("directory", type=Path, help="of a run")
     plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
@@ -232,7 +241,7 @@ def _laws(command: argparse.ArgumentParser) -> None:
                          help="a file of your own laws, which the case may name; repeat for others")
 
 
-COMMANDS = ("run", "resume", "sweep", "validate", "info", "diff", "plot", "schema", "doctor",
+COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "schema", "doctor",
             "paper", "verify", "bench")
 
 

@@ -24,7 +24,7 @@ _TABLES = ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoi
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
     """Replace the manifest of a run; call it on rank 0.  Numbers that are not finite become null."""
-    replace(Path(directory) / MANIFEST, json.dumps(_plain(manifest), indent=2, ensure_ascii=False) + "\n")
+    replace(Path(directory) / MANIFEST, json.dumps(plain(manifest), indent=2, ensure_ascii=False) + "\n")
 
 
 def read_manifest(directory: Path) -> dict[str, Any]:
@@ -48,14 +48,14 @@ def time_unit(manifest: Mapping[str, Any]) -> TimeUnit:
     return TimeUnit(symbol) if symbol in SIZES else MICROSECOND
 
 
-def _plain(value: Any) -> Any:
-    """`value` in the types of JSON."""
+def plain(value: Any) -> Any:
+    """`value` in the types of JSON: numbers that are not finite are None."""
     if hasattr(value, "tolist"):  # numpy's scalars and arrays
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, (bool, int, str)) else str(value)

@@ -1,4 +1,4 @@
-"""Tables of a run: history of the cells, energy ledger, traction on the substrate, forces between cells."""
+"""Tables of a run: history and tracks of cells, their cues, energy ledger, traction, forces between cells."""
 
 from __future__ import annotations
 
@@ -43,10 +43,13 @@ NEIGHBOURS = {d: ("time_us", "cell", "neighbour",
                   *(f"{what}{kind}_{unit}" for kind in _BOTH for what in (
                       *(f"force_{axis}" for axis in "xyz"[:d]), "pull")),
                   MEASURES[d][1], "name", "neighbour_name") for d, unit in FORCE.items()}
+TRACKS = {d: ("id", "time_us", *(f"{axis}_um" for axis in "xyz"[:d])) for d in (2, 3)}  # in celltrackR's order
+CUES = {d: ("time_us", "cell", "name", *(f"polarity{axis}" for axis in ALONG[d]),
+            *(f"push{axis}_{FORCE[d]}" for axis in ALONG[d])) for d in (2, 3)}
 PROBED = {2: ("x", "y", "ux", "uy"), 3: ("x", "y", "z", "ux", "uy", "uz")}
 HELD = {d: tuple(f"{axis}_{unit}" for axis in "xyz"[:d]) for d, unit in FORCE.items()}  # of supports and plates
 ALL = "all"  # name of the aggregate of all cells
-_WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name")
+_WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name", "id")
 # Columns that had another name in older runs.
 _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "external_work_pn",
              "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
@@ -56,6 +59,11 @@ def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: in
     """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell."""
     return (*MOTION[dimension], *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
             *(f"{name}_force_{c}" for name in holders for c in HELD[dimension]), "name")
+
+
+def cue_columns(cues: Iterable[str], dimension: int = 2) -> tuple[str, ...]:
+    """Columns of cues.csv besides CUES: the parts [-] of cues, of distinct names, in what turns a cell."""
+    return tuple(f"{name}{axis}" for name in cues for axis in ALONG[dimension])
 
 
 def digest_up_to(path: Path, end: Mapping[str, Any]) -> Any:
@@ -123,7 +131,7 @@ class _Table:
         except OSError as error:
             raise OutputError(f"cannot write '{self._path}' ({error.strerror})") from error
 
-    def _write(self, rows: Callable[[], Iterable[Mapping[str, float]]]) -> None:
+    def _write(self, rows: Callable[[], Iterable[Mapping[str, Any]]]) -> None:
         together(self._comm, lambda: self._append("".join(map(self._line, rows()))), root_only=True)
 
     def _line(self, row: Mapping[str, Any]) -> str:
@@ -165,8 +173,19 @@ class Ledger(_Table):
         self._write(lambda: [{"time_us": float(time), **entries}])
 
 
+class Tracks(_Table):
+    """Writer of `tracks.csv`: centres of cells [µm] by name; collective; ranks other than 0 may pass None."""
+
+    name, kinds = "tracks.csv", TRACKS
+
+    def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
+        """Add a sample at `time` [us] from the rows of history, of which the aggregate has no track."""
+        self._write(lambda: ({**{name: rows[cell].get(name, np.nan) for name in self.columns[2:]},
+                              "id": self.names[cell], "time_us": float(time)} for cell in range(1, len(rows))))
+
+
 class Surroundings(_Table):
-    """Writer of `substrate.csv` or `neighbours.csv`; collective; ranks other than 0 may pass None."""
+    """Writer of `substrate.csv`, `neighbours.csv` or `cues.csv`; collective; ranks other than 0 may pass None."""
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
         """Add the rows of a sample at `time` [us], without the time."""
@@ -185,6 +204,12 @@ class Neighbours(Surroundings):
     name, kinds = "neighbours.csv", NEIGHBOURS
 
 
+class Cues(Surroundings):
+    """Writer of `cues.csv`: polarity [-], push [pN/um, in space pN] and the part of each cue [-], by cell."""
+
+    name, kinds = "cues.csv", CUES
+
+
 class Tables:
     """All tables of a run; collective.
 
@@ -195,14 +220,15 @@ class Tables:
     names : list of str -- of the cells.
     more : list of str -- columns of history besides HISTORY.
     dimension : int -- of the scene.
-    present : dict -- whether the scene has "substrate" and "neighbours".
+    present : dict -- whether the run has "substrate", "neighbours", "tracks" and "cues".
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     unit : TimeUnit -- of times in them.
+    cues : tuple of str -- columns of cues.csv besides CUES, as `cue_columns` has them.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, names: Sequence[str], more: tuple[str, ...],
                  present: Mapping[str, bool], ends: Mapping[str, Any], dimension: int = 2,
-                 unit: TimeUnit = MICROSECOND) -> None:
+                 unit: TimeUnit = MICROSECOND, cues: tuple[str, ...] = ()) -> None:
         self._comm = comm
 
         def opened(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
@@ -211,19 +237,24 @@ class Tables:
             return table
 
         self.history, self.ledger = opened(History, more), opened(Ledger)
-        kinds = {"substrate": Substrate, "neighbours": Neighbours}
-        self._surroundings = {name: opened(kind) for name, kind in kinds.items() if present[name]}
+        self.tracks = opened(Tracks) if present.get("tracks") else None
+        kinds: dict[str, tuple[type[_Table], tuple[str, ...]]] = {
+            "substrate": (Substrate, ()), "neighbours": (Neighbours, ()), "cues": (Cues, cues)}
+        self._surroundings = {name: opened(*kind) for name, kind in kinds.items() if present.get(name)}
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]], entries: Mapping[str, float],
               surroundings: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
         """Add a sample at `time` [us] to all tables."""
         self.history.write(time, rows)
         self.ledger.write(time, entries)
+        if self.tracks:
+            self.tracks.write(time, rows)
         for name, table in self._surroundings.items():
             table.write(time, surroundings[name])
 
     def _all(self) -> dict[str, _Table]:
-        return {"history": self.history, "ledger": self.ledger, **self._surroundings}
+        tracks = {"tracks": self.tracks} if self.tracks else {}
+        return {"history": self.history, "ledger": self.ledger, **tracks, **self._surroundings}
 
     def flush(self) -> None:
         """Flush all rows to the disk."""
@@ -239,7 +270,7 @@ class Tables:
 
 # Columns that all runs have, older ones included.
 _COLUMNS: dict[str, dict[int, tuple[str, ...]]] = {
-    "history.csv": HISTORY, "substrate.csv": SUBSTRATE,
+    "history.csv": HISTORY, "substrate.csv": SUBSTRATE, "tracks.csv": TRACKS, "cues.csv": CUES,
     **{f"{name}.csv": {d: tuple(c for c in columns if not any(part in c for part in later))
                        for d, columns in kinds.items()}
        for name, kinds, later in (("neighbours", NEIGHBOURS, ("contact",)),

@@ -114,7 +114,8 @@ class Run:
         if self.case.dimension == 3:
             write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
         write_profile(self.directory, self.comm, self.case)
-        present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None}
+        present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None,
+                   "tracks": self.case.overdamped}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
                              self.case.dimension, self.case.time_unit)
         self.frames_before = ends["frames"]

@@ -20,10 +20,11 @@ from scenes import ROOT
 
 from mpi4py import MPI
 
+from cellmig.case.time_unit import TimeUnit
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.log import Log, Progress, Timers, clock, duration, two_columns
 from cellmig.output.manifest import environment, read_manifest, write_manifest
-from cellmig.output.tables import HISTORY, LEDGER, History, Ledger, read_table
+from cellmig.output.tables import HISTORY, LEDGER, History, Ledger, Tables, cue_columns, read_table
 from cellmig.output.xdmf import Frames, frames
 
 COMM = MPI.COMM_WORLD
@@ -156,6 +157,44 @@ def test_tables_have_the_columns_of_the_contract_and_read_back_the_same_bits(sha
     assert np.array_equal(table["ux_um"][::2], numbers) and np.array_equal(table["ux_um"][1::2], -numbers)
     assert np.isnan(table["area_um2"]).all()
     assert np.array_equal(read_table(shared_tmp / "ledger.csv")["energy_error"], numbers / 3)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_tracks_have_the_columns_that_celltrackr_reads_in_its_order_and_no_aggregate(shared_tmp, dimension):
+    """Identifier, time, then the coordinates, in the unit of the case."""
+    axes = "xyz"[:dimension]
+    tables = Tables(shared_tmp, COMM, ['left, "old"', "Cell-2"], (), {"tracks": True}, {}, dimension, TimeUnit("h"))
+    rows = [{f"{axis}_um": 10.0 * cell + k for k, axis in enumerate(axes)} for cell in range(3)]
+    for moment in (0.0, 1.8e9):
+        tables.write(moment, rows, {}, {})
+    tables.flush()
+    found = read_table(shared_tmp / "tracks.csv")
+    assert tuple(found) == ("id", "time_h", *(f"{axis}_um" for axis in axes))
+    assert found["id"].tolist() == ['left, "old"', "Cell-2"] * 2 and found["time_h"].tolist() == [0.0, 0.0, 0.5, 0.5]
+    assert found["x_um"].tolist() == [10.0, 20.0] * 2 and found[f"{axes[-1]}_um"][0] == 9.0 + dimension
+
+
+def test_cues_have_polarity_push_and_the_part_of_each_cue(shared_tmp):
+    names = cue_columns(("occupancy", "contact"), 3)
+    assert names == ("occupancy_x", "occupancy_y", "contact_x", "contact_y") and cue_columns(("given",)) == ("given",)
+    tables = Tables(shared_tmp, COMM, ["A", "B"], (), {"cues": True}, {}, 3, TimeUnit("min"), names)
+    row = {"polarity_x": 0.5, "polarity_y": -0.5, "push_x_pn": 3.0, "push_y_pn": 4.0, "contact_x": 1.0}
+    tables.write(6e7, [{}], {}, {"cues": [{"cell": 1, **row}, {"cell": 2}]})
+    found = read_table(shared_tmp / "cues.csv")
+    assert tuple(found) == ("time_min", "cell", "name", "polarity_x", "polarity_y", "push_x_pn", "push_y_pn", *names)
+    assert found["name"].tolist() == ["A", "B"] and found["contact_x"][0] == 1.0 and np.isnan(found["contact_y"][0])
+
+
+def test_tracks_are_cut_where_a_run_goes_on(shared_tmp):
+    def opened(ends):
+        return Tables(shared_tmp, COMM, ["A"], (), {"tracks": True}, ends)
+
+    tables, rows = opened({}), [{}, {"x_um": 1.0}]
+    tables.write(1.0, rows, {}, {})
+    ends = tables.ends()
+    tables.write(2.0, rows, {}, {})
+    opened(ends).write(3.0, rows, {}, {})
+    assert read_table(shared_tmp / "tracks.csv")["time_us"].tolist() == [1.0, 3.0]
 
 
 def test_only_rank_0_needs_to_know_the_numbers_of_a_table(shared_tmp):
