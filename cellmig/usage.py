@@ -107,6 +107,7 @@ def parser() -> Parser:
     _sets(validate)
     _laws(validate)
     _sweep(commands)
+    _about_runs(commands)
     _others(commands)
     return top
 
@@ -133,8 +134,8 @@ def _sweep(commands: Any) -> None:
     _laws(sweep)
 
 
-def _others(commands: Any) -> None:
-    """Add the commands that need no case file."""
+def _about_runs(commands: Any) -> None:
+    """Add the commands that tell what runs did."""
     info = commands.add_parser("info", help="summary of a run")
     info.add_argument("directory", type=Path, help="of a run")
     diff = commands.add_parser("diff", help="compare two runs: equal, or their first difference")
@@ -156,6 +157,10 @@ def _others(commands: Any) -> None:
     plot.add_argument("--film", action="store_true", help="also a film of all frames: mp4 with ffmpeg, else gif")
     plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="file formats (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
+
+
+def _others(commands: Any) -> None:
+    """Add the commands that need no case file and no run."""
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
                        "in space output/paper-3d, followed by what is set)")

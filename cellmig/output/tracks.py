@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def read_tracks(directory: Path, unit: TimeUnit | None = None) -> Tracks:
     """
     directory = existing_run(directory)
     path = next((directory / name for name in ("tracks.csv", "history.csv") if (directory / name).exists()), None)
-    table = read_table(path) if path else {}
+    table: Mapping[str, np.ndarray] = read_table(path) if path else {}
     if not table or not len(table[time_column(table)]):
         raise OutputError(f"'{directory}' has no samples yet")
     table = in_unit(table, unit or unit_of(table))
