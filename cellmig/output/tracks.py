@@ -12,6 +12,7 @@ from ..case.time_unit import TimeUnit
 from .directory import OutputError, existing_run
 from .tables import in_unit, read_table, time_column, unit_of
 
+FITTED = 0.25  # longest lag to which persistence is fitted, over the length of the tracks
 EVEN = 0.02  # samples are at equal intervals if no interval is off by more than this share
 
 

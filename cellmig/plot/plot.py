@@ -12,10 +12,13 @@ from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.tables import MEASURES, names_of, read_table, time_column, unit_of
+from cellmig.output.tracks import read_tracks
 from cellmig.output.xdmf import Frame, frames
 
+from .kymograph import kymograph
 from .snapshots import film, missing_times, nearest_frames, sections, shapes
-from .style import COLOURS, STYLE, save
+from .style import COLOURS, STYLE, legend_above, save
+from .tracks import cues, squares, tracks
 from .traction import between, traction
 
 _LEAST_SPAN = 1e-3  # smallest range of the displacement axis [µm]
@@ -38,7 +41,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     Returns
     -------
     list of Path -- the pictures whose data exist: shapes, section (in three dimensions), displacement, ledger,
-        traction, between (neighbours), film.
+        traction, between (neighbours), tracks, msd, kymograph, cues, film.
     """
     directory = existing_run(directory)
     out = Path(out or directory)
@@ -48,18 +51,27 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         some = [frame.time for frame in nearest_frames(found, times)] if found else []
         for remark in filter(None, [missing_times(found, times), _no_tables(directory, found)] if found else []):
             print(f"cellmig: {remark}", file=sys.stderr)
-        history, ledger, substrate, neighbours = (
-            _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours"))
+        history, ledger, substrate, neighbours, cue_table = (
+            _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours", "cues"))
         samples = np.unique(history.get(time_column(history), []))
         figures = {"shapes": shapes(directory, times, field), "section": sections(directory, times, field),
                    "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
-                   "between": between(neighbours, samples)}
+                   "between": between(neighbours, samples), **_motion(directory, substrate, samples),
+                   "cues": cues(cue_table)}
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
         made = film(directory, out, field) if moving else None
     return [*paths, made] if made else paths
+
+
+def _motion(directory: Path, substrate: dict[str, np.ndarray], samples: np.ndarray) -> dict[str, Figure | None]:
+    """Pictures of how cells moved, of a run with tracks at two samples or more."""
+    if len(samples) < 2 or not (directory / "tracks.csv").exists():
+        return {}
+    found = read_tracks(directory)
+    return {"tracks": tracks(found), "msd": squares(found), "kymograph": kymograph(found, substrate, samples)}
 
 
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:
@@ -94,7 +106,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
         if stressed:
             axes[-1].plot(time, history["effective_stress_pa"][rows], **style)
     axes[0].set_ylabel("displacement $u_x$ [µm]")
-    axes[0].legend(loc="upper left")
+    legend_above(axes[0])
     low, high = axes[0].get_ylim()
     if high - low < _LEAST_SPAN:  # nothing moves: do not magnify rounding errors
         axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))
@@ -102,7 +114,7 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
         for _, text, line in contacts:
             axes[1].plot([], [], color="0.4", ls=line, label=text)
         axes[1].set_ylabel("contact length [µm]" if dimension == 2 else "contact area [µm²]")
-        axes[1].legend(loc="upper left")
+        legend_above(axes[1])
     if stressed:
         axes[-1].set_ylabel("effective stress [Pa]")
     axes[-1].set_xlabel(f"time [{unit_of(history).label}]")

@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cellmig.output.directory import replace
@@ -19,6 +20,11 @@ FORMATS = ("png", "pdf", "svg")
 def in_print(unit: str) -> str:
     """A unit as pictures have it, such as µm/h for "um/h"; empty for a pure number."""
     return "" if unit == "1" else unit.replace("um", "µm").replace("us", "µs")
+
+
+def legend_above(ax: Axes, columns: int = 4, height: float = 1.0) -> None:
+    """Put the legend above the axes, where it covers nothing; `height` : of its foot, over that of the axes."""
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, height), borderaxespad=0.2, ncol=columns, columnspacing=1.2)
 
 
 def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:

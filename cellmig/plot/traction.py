@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 
 from cellmig.output.tables import ALONG, FORCE, time_column, unit_of
 
-from .style import COLOURS
+from .style import COLOURS, legend_above
 
 Table = Mapping[str, np.ndarray]
 _SHARE = 95.0  # percentile that sets colours and axes: peaks of a membrane that jumps to contact are far larger
 _BEYOND = 3.0  # axes end at this multiple of it, with a note
 _LEAST_ARROW, _LONGEST_ARROW = 0.05, 2.0  # of arrows that are drawn, over the largest; length of that [places]
+_ABOVE_NOTE = 1.12  # height of the legend over that of the axes: a note may stand between
 _SIDES = {"normal": "pressed ←  [Pa]  → pulled up", "tangential": "to the left ←  [Pa]  → to the right"}
 
 
@@ -38,11 +39,12 @@ def traction(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figur
         upper, lower = axes
         for number, time in enumerate(times):
             row = _before(samples, time)
-            upper.stairs(map_[row], edges, color=COLOURS[number % len(COLOURS)], baseline=None,
-                         label=_between(samples, row, table))
+            upper.stairs(np.where(map_[row] != 0.0, map_[row], np.nan), edges, color=COLOURS[number % len(COLOURS)],
+                         baseline=None, label=_between(samples, row, table))
         upper.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
         upper.set_ylabel(f"{kind} traction [Pa]")
-        upper.legend()
+        if kind == kinds[0]:
+            legend_above(upper, 3, _ABOVE_NOTE)
         top = usual_peak(map_)
         limit_axis(upper, top, "Pa")
         image = lower.pcolormesh(edges, samples, map_, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)

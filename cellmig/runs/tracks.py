@@ -14,10 +14,9 @@ from cellmig.output.directory import OutputError
 from cellmig.output.log import two_columns
 from cellmig.output.manifest import plain
 from cellmig.output.motion import mean_and_error
-from cellmig.output.tracks import Tracks, pooled
+from cellmig.output.tracks import FITTED, Tracks, pooled
 
 LAGS = (1, 2, 5)  # times powers of ten, intervals: those in the table
-FITTED = 0.25  # longest lag of the fit, over the length of the tracks
 _HEAD = {"way_um": "way µm", "net_um": "net µm", "speed": "speed µm/{unit}", "fmi": "FMI {axis}",
          "directionality": "directionality", "cosine": "cos φ"}  # columns of the table by cell
 
