@@ -18,6 +18,7 @@ from .meshfree.boundary import Boundary, Probes
 from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
 from .output.sample import Sampler
+from .output.tables import CUES, cue_columns
 from .parallel.collect import broadcast, computed_on_root, gathered
 from .parallel.options import IMPLICIT, requested_integrator
 from .parallel.partition import partition
@@ -140,7 +141,20 @@ class Simulation:
         """Add means since the last sample to its rows, and return the rows of other tables; collective."""
         touches = self.terms.substrate is not None or self.terms.contacts is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
-        return self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
+        found = self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
+        guided = self.guidance if self.case.polarity is not None else None
+        return found | ({"cues": self._cue_rows(guided)} if guided is not None else {})
+
+    @property
+    def cue_columns(self) -> tuple[str, ...]:
+        """Columns of cues.csv besides CUES: the parts of all cues."""
+        return cue_columns(self.guidance.parts if self.guidance is not None else (), self.case.dimension)
+
+    def _cue_rows(self, guidance: Guidance) -> list[dict[str, float]]:
+        """Rows of cues.csv: polarity and push now, and the part of each cue at the last knot; collective."""
+        values = np.hstack([guidance.at(self.time), self.sampler.push(), *guidance.parts.values()])
+        names = (*CUES[self.case.dimension][3:], *self.cue_columns)  # after time, number and name
+        return [{"cell": cell + 1, **dict(zip(names, row, strict=True))} for cell, row in enumerate(values.tolist())]
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """State for a checkpoint: numbers, and on rank 0 arrays in the order of ids; collective.

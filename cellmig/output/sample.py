@@ -164,6 +164,10 @@ class Sampler:
         """Further columns of history: of probes, then of supports and plates."""
         return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension)
 
+    def push(self) -> np.ndarray:
+        """Push of the protrusion along the substrate on each cell (cells, d - 1) [pN/µm, in space pN]; collective."""
+        return self._sum(self.mechanics.surface_force("protrusion")[0][:, :-1])
+
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""
         m, p = self.mechanics, self.probes

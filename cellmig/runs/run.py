@@ -115,9 +115,10 @@ class Run:
             write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
         write_profile(self.directory, self.comm, self.case)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None,
-                   "tracks": self.case.overdamped}
+                   "tracks": self.case.overdamped or self.case.polarity is not None,
+                   "cues": self.case.polarity is not None}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
-                             self.case.dimension, self.case.time_unit)
+                             self.case.dimension, self.case.time_unit, self.simulation.cue_columns)
         self.frames_before = ends["frames"]
         if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)

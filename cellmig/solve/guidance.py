@@ -112,7 +112,11 @@ class Guidance:
 
     def now(self) -> np.ndarray:
         """Polarities (cells, d - 1) [-] at the time that was due last."""
-        return self.p + (self._at / self._interval - self.knot) * (self.then - self.p)
+        return self.at(self._at)
+
+    def at(self, time: float) -> np.ndarray:
+        """Polarities (cells, d - 1) [-] at a time [µs] from the last knot to the next."""
+        return self.p + (time / self._interval - self.knot) * (self.then - self.p)
 
     def _look(self) -> None:
         """Find the next polarities, and factors of the push, by what is around the cells at this knot; collective."""

@@ -18,6 +18,7 @@ from cellmig.output.directory import OutputError
 from cellmig.output.manifest import read_manifest, write_manifest
 from cellmig.output.tables import Tables, read_table
 from cellmig.output.tracks import read_tracks
+from cellmig.output.xdmf import frames
 from cellmig.runs.diff import diff
 from cellmig.runs.tracks import as_json, measure, report
 
@@ -142,3 +143,35 @@ def test_a_run_without_inertia_leaves_tracks_that_go_on_with_the_same_bits_and_o
     assert cellmig(1, CASES["one_cell"], "--until", "0.1 us", *short, "--out", tmp_path / "fast").returncode == 0
     assert not (tmp_path / "fast/tracks.csv").exists() and read_manifest(tmp_path / "fast")["exit_status"] == 0
     assert read_tracks(tmp_path / "fast").names == ("Cell-1",)
+
+
+@pytest.fixture(scope="module")
+def polar(cellmig: Callable[..., subprocess.CompletedProcess], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cell that crawls with a polarity for a quarter of an hour, a sample a minute, a knot every half a minute."""
+    run = tmp_path_factory.mktemp("polar") / "run"
+    sets = ("particles.per_cell=60", "time.samples=360", "time.frames=72", 'polarity={persistence="10 min"}', "seed=3")
+    done = cellmig(1, CASES["crawl"], *(word for text in sets for word in ("--set", text)), "--until", "15 min",
+                   "--out", run, "--quiet")
+    assert done.returncode == 0, done
+    return run
+
+
+def test_a_run_with_polarity_tells_it_and_the_push_of_each_cell_at_every_sample(polar):
+    found = read_table(polar / "cues.csv")
+    assert tuple(found) == ("time_h", "cell", "name", "polarity", "push_pn_per_um")
+    assert found["time_h"] == pytest.approx(np.arange(16) / 60) and found["name"].tolist() == ["Cell-1"] * 16
+    p, push = found["polarity"], found["push_pn_per_um"]
+    assert 0.3 < np.std(p) < 2.0 and (np.sign(push[1:]) == np.sign(p[1:])).all()
+    for frame in frames(polar):
+        at = np.argmin(np.abs(found["time_h"] - frame.time))
+        assert push[at] == pytest.approx(frame.read()["protrusion_force"][:, 0].sum(), rel=1e-12, abs=1e-12)
+
+
+def test_the_speed_of_a_cell_is_that_of_its_polarity(polar):
+    """Friction is linear to a percent and inertia is absent: the way in a minute over the mean polarity is the same."""
+    found, x = read_table(polar / "cues.csv"), read_tracks(polar).along[0, :, 0]
+    p = found["polarity"]
+    mean, way = 0.5 * (p[1:] + p[:-1]), np.diff(x)
+    late = slice(5, None)  # the cell has settled
+    assert np.corrcoef(mean[late], way[late])[0, 1] > 0.95
+    print("XX", np.corrcoef(mean[late], way[late])[0, 1], np.std(p))
