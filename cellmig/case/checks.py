@@ -97,7 +97,7 @@ def _renewal(source: Source, found: dict[str, Any]) -> None:
 
 def _pushes(source: Source, found: dict[str, Any]) -> None:
     """Note directions of another dimension, polarities of cells that do not push, and times that never come."""
-    push, polarity, n = found["protrusion"], found["polarity"], found["dimension"] - 1
+    push, polarity, n = found["protrusion"], found["polarity"], (found["dimension"] or 2) - 1
     example = "[1] or [-1]" if n == 1 else "[1, 0]"
     for law, path, key in ((push, ("protrusion",), "direction"), (polarity, ("polarity",), "start"),
                            *((cell.push, (*path, "push"), "direction") for cell, path in found["cells"])):

@@ -23,7 +23,7 @@ def in_print(unit: str) -> str:
 
 
 def legend_above(ax: Axes, columns: int = 4, height: float = 1.0) -> None:
-    """Put the legend above the axes, where it covers nothing; `height` : of its foot, over that of the axes."""
+    """Put the legend above the axes, where it covers nothing; `height` : of its lower edge, over that of the axes."""
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, height), borderaxespad=0.2, ncol=columns, columnspacing=1.2)
 
 
