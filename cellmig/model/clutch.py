@@ -29,8 +29,8 @@ class Clutches:
     The parameters by default are those of filopodia of neurons.
 
     Source: Chan & Odde (2008), Science 322:1687-1691; what moves the optimum: Bangasser, Rosenfeld & Odde (2013),
-    Biophys. J. 105:581-592; cells on gradients: Isomursu et al. (2022), Nat. Mater. 21:1081-1090; Cerruti's solution:
-    Johnson (1985), Contact Mechanics, section 3.6.
+    Biophys. J. 105:581-592; cells on gradients: Isomursu et al. (2022), Nature Materials 21:1081-1090; Cerruti's
+    solution: Johnson (1985), Contact Mechanics, section 3.6.
     """
 
     motors: int = parameter("number n_m of motors in a module", 75, minimum=1, maximum=100_000)

@@ -25,8 +25,8 @@ class OptimumResponse:
     """Push that is largest at an optimal stiffness O, g = 2q/(1 + q²) with q = E/O.
 
     Cells then go towards O from both sides, up the gradient and down.
-    Source: the optimum is that of Isomursu et al. (2022), Nat. Mater. 21:1081-1090; the formula is the simplest with
-    one, of equal slopes on both sides in log E, and derived here.
+    Source: the optimum is that of Isomursu et al. (2022), Nature Materials 21:1081-1090; the formula is the simplest
+    with one, of equal slopes on both sides in log E, and derived here.
     """
 
     optimum: float = quantity("Pa", "stiffness O of the full push", above=0)

@@ -161,7 +161,8 @@ class Frames:
 
 def check_frames(directory: Path, count: int, run: str) -> None:
     """Raise OutputError if a frame of another run is among the first `count` in any list."""
-    for path in sorted({directory / item for index in directory.glob("*.xdmf") for grid in _grids(index)
+    lists = directory / INDEX, directory / SURFACE, *directory.glob("rank*.xdmf")
+    for path in sorted({directory / item for index in lists for grid in _grids(index)
                         for item in re.findall(r"rank\d+/s\d+\.h5", grid)}):
         if int(path.stem[1:]) < count and path.exists():
             with _opened(path) as file:

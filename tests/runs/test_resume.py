@@ -108,6 +108,17 @@ def test_equilibria_go_on_with_the_same_bits(cellmig, whole, tmp_path):
     is_whole(tmp_path / "run", whole["squeezed"])
 
 
+def test_cells_on_ligands_and_a_graded_gel_go_on_with_the_same_bits(cellmig, tmp_path):
+    given = ('substrate.ligand="0.5 + 0.4*sin(0.9*x)"', 'substrate.stiffness="9 + 0.2*x kPa"',
+             'substrate.response={half="10 kPa"}', "time.samples=400")
+    words = (*PAPER[:-1], "2 us", *(word for one in given for word in ("--set", one)), "--quiet")
+    ended(cellmig(1, *words, "--out", tmp_path / "whole"), 0)
+    ended(cellmig(2, *words, "--out", tmp_path / "run", *A_BATCH), 75)
+    ended(cellmig(3, "resume", tmp_path / "run", "--quiet"), 0)
+    is_whole(tmp_path / "run", tmp_path / "whole")
+    assert (tmp_path / "run" / "substrate.xdmf").exists()
+
+
 def test_another_integrator_goes_on_from_the_last_sample_with_the_same_bits(cellmig, tmp_path):
     words = (*PAPER[:-1], "0.5 us", "--set", "time.samples=1600", "-ts_type", "rk", "--quiet")  # two samples
     ended(cellmig(1, *words, "--out", tmp_path / "whole"), 0)
