@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,12 @@ def _wall(which: str) -> Any:
     return quantity("nM", f"wall {which}.  {_WALL}", "closed", minimum=0, words=("closed", "open"))
 
 
-@law("walls", "box")
+@dataclass(frozen=True, kw_only=True)
 class Walls:
-    """The walls of the box of a diffusing field; the substrate is at the bottom."""
+    """The walls of the box of a diffusing field, "closed", "open", or concentrations there [1/µm³].
+
+    The substrate is at the bottom.
+    """
 
     left: float | str = _wall("at the least x")
     right: float | str = _wall("at the largest x")
@@ -50,7 +54,7 @@ class Diffusing:
     box: tuple = quantity("um", "two opposite corners of the box, which contains all cells that exchange with the "
                           "field", shape=(None, "d"))
     spacing: float = quantity("um", "size of the volumes, rounded so that the box has a whole number of them", above=0)
-    walls: Any = parameter("walls of the box", None, kind="walls", default_law="box")
+    walls: Walls = parameter("walls of the box, such as { right = \"0 nM\" }", Walls(), record=Walls)
     start: Any = quantity("nM", "concentration at the start; may be a formula of x, y (and z)", "0 nM", minimum=0,
                           formula=True)
     steady: bool = parameter("whether the field is in equilibrium with its sources at all times, for D large enough",

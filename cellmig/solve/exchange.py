@@ -33,12 +33,12 @@ class Exchanging:
     def of(cls, surfaces: Surfaces, names: Sequence[str], exchanges: Sequence[Any]) -> Exchanging:
         """The outer facets of the cells that `exchanges` of one field name, among the `names` of all cells."""
         of_facet = surfaces.cell[surfaces.facets[:, 0]]
-        parts = [(np.flatnonzero(surfaces.outer & np.isin(of_facet, [names.index(name) for name in e.cells or names])),
-                  e) for e in exchanges]
-        at = np.concatenate([on for on, _ in parts]) if parts else np.zeros(0, np.int64)
-        rates = [np.concatenate([np.full(len(on), getattr(e, name) or 1.0 * (name == "half")) for on, e in parts])
-                 if parts else np.zeros(0) for name in ("secretion", "uptake", "half")]
-        return cls(surfaces.facets[at], of_facet[at], *rates)
+        on = [np.flatnonzero(surfaces.outer & np.isin(of_facet, [names.index(name) for name in e.cells or names]))
+              for e in exchanges]
+        at = np.concatenate([*on, np.zeros(0, np.int64)])
+        secretion, uptake, half = (np.repeat([getattr(e, name) for e in exchanges], [len(some) for some in on])
+                                   for name in ("secretion", "uptake", "half"))
+        return cls(surfaces.facets[at], of_facet[at], secretion, uptake, half)
 
     def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middles (f, d) [µm] and sizes (f,) [µm], in space [µm²], of the facets between positions x (m, d) [µm]."""
@@ -51,13 +51,14 @@ class Exchanging:
 
 @dataclass
 class Molecules:
-    """Account of the molecules of a field since its start, in two dimensions per µm of thickness [1/µm].
+    """Account of the molecules of a field since its start, in two dimensions per µm of thickness.
 
     Attributes
     ----------
-    secreted, taken : (cells,) -- by each cell, and from the field.
-    out, decayed : what left through walls, less what came in; what decayed.
-    start, inside : what was there at the start, and what is there now; zero for a field that is always in equilibrium.
+    secreted, taken : (cells,) -- by each cell, and from the field by each cell [-], [1/µm].
+    out, decayed : float -- what left through walls, less what came in; what decayed [-], [1/µm].
+    start, inside : float -- what was there at the start, and what is there now [-], [1/µm]; 0 for a field that is
+        always in equilibrium.
     """
 
     secreted: np.ndarray
@@ -69,11 +70,25 @@ class Molecules:
 
     @property
     def lost(self) -> float:
-        """What is there, was taken up, went out and decayed, less what was secreted and there at the start."""
-        return float(np.sum([self.inside, self.taken.sum(), self.out, self.decayed, -self.secreted.sum(), -self.start]))
+        """What is there, was taken up, went out and decayed, less what was secreted and there at the start [-]."""
+        return self.inside + float(self.taken.sum()) + self.out + self.decayed - float(self.secreted.sum()) - self.start
 
     @property
     def turnover(self) -> float:
-        """Sum of the sizes of all entries, of which the error of the balance is a part."""
-        return float(np.sum(np.abs([self.inside, self.taken.sum(), self.out, self.decayed, self.secreted.sum(),
-                                    self.start])))
+        """Sum of the sizes of all entries [-], to which the error of the balance is compared."""
+        return (self.inside + float(self.taken.sum()) + abs(self.out) + self.decayed + float(self.secreted.sum())
+                + self.start)
+
+    def enter(self, rates: dict[str, Any], duration: float) -> None:
+        """Add flows by name, numbers or (cells,) [1/µs], over a duration [µs]."""
+        for name, rate in rates.items():
+            setattr(self, name, getattr(self, name) + duration * rate)
+
+    def saved(self) -> dict[str, Any]:
+        """All entries as JSON."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+
+    @classmethod
+    def restored(cls, entries: dict[str, Any]) -> Molecules:
+        """The account that `saved` returned."""
+        return cls(**entries | {name: np.array(entries[name]) for name in ("secreted", "taken")})

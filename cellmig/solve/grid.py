@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -125,14 +126,14 @@ class Grid:
         return number, weight
 
     def local(self, number: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places among this rank's volumes for `number`, any shape, and `weight`, zero for those of other ranks."""
+        """Places (m, k) among this rank's volumes of a `number` (m, k), and its `weight` (m, k) [-], zero elsewhere."""
         place = self._local[number]
         return np.maximum(place, 0), np.where(place >= 0, weight, 0.0)
 
     # ------------------------------------------------------------ all of it
 
     def gather(self, values: np.ndarray) -> np.ndarray | None:
-        """Values of this rank's volumes (n,) by number (total,) on the first rank, None on others; collective."""
+        """The `values` (n,) of this rank's volumes, in any unit, by number (total,) on rank 0 or None; collective."""
         if self._dm.comm.size == 1:
             return values.copy()
         parts = self._dm.comm.tompi4py().gather((self.own, values))
@@ -143,10 +144,10 @@ class Grid:
             whole[own] = some
         return whole
 
-    def scatter(self, whole: np.ndarray | None) -> np.ndarray:
-        """The inverse of `gather`; collective."""
+    def scatter(self, whole: Any) -> np.ndarray:
+        """Values (n,) of this rank's volumes, in any unit, from the `whole` (total,) that rank 0 has; collective."""
         comm = self._dm.comm
-        return (whole if comm.size == 1 else comm.tompi4py().bcast(whole))[self.own].copy()
+        return np.array((whole if comm.size == 1 else comm.tompi4py().bcast(whole))[self.own])
 
     def close(self) -> None:
         """Free the PETSc objects."""
@@ -154,5 +155,5 @@ class Grid:
 
 
 def _bernoulli(x: float) -> float:
-    """x / (e^x - 1) [-]."""
+    """Bernoulli's function x / (e^x - 1) [-]."""
     return 1.0 - 0.5 * x if abs(x) < 1e-8 else float(x / np.expm1(min(x, 700.0)))
