@@ -320,6 +320,12 @@ class Case:
             or (ground is not None and (ground.ligand is not None or ground.response is not None))
             or any(c.push is not None and (c.push.begin or c.push.end is not None) for c in self.cells))
 
+    @property
+    def clutches(self) -> Any:
+        """Law of the clutches by which cells pull on the substrate; None if none do."""
+        response = self.ground.response if self.ground is not None else None
+        return response if hasattr(response, "spring") else None
+
     def friction_of(self, cell: Cell) -> Any:
         """Law of friction of a cell, None without."""
         return self.friction if cell.friction is None else cell.friction

@@ -222,8 +222,9 @@ def _single(case: Case) -> bool:
 
 
 def _sides(case: Case) -> int:
-    """Directions in which each protruding cell pushes."""
-    return SIDES[case.dimension] if case.protrusion is not None and case.protrusion.basal else 1
+    """Directions in which each protruding cell pushes: all where each side has a push of its own."""
+    every = case.protrusion is not None and (case.protrusion.basal or case.clutches is not None)
+    return SIDES[case.dimension] if every else 1
 
 
 def _renewal(case: Case) -> float | None:

@@ -14,9 +14,10 @@ class Clutches:
     Motors with the stall force F_s = n_m F_m move actin backwards at v = v_u (1 - F/F_s), F being the traction.  An
     open one of n_c clutches closes at the rate k_on, and is then a spring κ_c between actin and the substrate, at rest
     when it closes; under its force f it opens at the rate k_off exp(f/F_b).  The substrate is a spring κ_s that all
-    closed clutches of a module share: F = κ_s x_s = Σ κ_c (x_i - x_s).  Each side on which a cell pushes has a module
-    of its own, on the substrate at its edge.  Its mean traction over F_s from one knot of the polarity to the next is
-    the factor of the push until the knot after.
+    closed clutches of a module share: F = κ_s x_s = Σ κ_c (x_i - x_s).  Each side of a cell that protrudes has a
+    module of its own, on the substrate below the edge there.  Its mean traction over F_s from one knot of the polarity
+    to the next is the factor of the push on that side until the knot after.  Times between knots should be longer than
+    cycles of load and fail, which take 1/k_on and more.
 
     On a soft substrate the clutches let go before the motors have loaded it, on a stiff one each is torn off before
     others have closed to share the load; in between the traction is largest.  Nothing in the law says at which

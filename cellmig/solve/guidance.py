@@ -16,6 +16,7 @@ from ..meshfree.terms import Terms
 from ..model.ground import fields_of, push_factor
 from ..parallel.collect import broadcast, computed_on_root
 from ..parallel.random import normal, uniform
+from .clutches import Modules, edges
 from .mechanics import Mechanics
 from .protrusion import Drives
 
@@ -86,7 +87,9 @@ class Guidance:
         self._interval = law.interval if law is not None else case.time.end / case.time.samples
         self._events = sorted({t for cell in case.cells if cell.push for t in (cell.push.begin, cell.push.end) if t})
         self.knot, self._at, self.parts = 0, 0.0, dict[str, np.ndarray]()
-        self._factor = np.ones(len(mechanics.surfaces.ids))
+        self._factor, self._pull = np.ones(len(mechanics.surfaces.ids)), np.ones((len(names), mechanics.terms.sides))
+        pushing = [name for name in names if name in push]
+        self._modules = case.clutches and Modules(case.clutches, case.seed, self._names, pushing, mechanics.terms.sides)
         self.p = self.then = towards(case)
         self._centre = np.zeros((len(names), mechanics.scene.dimension))
         self._gate = case.protrusion.gate if case.protrusion is not None else None
@@ -123,22 +126,31 @@ class Guidance:
         m = self._mechanics
         x = m.segments.everywhere() if self._senses else np.zeros((0, m.scene.dimension))
         found = computed_on_root(m.comm, lambda: self._decided(x))
-        self.p, self.then, self._factor, self._centre, self.parts = found
+        self.p, self.then, self._factor, self._pull, self._centre, self.parts = found
 
     def _decided(self, x: np.ndarray) -> tuple:
         """What `_look` sets, for surface particles at x (m, d) [µm]; for rank 0."""
-        case, law, parts, factor, centre = self._case, self._law, dict[str, np.ndarray](), self._factor, self._centre
+        case, law, parts, centre = self._case, self._law, dict[str, np.ndarray](), self._centre
+        factor, pull = self._factor, self._pull
         if self._senses:
             around = self._surroundings(x)
             parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
             factor = push_factor(case.ground, self._fields, x, self._at)
             if self._gate is not None:
                 factor = factor * (1.0 - around.gate(self._gate))
-            centre = around.centre
+            pull, centre = self._pulls(x) if self._modules is not None else pull, around.centre
         cues = sum(parts.values(), np.zeros_like(self.p))
         if law is not None and not self.knot:
             self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
-        return self.p, self.p if law is None else self._next(cues), factor, centre, parts
+        return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
+
+    def _pulls(self, x: np.ndarray) -> np.ndarray:
+        """Factors of the push (cells, sides) [-] by the clutches since the last knot, for surface particles at x (m, d)
+        [µm] now; for rank 0.  What they did before the start is what they do there.
+        """
+        at = edges(self._mechanics.surfaces, x, directions(self._mechanics.terms.sides, x.shape[1]))
+        modulus = self._fields["stiffness"].value(at.reshape(-1, x.shape[1]), self._at)
+        return self._modules.advance(self.knot, self._interval, modulus.reshape(at.shape[:2]))
 
     def _surroundings(self, x: np.ndarray) -> Surroundings:
         """What is around the cells at this knot, for surface particles at x (m, d) [µm]."""
@@ -166,21 +178,27 @@ class Guidance:
         """Push as the polarities say from now on."""
         case, terms, start = self._case, self._mechanics.terms, self._interval * self.knot
         low, high = (vectors(case, terms, p) for p in (self.p, self.then))
-        on = strengths(case, self._at)[:, None, None]
+        on = (strengths(case, self._at)[:, None] * self._pull)[..., None]
         rate = (high - low) / self._interval
         self._mechanics.drive(Drives(on * (low + (self._at - start) * rate), on * rate, self._at, self._factor))
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """State for a checkpoint: numbers, and the factor of the push at all surface particles (m,) [-]."""
+        """State for a checkpoint: numbers; the factor of the push at all surface particles (m,) [-], centres (cells, d)
+        [µm], and on rank 0 the forces on clutches (cells, sides, n_c) [pN].
+        """
         parts = {name: values.tolist() for name, values in self.parts.items()}
-        return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts},
-                {"guidance factor": self._factor, "guidance centre": self._centre})
+        clutches = {} if self._modules is None else {"guidance clutches": self._modules.forces}
+        return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts,
+                 "pull": self._pull.tolist()},
+                {"guidance factor": self._factor, "guidance centre": self._centre} | clutches)
 
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Set the state from the results of `saved`, whose arrays are on rank 0; collective."""
         found = broadcast(self._mechanics.comm, {name: a for name, a in arrays.items() if name.startswith("guidance")})
         self.knot, self._at, self._factor = about["knot"], about["at"], found["guidance factor"]
         self._centre = found["guidance centre"]
-        self.p, self.then = np.array(about["p"]), np.array(about["then"])
+        self.p, self.then, self._pull = (np.array(about[name]) for name in ("p", "then", "pull"))
+        if self._modules is not None:
+            self._modules.forces = found["guidance clutches"].copy()
         self.parts = {name: np.array(values) for name, values in about["parts"].items()}
         self._drive()

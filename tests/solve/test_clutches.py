@@ -90,15 +90,19 @@ def test_forces_stay_in_balance_and_below_the_stall_force_whatever_the_spring_be
         assert 0.0 <= mean <= LAW.stall
 
 
+def modules(seed: int = 7, pulling: tuple[str, ...] = ("A", "B")) -> Modules:
+    """Of two cells with two sides."""
+    return Modules(LAW, seed, ("A", "B"), pulling, 2)
+
+
 def test_random_numbers_belong_to_seed_cell_side_and_knot() -> None:
     """Not to which cells there are besides, nor to what was asked before; a state that is kept goes on as it would."""
     modulus = np.full((2, 2), 1e3)
-    both, one = Modules(LAW, 7, ("A", "B"), 2), Modules(LAW, 7, ("B",), 2)
+    both, one = modules(), modules(pulling=("B",))
     first = both.advance(0, 30.0 * SECOND, modulus)
-    assert (one.advance(0, 30.0 * SECOND, modulus[1:])[0] == first[1]).all()
+    assert (one.advance(0, 30.0 * SECOND, modulus) == [[1.0, 1.0], first[1]]).all()
     assert len(set(first.ravel())) == 4
-    again = Modules(LAW, 7, ("A", "B"), 2)
+    again = modules()
     again.forces[:] = both.forces
     assert (again.advance(1, 30.0 * SECOND, modulus) == both.advance(1, 30.0 * SECOND, modulus)).all()
-    other = Modules(LAW, 8, ("A", "B"), 2)
-    assert (other.advance(0, 30.0 * SECOND, modulus) != first).all()
+    assert (modules(seed=8).advance(0, 30.0 * SECOND, modulus) != first).all()
