@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from .parallel.collect import broadcast, computed_on_root, gathered
 from .parallel.options import IMPLICIT, requested_integrator
 from .parallel.partition import partition
 from .parallel.swarm import Swarm
+from .solve.fields import Fields
 from .solve.guidance import Guidance, steady
 from .solve.implicit import Implicit
 from .solve.integrate import Integrator
@@ -69,7 +71,8 @@ class Simulation:
         kind: Any = Overdamped if case.overdamped else Implicit if implicit else Integrator
         self.integrator: Integrator | Static = Static(self.mechanics) if case.static else kind(
             self.mechanics, self.control, case.time.integrator, fixed, case.time.step_factor)
-        self.guidance = Guidance(case, self.mechanics) if self.terms.guided else None
+        self.fields = Fields(case, self.mechanics)
+        self.guidance = Guidance(case, self.mechanics, self.fields.by_name) if self.terms.guided else None
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
         self.time = 0.0
@@ -106,13 +109,16 @@ class Simulation:
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""
-        while self.guidance is not None and self.guidance.due <= stop:
-            if self.guidance.due > self.time:
-                self.time = self.integrator.advance_to(self.guidance.due)
+        turning: list[Any] = [one for one in (self.fields, self.guidance) if one is not None]  # cues ask fields
+        while (due := min(one.due for one in turning)) <= stop:
+            if due > self.time:
+                self.time = self.integrator.advance_to(due)
             if self.integrator.finished:
                 return self.time
-            self.guidance.turn()
-        if self.guidance is None or stop > self.time:
+            for one in turning:
+                if one.due == due:
+                    one.turn()
+        if self.time < stop or math.isinf(due):
             self.time = self.integrator.advance_to(stop)
         return self.time
 
@@ -143,7 +149,8 @@ class Simulation:
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
         found = self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
         guided = self.guidance if self.case.polarity is not None else None
-        return found | ({"cues": self._cue_rows(guided)} if guided is not None else {})
+        found |= {"cues": self._cue_rows(guided)} if guided is not None else {}
+        return found | {"molecules": self.fields.rows()}
 
     @property
     def cue_columns(self) -> tuple[str, ...]:
@@ -166,6 +173,9 @@ class Simulation:
             arrays["X"], arrays["surface"] = self.scene.X, self.mechanics.surfaces.ids
         found = {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                  "interval": self.interval.saved()}
+        if self.fields.diffusing:
+            found["fields"], more = self.fields.saved()
+            arrays |= more
         if self.guidance is not None:
             found["guidance"], more = self.guidance.saved()
             arrays |= more if self.comm.rank == 0 else {}
@@ -174,6 +184,8 @@ class Simulation:
     def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Set the state from the results of `saved`, on any number of ranks; collective."""
         restore(self.mechanics, about["mechanics"], arrays)
+        if self.fields.diffusing:
+            self.fields.restore(about["fields"], arrays)
         if self.guidance is not None:
             self.guidance.restore(about["guidance"], arrays)
         self.integrator.restore(about["integrator"])
@@ -190,6 +202,7 @@ class Simulation:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
+        self.fields.close()
         self.integrator.destroy()
         self.mechanics.destroy()
         self.swarm.destroy()

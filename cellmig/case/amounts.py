@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from . import units
+from .environment import Ground
 from .expression import Expression
 from .messages import show
-from .schema import Ground
 from .source import Source
 from .values import declared
 
@@ -37,6 +37,26 @@ def amounts(source: Source, found: dict[str, Any]) -> None:
                                                "[adhesion.substrate]")
     for key in OF_SUBSTRATE:
         _ground(source, key, getattr(ground, key), fields, points)
+
+
+def exchanges(source: Source, found: dict[str, Any]) -> None:
+    """Note exchange with fields that do not diffuse, or whose box a cell is not in, and fields without a time."""
+    outlines = {cell.name: np.array(cell.centre) + cell.shape.outline(OUTLINE) for cell, _ in found["cells"]}
+    diffusing = {name: law for name, law in found["fields"].items() if getattr(law, "law", "") == "diffusing"}
+    if getattr(found["time"], "integrator", "") == "static":
+        for name in diffusing:
+            source.reject(("fields", name), "diffuses in time, of which a static case has none")
+    for e, path in found["exchange"]:
+        if e.field not in diffusing:
+            if found["fields"].get(e.field) is not None:
+                source.reject((*path, "field"), f"'{e.field}' has the law \"{found['fields'][e.field].law}\": cells "
+                                                "exchange with fields whose law is \"diffusing\"")
+            continue
+        low, high = np.array(diffusing[e.field].box)
+        for name in e.cells or outlines:
+            if name in outlines and ((outlines[name] < low) | (outlines[name] > high)).any():
+                source.reject(("fields", e.field, "box"), f"does not contain '{name}', which exchanges with the field")
+                break
 
 
 def cues(source: Source, found: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import units
-from .amounts import amounts, cues
+from .amounts import amounts, cues, exchanges
 from .gaps import OUTLINE, depth, near
 from .held import unheld
 from .messages import show, suggest
@@ -44,6 +44,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     amounts(source, found)
     _pushes(source, found)
     cues(source, found)
+    exchanges(source, found)
     if found["dimension"] == 3:
         _in_space(source, found)
     if on_substrate:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from . import units
+from .environment import Exchange, Ground
 from .registry import parameter, quantity
 from .time_unit import MICROSECOND, TimeUnit
 from .values import declared, in_table, write
@@ -202,27 +203,6 @@ class Probe(OnPart):
                                    shape=("d",))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ground:
-    """What varies along the substrate."""
-
-    stiffness: Any = parameter("Young's modulus E of the substrate; a formula of the place, or a name of [fields.NAME]",
-                               None, unit="Pa", above=0, formula=True, or_name="field")
-    ligand: Any = parameter("density of bonds over that of adhesion.substrate, from 0 to 1; a formula of the place, or "
-                            "a name of [fields.NAME]", None, unit="", minimum=0, maximum=1, formula=True,
-                            or_name="field")
-    response: Any = parameter("factor of the push by the stiffness, such as { law = \"saturating\", "
-                              "half = \"10 kPa\" }", None, kind="response", default_law="saturating", optional=True)
-
-    def __post_init__(self) -> None:
-        """Check the response.
-
-        Raises ValueError where it has no stiffness; the message is for the user.
-        """
-        if self.response is not None and self.stiffness is None:
-            raise ValueError("response: is to a stiffness, which is missing")
-
-
 def _section(cls: type, doc: str, **more: Any) -> Any:
     """A section; with `default` None if it is absent, and `at` a path."""
     default = {"default": more.pop("default")} if "default" in more else {}
@@ -278,6 +258,7 @@ class Case:
                        default_law="stokes")
     fields: dict = _many("field", "fields by name: amounts that vary from place to place, such as concentrations",
                          "CXCL12", "formula")
+    exchange: tuple = _list(Exchange, "what cells secrete into diffusing fields, and take up from them")
     ground: Ground | None = _section(Ground, "what varies along the substrate: stiffness, density of ligands; by "
                                      "default nothing", default=None, at=("substrate",))
     director: Any = _law("director", "director field of the cytoplasm; by default uniform")

@@ -54,7 +54,8 @@ class Diffusing:
     box: tuple = quantity("um", "two opposite corners of the box, which contains all cells that exchange with the "
                           "field", shape=(None, "d"))
     spacing: float = quantity("um", "size of the volumes, rounded so that the box has a whole number of them", above=0)
-    walls: Walls = parameter("walls of the box, such as { right = \"0 nM\" }", Walls(), record=Walls)
+    walls: Walls | None = parameter("walls of the box, such as { right = \"0 nM\" }; by default all are closed", None,
+                                    record=Walls)
     start: Any = quantity("nM", "concentration at the start; may be a formula of x, y (and z)", "0 nM", minimum=0,
                           formula=True)
     steady: bool = parameter("whether the field is in equilibrium with its sources at all times, for D large enough",
@@ -76,18 +77,25 @@ class Diffusing:
                              '[["-100 um", "0 um"], ["100 um", "50 um"]]')
         if min(self.volumes) < 2:
             raise ValueError("spacing: the box has to be at least two volumes wide")
-        walls = self.walls.of(self.dimension)
-        if self.dimension == 2 and (self.walls.front, self.walls.back) != ("closed", "closed"):
+        given, walls = self.walls or Walls(), self.sides
+        if self.dimension == 2 and (given.front, given.back) != ("closed", "closed"):
             raise ValueError("walls: front and back are there in three dimensions only")
         if any("open" in pair and not w for pair, w in zip(walls, self.flow, strict=True)):
             raise ValueError('walls: "open" is for a flow through the wall; give a concentration instead')
         if self.steady and not (self.decay or any(wall != "closed" for pair in walls for wall in pair)):
             raise ValueError("steady: without decay and with closed walls there is no equilibrium")
 
+    unit = "nM"
+
     @property
     def dimension(self) -> int:
         """Number of dimensions of the box."""
         return len(self.box[0])
+
+    @property
+    def sides(self) -> tuple[tuple[float | str, float | str], ...]:
+        """Both walls of each axis: "closed", "open" or a concentration [1/µm³]."""
+        return (self.walls or Walls()).of(self.dimension)
 
     @property
     def volumes(self) -> tuple[int, ...]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..case import units
 from ..case.amounts import OF_SUBSTRATE
+from ..case.environment import Ground
 from ..case.expression import Expression
-from ..case.schema import Case, Ground
+from ..case.schema import Case
 from ..case.values import declared
 from .field import FormulaField
 from .protocols import Field

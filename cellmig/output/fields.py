@@ -72,6 +72,16 @@ _PAIR = (("`cell`, `neighbour`", "numbers of two cells that touch, from 1, the l
           "contact at the sample, as in `history.csv`: mean of both sides"))
 
 
+_MOLECULES = (("time", "up to which the field is known: that of its last knot"),
+              ("`field`", "name of the field; all amounts are since the start, in 2D per µm of thickness: "
+                          "`secreted_per_um`"),
+              ("`secreted`, `taken_up`", "molecules that the cell, or all of them, secreted and took up"),
+              ("`inside`, `start`", "molecules in the box, then and at the start; 0 for a field that is steady"),
+              ("`out`", "molecules that left through walls, less those that came in"),
+              ("`decayed`", "molecules that decayed"),
+              ("`lost`", "error of the account: inside + taken_up + out + decayed - secreted - start; a run ends in "
+                         "which it is more than 1e-12 of their sum"))
+
 _ABOUT_FIELDS = """
 ## Fields of a frame
 
@@ -113,6 +123,7 @@ def handbook_of_fields() -> str:
         for name, f in FIELDS.items()]
     tables: list[tuple[str, ...]] = [("`substrate.csv`", column, meaning) for column, meaning in _TRACTION]
     tables += [("`neighbours.csv`", column, meaning) for column, meaning in _PAIR]
+    tables += [("`molecules.csv`", column, meaning) for column, meaning in _MOLECULES]
     head = "| table | column | meaning |\n|---|---|---|\n"
     return _ABOUT_FIELDS + _rows(fields) + _ABOUT_TABLES + head + _rows(tables)
 

@@ -46,10 +46,13 @@ NEIGHBOURS = {d: ("time_us", "cell", "neighbour",
 TRACKS = {d: ("id", "time_us", *(f"{axis}_um" for axis in "xyz"[:d])) for d in (2, 3)}  # in celltrackR's order
 CUES = {d: ("time_us", "cell", "name", *(f"polarity{axis}" for axis in ALONG[d]),
             *(f"push{axis}_{FORCE[d]}" for axis in ALONG[d])) for d in (2, 3)}
+_AMOUNTS = ("secreted", "taken_up", "inside", "out", "decayed", "start", "lost")
+MOLECULES = {d: ("time_us", "cell", *(f"{name}{unit}" for name in _AMOUNTS), "name", "field")
+             for d, unit in ((2, "_per_um"), (3, ""))}
 PROBED = {2: ("x", "y", "ux", "uy"), 3: ("x", "y", "z", "ux", "uy", "uz")}
 HELD = {d: tuple(f"{axis}_{unit}" for axis in "xyz"[:d]) for d, unit in FORCE.items()}  # of supports and plates
 ALL = "all"  # name of the aggregate of all cells
-_WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name", "id")
+_WHOLE, _TEXT = ("cell", "neighbour"), ("name", "neighbour_name", "id", "field")
 # Columns that had another name in older runs.
 _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "external_work_pn",
              "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
@@ -210,6 +213,12 @@ class Cues(Surroundings):
     name, kinds = "cues.csv", CUES
 
 
+class Molecules(Surroundings):
+    """Writer of `molecules.csv`: accounts of fields that diffuse [-], per µm of thickness in two dimensions [1/um]."""
+
+    name, kinds = "molecules.csv", MOLECULES
+
+
 class Tables:
     """All tables of a run; collective.
 
@@ -220,7 +229,7 @@ class Tables:
     names : list of str -- of the cells.
     more : list of str -- columns of history besides HISTORY.
     dimension : int -- of the scene.
-    present : dict -- whether the run has "substrate", "neighbours", "tracks" and "cues".
+    present : dict -- whether the run has "substrate", "neighbours", "tracks", "cues" and "molecules".
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     unit : TimeUnit -- of times in them.
     cues : tuple of str -- columns of cues.csv besides CUES, as `cue_columns` has them.
@@ -239,7 +248,8 @@ class Tables:
         self.history, self.ledger = opened(History, more), opened(Ledger)
         self.tracks = opened(Tracks) if present.get("tracks") else None
         kinds: dict[str, tuple[type[_Table], tuple[str, ...]]] = {
-            "substrate": (Substrate, ()), "neighbours": (Neighbours, ()), "cues": (Cues, cues)}
+            "substrate": (Substrate, ()), "neighbours": (Neighbours, ()), "cues": (Cues, cues),
+            "molecules": (Molecules, ())}
         self._surroundings = {name: opened(*kind) for name, kind in kinds.items() if present.get(name)}
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]], entries: Mapping[str, float],

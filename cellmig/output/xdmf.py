@@ -26,14 +26,14 @@ from .mesh import Elements
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-_HEAD = ('<?xml version="1.0" ?>\n<Xdmf Version="3.0">\n<Domain>\n'
+HEAD = ('<?xml version="1.0" ?>\n<Xdmf Version="3.0">\n<Domain>\n'
          '<Grid Name="{}" GridType="Collection" CollectionType="Temporal">\n')
-_TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
+TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
 _KIND = {1: "Scalar", 3: "Vector", 9: "Tensor"}
 _TOPOLOGY = {"topology": 'TopologyType="Polyvertex" NodesPerElement="1"',
              "tetrahedra": 'TopologyType="Tetrahedron"', "triangles": 'TopologyType="Triangle"'}
 _MESH = ("geometry", *_TOPOLOGY)
-SURFACE = "surface.xdmf"
+SURFACE, FIELDS = "surface.xdmf", "fields.xdmf"  # lists beside INDEX
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
@@ -104,8 +104,8 @@ class Frames:
         self._mine, self._all = "", dict.fromkeys(self._shown, "")
         together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
         if count:
-            self._all = {index: "".join(_grids(self.directory / index)) for index in self._shown}
-            self._mine = "".join(_grids(self.directory / f"{_name(comm.rank)}.xdmf"))
+            self._all = {index: "".join(grids(self.directory / index)) for index in self._shown}
+            self._mine = "".join(grids(self.directory / f"{_name(comm.rank)}.xdmf"))
 
     def write(self, time: float, step: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write one frame, which is in all files when this returns, and in none before.
@@ -147,7 +147,7 @@ class Frames:
         rank, name = self.comm.rank, _name(self.comm.rank)
         replace(self.directory / _file(rank, self.count), image)
         self._mine += _grid(rank, self.count, time, sizes, self._shown[INDEX], data, self.fields)
-        replace(self.directory / f"{name}.xdmf", _HEAD.format(name) + self._mine + _TAIL)
+        replace(self.directory / f"{name}.xdmf", HEAD.format(name) + self._mine + TAIL)
         return sizes
 
     def _write_index(self, time: float, sizes: list[dict[str, int]], data: Mapping[str, np.ndarray]) -> None:
@@ -156,14 +156,14 @@ class Frames:
                      for rank, of_rank in enumerate(sizes) if of_rank["geometry"])
             self._all[index] += (f'<Grid Name="s{self.count:08d}" GridType="Collection" CollectionType="Spatial">\n'
                                  f'<Time Value="{time}"/>\n{"".join(grids)}</Grid>\n')
-            replace(self.directory / index, _HEAD.format(Path(index).stem) + self._all[index] + _TAIL)
+            replace(self.directory / index, HEAD.format(Path(index).stem) + self._all[index] + TAIL)
 
 
 def check_frames(directory: Path, count: int, run: str) -> None:
     """Raise OutputError if a frame of another run is among the first `count` in any list."""
-    lists = directory / INDEX, directory / SURFACE, *directory.glob("rank*.xdmf")
-    for path in sorted({directory / item for index in lists for grid in _grids(index)
-                        for item in re.findall(r"rank\d+/s\d+\.h5", grid)}):
+    lists = directory / INDEX, directory / SURFACE, directory / FIELDS, *directory.glob("rank*.xdmf")
+    for path in sorted({directory / item for index in lists for grid in grids(index)
+                        for item in re.findall(r"(?:rank\d+|fields)/s\d+\.h5", grid)}):
         if int(path.stem[1:]) < count and path.exists():
             with _opened(path) as file:
                 if file.attrs.get("run") != run:
@@ -180,17 +180,17 @@ def cut_frames(directory: Path, comm: MPI.Intracomm, count: int) -> None:
     directory = Path(directory)
 
     def act() -> None:
-        for index in (directory / INDEX, directory / SURFACE):
-            kept = _grids(index)[:count]
+        for index in (directory / INDEX, directory / SURFACE, directory / FIELDS):
+            kept = grids(index)[:count]
             if len(kept) < count and (index.exists() or index.name == INDEX):
                 raise OutputError(f"'{index}' has {len(kept)} frames where a checkpoint has {count}: it cannot go on "
                                   "there")
             if index.exists():
-                replace(index, _HEAD.format(index.stem) + "".join(kept) + _TAIL)
+                replace(index, HEAD.format(index.stem) + "".join(kept) + TAIL)
         for path in directory.glob("rank*.xdmf"):
-            kept = [grid for grid in _grids(path) if _count(grid) < count]
-            replace(path, _HEAD.format(path.stem) + "".join(kept) + _TAIL)
-        for path in directory.glob("rank*/s*.h5"):
+            kept = [grid for grid in grids(path) if _count(grid) < count]
+            replace(path, HEAD.format(path.stem) + "".join(kept) + TAIL)
+        for path in (*directory.glob("rank*/s*.h5"), *directory.glob("fields/s*.h5")):
             if int(path.stem[1:]) >= count:
                 path.unlink()
         for path in directory.glob("**/*.part"):
@@ -207,14 +207,14 @@ def _count(grid: str) -> int:
     return int(_FILE.findall(grid)[0])
 
 
-def _grids(path: Path) -> list[str]:
+def grids(path: Path) -> list[str]:
     """The grids in the collection of a file that `Frames` wrote; none if it does not exist."""
     if not path.exists():
         return []
     _, mark, body = path.read_text(encoding="utf-8").partition('GridType="Collection" CollectionType="Temporal">\n')
-    if not mark or not body.endswith(_TAIL):
+    if not mark or not body.endswith(TAIL):
         raise OutputError(f"'{path}' is not a list of frames as it was written")
-    body = body.removesuffix(_TAIL)
+    body = body.removesuffix(TAIL)
     marks = [m.start() for m in re.finditer(r'^<Grid Name="s\d', body, re.MULTILINE)]
     marks = marks or [m.start() for m in re.finditer(r'^<Grid Name="rank', body, re.MULTILINE)]
     return [body[a:b] for a, b in pairwise([*marks, len(body)])] if marks else []

@@ -25,6 +25,7 @@ from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
 from cellmig.output.directory import Claim, OutputError, together
 from cellmig.output.fields import field_unit
+from cellmig.output.grids import GridFrames
 from cellmig.output.log import Log, Progress, Timers, clock, simulated
 from cellmig.output.manifest import environment, write_manifest
 from cellmig.output.mesh import Elements, write_mesh
@@ -91,6 +92,7 @@ class Run:
         self.entries: dict[str, float] = {}
         self.output_time, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
+        self.grid_frames: GridFrames | None = None
         self._open(state.about["files"] if state else {"frames": 0})
         if state:
             self._restore(state)
@@ -116,7 +118,7 @@ class Run:
         write_profile(self.directory, self.comm, self.case)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None,
                    "tracks": self.case.overdamped or self.case.polarity is not None,
-                   "cues": self.case.polarity is not None}
+                   "cues": self.case.polarity is not None, "molecules": bool(self.simulation.fields.diffusing)}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
                              self.case.dimension, self.case.time_unit, self.simulation.cue_columns)
         self.frames_before = ends["frames"]
@@ -284,7 +286,12 @@ class Run:
             mesh = self.simulation.scene.mesh if self.case.dimension == 3 else None
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"],
                                  Elements(self.comm, mesh, fields["id"]) if mesh else None, self.case.time_unit)
+            if self.simulation.fields.diffusing:
+                self.grid_frames = GridFrames(self.directory, self.comm, self.frames_before, self.manifest["run_id"],
+                                              self.case.time_unit)
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
+        if self.grid_frames is not None:
+            self.grid_frames.write(self.simulation.time, self.simulation.fields.grids())
 
     def _try_last_frame(self) -> None:
         """Write a frame of the state that failed, if possible."""

@@ -36,7 +36,7 @@ class Exchanging:
         on = [np.flatnonzero(surfaces.outer & np.isin(of_facet, [names.index(name) for name in e.cells or names]))
               for e in exchanges]
         at = np.concatenate([*on, np.zeros(0, np.int64)])
-        secretion, uptake, half = (np.repeat([getattr(e, name) for e in exchanges], [len(some) for some in on])
+        secretion, uptake, half = (np.repeat([getattr(e, name) or 0.0 for e in exchanges], [len(some) for some in on])
                                    for name in ("secretion", "uptake", "half"))
         return cls(surfaces.facets[at], of_facet[at], secretion, uptake, half)
 

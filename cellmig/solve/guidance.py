@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..cues.surroundings import Surroundings
 from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..meshfree.terms import Terms
-from ..model.ground import fields_of, push_factor
+from ..model.ground import push_factor
 from ..parallel.collect import broadcast, computed_on_root
 from ..parallel.random import normal, uniform
 from .clutches import Modules, edges
@@ -77,11 +78,11 @@ class Guidance:
     due : float -- time up to which the drives hold [µs].
     """
 
-    def __init__(self, case: Case, mechanics: Mechanics):
-        """Find polarities at the start, and at the first knot; collective."""
+    def __init__(self, case: Case, mechanics: Mechanics, fields: Mapping[str, Any]):
+        """Find polarities at the start, and at the first knot, by the `fields` that cues name; collective."""
         self._case, self._mechanics, self._law = case, mechanics, case.polarity
         names, law = [cell.name for cell in case.cells], self._law
-        self._names, self._fields = tuple(names), fields_of(case)
+        self._names, self._fields = tuple(names), fields
         push = case.protrusion.cells if case.protrusion is not None else ()
         self._polar = np.array([law is not None and name in push and name in (law.cells or push) for name in names])
         self._interval = law.interval if law is not None else case.time.end / case.time.samples

@@ -43,7 +43,7 @@ class Transport:
         """
         self._name, self._law, self._exchanging, self._cells, self._world = name, law, exchanging, cells, comm
         self.grid = Grid(comm, law.box, law.volumes)
-        self._matrix, self._leak, self._inflow = self.grid.fluxes(law.diffusion, law.flow, law.walls.of(law.dimension))
+        self._matrix, self._leak, self._inflow = self.grid.fluxes(law.diffusion, law.flow, law.sides)
         self._matrix.shift(law.decay * self.grid.volume)
         self._diagonal = self._matrix.getDiagonal().getArray().copy()
         self._tangent = self._matrix.duplicate(copy=True)
@@ -174,8 +174,10 @@ class Transport:
         dict -- secreted, taken : (cells,) by each cell;  out : through walls;  decayed; all in [1/µs].
         """
         e = self._exchanging
-        share = (self._weight * (c[self._volume] / (c[self._volume] + e.half[:, None]))).sum(axis=1)
-        taken = np.bincount(e.cell, self._size * e.uptake * share, self._cells)
+        on = e.uptake > 0.0
+        near, half = c[self._volume[on]], e.half[on, None]
+        share = (self._weight[on] * (near / (near + half))).sum(axis=1)
+        taken = np.bincount(e.cell[on], (self._size * e.uptake)[on] * share, self._cells)
         return {"secreted": np.bincount(e.cell, self._size * e.secretion, self._cells),
                 "taken": self._world.allreduce(taken), "out": self.total(self._leak * c - self._inflow),
                 "decayed": self.total(self._law.decay * self.grid.volume * c)}
