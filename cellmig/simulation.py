@@ -150,7 +150,7 @@ class Simulation:
         found = self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
         guided = self.guidance if self.case.polarity is not None else None
         found |= {"cues": self._cue_rows(guided)} if guided is not None else {}
-        return found | {"molecules": self.fields.rows()}
+        return found | ({"molecules": self.fields.rows()} if self.fields.diffusing else {})
 
     @property
     def cue_columns(self) -> tuple[str, ...]:

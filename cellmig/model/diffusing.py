@@ -63,7 +63,7 @@ class Diffusing:
     step: float | str = quantity("us", "longest time step; \"auto\": as long as errors allow", "auto", above=0,
                                  words=("auto",))
     time_order: int = parameter("order of the steps in time: 1, never negative (backward Euler), or 2 (Alexander's "
-                                "SDIRK), where a step that would be negative is taken with order 1 instead", 1,
+                                "SDIRK), where a step that might become negative is taken with order 1 instead", 1,
                                 minimum=1, maximum=2)
 
     def __post_init__(self) -> None:

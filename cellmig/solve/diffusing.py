@@ -43,7 +43,7 @@ class DiffusingField:
     time : float -- up to which the field is known [µs].
     whole : (volumes,) -- concentrations on rank 0, along x first [1/µm³]; None on others.
     molecules : Molecules -- on rank 0.
-    steps, redone, lowered : int -- steps taken, those repeated for accuracy, those of second order that would have been
+    steps, redone, lowered : int -- steps taken, those repeated for accuracy, those of second order that might have been
         negative.
     """
 
@@ -161,16 +161,16 @@ class DiffusingField:
         return _Stage(c, weight, self.transport.imbalance(c), self.transport.rates(c))
 
     def _of_second_order(self, start: np.ndarray, dt: float, ends: tuple[np.ndarray, np.ndarray]) -> list[_Stage]:
-        """Both stages of a step; none if a concentration would be negative."""
+        """Both stages of a step; none if the second one would begin with negative concentrations, and may stay so."""
         t, (before, x) = self.transport, ends
         t.find_surfaces(before + GAMMA * (x - before))
         first = self._stage(start, GAMMA * dt, (1.0 - GAMMA) * dt)
-        t.find_surfaces(x)
-        second = self._stage(start + (1.0 - GAMMA) / GAMMA * (first.c - start), GAMMA * dt, GAMMA * dt)
-        if t.largest(np.minimum(t.unclipped, 0.0)) > SOLVED * t.largest(second.c):
+        base = start + (1.0 - GAMMA) / GAMMA * (first.c - start)
+        if t.largest(np.minimum(base, 0.0)) > SOLVED * t.largest(first.c):
             self.lowered += 1
             return []
-        return [first, second]
+        t.find_surfaces(x)
+        return [first, self._stage(np.maximum(base, 0.0), GAMMA * dt, GAMMA * dt)]
 
     # ------------------------------------------------------------ checkpoints
 

@@ -31,7 +31,6 @@ class Transport:
     grid : Grid -- of the volumes.
     factored : int -- number of matrices that were factored.
     iterations : int -- of the last Krylov solve.
-    unclipped : (n,) -- the last solution before negative values were replaced by zero [1/µm³].
     """
 
     def __init__(self, name: str, law: Diffusing, exchanging: Exchanging, cells: int, comm: MPI.Intracomm,
@@ -121,7 +120,6 @@ class Transport:
         """
         V, c, best = self.grid.volume, first, np.inf
         scale = self.total(V / tau * np.abs(base) + self._source + self._inflow)
-        self.unclipped = c
         for _ in range(ITERATIONS):
             left = V / tau * (base - c) + self.imbalance(c)
             size = self.total(np.abs(left))
@@ -129,8 +127,7 @@ class Transport:
             if size == 0.0 or (size <= SOLVED * scale and (placed or size > 0.5 * best)):
                 return c
             best = size
-            self.unclipped = c + self._correction(left, V / tau + self._taken(c)[1])
-            c = np.maximum(self.unclipped, 0.0)
+            c = np.maximum(c + self._correction(left, V / tau + self._taken(c)[1]), 0.0)
         raise NumericsError(f"field {self._name}: Newton's method leaves {size:.3g} of {scale:.3g} molecules/µs")
 
     def _correction(self, left: np.ndarray, more: np.ndarray) -> np.ndarray:

@@ -607,7 +607,7 @@ def test_the_schema_lists_every_law_with_its_units_and_bounds() -> None:
     assert set(properties) == {"extends", "title", "dimension", "seed", "time", "particles", "materials", "cells",
                                "adhesion", "protrusion", "polarity", "cortex", "friction", "medium", "fields",
                                "substrate", "director", "body_force", "supports", "loads", "plates", "probes",
-                               "cues", "numerics"}
+                               "cues", "exchange", "numerics"}
     options = properties["materials"]["additionalProperties"]["anyOf"]
     assert {option["properties"]["law"]["const"] for option in options} == set(registry.laws("material"))
     radius = properties["cells"]["items"]["anyOf"][0]["properties"]["radius"]
