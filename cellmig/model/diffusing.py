@@ -58,7 +58,7 @@ class Diffusing:
                                     record=Walls)
     start: Any = quantity("nM", "concentration at the start; may be a formula of x, y (and z)", "0 nM", minimum=0,
                           formula=True)
-    steady: bool = parameter("whether the field is in equilibrium with its sources at all times, for D large enough",
+    quasi_steady: bool = parameter("whether the field is in equilibrium with its sources at all times: for large D",
                              False)
     step: float | str = quantity("us", "longest time step; \"auto\": as long as errors allow", "auto", above=0,
                                  words=("auto",))
@@ -82,10 +82,10 @@ class Diffusing:
             raise ValueError("walls: front and back are there in three dimensions only")
         if any("open" in pair and not w for pair, w in zip(walls, self.flow, strict=True)):
             raise ValueError('walls: "open" is for a flow through the wall; give a concentration instead')
-        if self.steady and not (self.decay or any(wall != "closed" for pair in walls for wall in pair)):
-            raise ValueError("steady: without decay and with closed walls there is no equilibrium")
+        if self.quasi_steady and not (self.decay or any(wall != "closed" for pair in walls for wall in pair)):
+            raise ValueError("quasi_steady: without decay and with closed walls there is no equilibrium")
 
-    unit = "nM"
+    unit, steady = "nM", False
 
     @property
     def dimension(self) -> int:

@@ -371,7 +371,7 @@ class Run:
             self.log("volume ratio J from {J_min:.4f} to {J_max:.4f}".format(**run.extremes) + stretched + error)
         if dissipation := summary.describe_dissipation(self.entries):
             self.log(f"dissipation: {dissipation}")
-        for told in filter(None, (run.closing, self.strain.summary())):
+        for told in filter(None, (run.closing, self.strain.summary(), *s.fields.closing)):
             self.log(told)
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))

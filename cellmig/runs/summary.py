@@ -92,6 +92,8 @@ def _amounts(case: Case, found: Arrangement) -> list[tuple[str, str]]:
     x[:, -1] = 0.0
     for name, law in fields_of(case).items():
         if not hasattr(law, "value"):
+            volumes = " x ".join(map(str, law.volumes))
+            rows.append(("" if rows else "fields", f"{name} diffuses, in {volumes} volumes"))
             continue
         values = law.value(x, 0.0) / units.number(f"1 {law.unit}", law.unit)
         what = f"{name} from {values.min():.4g} to {values.max():.4g} {law.unit}".rstrip()

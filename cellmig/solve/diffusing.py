@@ -65,7 +65,7 @@ class DiffusingField:
             self.transport = t = Transport(name, law, exchanging, cells, world, self._alone)
             self._c = law.started(t.grid.centres)
             self._carried, self._rate = np.zeros(len(self._c)), np.zeros(len(self._c))
-            if not law.steady:
+            if not law.quasi_steady:
                 self.molecules.start = self.molecules.inside = t.total(t.grid.volume * self._c)
             self.whole = t.grid.gather(self._c)
 
@@ -93,7 +93,7 @@ class DiffusingField:
 
     def _advance(self, until: float, x: np.ndarray) -> float:
         interval, before = until - self.time, x if self._surfaces is None else self._surfaces
-        if self.law.steady:
+        if self.law.quasi_steady:
             self.transport.find_surfaces(x)
             found = self._stage(self._c, math.inf, interval)
             self._c = found.c

@@ -79,6 +79,14 @@ class Fields:
                                      "nM")
         return found
 
+    @property
+    def closing(self) -> list[str]:
+        """Steps and account of each diffusing field, for the end of the log; of use on rank 0."""
+        return [f"field {name}: {f.steps} steps, {f.redone} repeated for accuracy"
+                + f", {f.lowered} taken with order 1 to stay positive" * (f.lowered > 0)
+                + f"; its molecules are accounted for to {abs(f.molecules.lost) / max(f.molecules.turnover, 1e-300):.1g}"
+                for name, f in self.diffusing.items()]
+
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """State for a checkpoint as JSON, and arrays on rank 0; collective."""
         about: dict[str, Any] = {"knot": self.knot, "fields": {}}

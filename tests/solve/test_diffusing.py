@@ -204,7 +204,7 @@ def test_steps_grow_until_a_steady_state_takes_one_for_each_interval() -> None:
         before = run.steps
         run.advance(30.0 * k / S, x)
     assert run.steps - before == 1
-    steady, _ = busy(MPI.COMM_SELF, flow=(0.0, 0.0), walls=Walls(left=0.6), steady=True)
+    steady, _ = busy(MPI.COMM_SELF, flow=(0.0, 0.0), walls=Walls(left=0.6), quasi_steady=True)
     steady.advance(0.0, x)
     assert np.abs(run.whole / steady.whole - 1.0).max() < 1e-3  # measured 2e-5
     run.close(), steady.close()
@@ -278,7 +278,7 @@ def test_molecules_and_values_are_written_beside_the_cells(shared_tmp) -> None:
     (['fields.c.walls={right="open"}'], "is for a flow through the wall"),
     (['fields.c.walls={front="open"}'], "in three dimensions only"),
     (['fields.c.walls={right="ajar"}'], "'closed' or 'open'"),
-    (['fields.c.steady=true', 'fields.c.decay="0 /s"', "fields.c.walls={}"], "there is no equilibrium"),
+    (['fields.c.quasi_steady=true', 'fields.c.decay="0 /s"', "fields.c.walls={}"], "there is no equilibrium"),
     (['fields.c.box=[["50 um", "0 um"], ["-30 um", "30 um"]]'], "two opposite corners, the lower first"),
     (['substrate.stiffness="c"'], "expects a field in a unit such as Pa"),
 ])

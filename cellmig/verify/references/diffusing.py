@@ -111,7 +111,7 @@ def secreting_disc(spacing: float) -> Measured:
     scale = np.sqrt(D / k)
     x, edges = circle(a, round(100 / spacing), whole=False)
     length = np.linalg.norm(x[1] - x[0])
-    run = field(surface(edges, Q / (4.0 * len(edges) * length)), diffusion=D, decay=k, steady=True,
+    run = field(surface(edges, Q / (4.0 * len(edges) * length)), diffusion=D, decay=k, quasi_steady=True,
                 box=((0.0, 0.0), (120.0, 120.0)), spacing=spacing)
     run.advance(0.0, x)
     angle = np.linspace(0.0, 0.5 * np.pi, 16)
@@ -144,8 +144,8 @@ def moving_source(spacing: float) -> Measured:
     moving.advance(0.0, x)
     way = np.array([v * end, 0.0])
     moving.advance(end, x + way)
-    resting = field(source, box=((-50.0, -40.0), (30.0, 40.0)), steady=True, flow=(-v, 0.0), walls={"left": "open"},
-                    **law)
+    resting = field(source, box=((-50.0, -40.0), (30.0, 40.0)), flow=(-v, 0.0), walls={"left": "open"},
+                    quasi_steady=True, **law)
     resting.advance(0.0, x)
     found = {"moving": moving.value(points + way, end), "in a flow": resting.value(points, 0.0)}
     return Measured(spacing, {name: float(np.abs(c - right).max() / right.max()) for name, c in found.items()})
@@ -160,7 +160,7 @@ def moving_source(spacing: float) -> Measured:
 def channel(spacing: float) -> Measured:
     """D = 100 µm²/s; the mode decays within 1,013 s."""
     L, box = 1000.0, ((0.0, 0.0), (1000.0, 100.0))
-    steady = field(diffusion=D, box=box, spacing=spacing, walls={"left": 6.0, "right": 0.0}, steady=True)
+    steady = field(diffusion=D, box=box, spacing=spacing, walls={"left": 6.0, "right": 0.0}, quasi_steady=True)
     steady.advance(0.0, nowhere(2))
     x = np.column_stack([np.linspace(25.0, 975.0, 30), np.linspace(1.0, 99.0, 30)])
     error = np.abs(steady.value(x, 0.0) / (6.0 * (1.0 - x[:, 0] / L)) - 1.0).max()
@@ -210,7 +210,7 @@ def sink_in_a_box(count: int) -> Measured:
     errors = []
     for n in (count, count + 1):
         run = field(surface(triangles, uptake=most * 4.0 * np.pi * a * a / area, half=half), diffusion=slow,
-                    box=((-0.5 * L,) * 3, (0.5 * L,) * 3), spacing=L / n, start=c0, steady=True,
+                    box=((-0.5 * L,) * 3, (0.5 * L,) * 3), spacing=L / n, start=c0, quasi_steady=True,
                     walls=dict.fromkeys(("left", "right", "front", "back", "bottom", "top"), c0))
         run.advance(0.0, x)
         errors.append(abs(float(run.value(np.zeros((1, 3)), 0.0)[0]) / right - 1.0))
