@@ -82,10 +82,13 @@ class Fields:
     @property
     def closing(self) -> list[str]:
         """Steps and account of each diffusing field, for the end of the log; of use on rank 0."""
-        return [f"field {name}: {f.steps} steps, {f.redone} repeated for accuracy"
-                + f", {f.lowered} taken with order 1 to stay positive" * (f.lowered > 0)
-                + f"; its molecules are accounted for to {abs(f.molecules.lost) / max(f.molecules.turnover, 1e-300):.1g}"
-                for name, f in self.diffusing.items()]
+        told = []
+        for name, f in self.diffusing.items():
+            lowered = f", {f.lowered} taken with order 1 to stay positive" * (f.lowered > 0)
+            error = abs(f.molecules.lost) / max(f.molecules.turnover, 1e-300)
+            told.append(f"field {name}: {f.steps} steps, {f.redone} repeated for accuracy{lowered}; its molecules are "
+                        f"accounted for to {error:.1g}")
+        return told
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """State for a checkpoint as JSON, and arrays on rank 0; collective."""
