@@ -109,6 +109,7 @@ class Simulation:
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""
+        self.integrator.forget()
         turning: list[Any] = [one for one in (self.fields, self.guidance) if one is not None]  # cues ask fields
         while (due := min(one.due for one in turning)) <= stop:
             if due > self.time:

@@ -30,7 +30,8 @@ class Equations:
     evaluated, assembled : int -- number of evaluations of f, and of assembled tangents.
     matrix : Mat -- the last tangent that was assembled.
     matrix_free : bool -- whether tangents are applied by differences of forces while `matrix` preconditions, by the
-        option -matrix_free, else in scenes of more than MATRIX_FREE_FROM particles.
+        option -matrix_free, else without inertia, and in scenes of more than MATRIX_FREE_FROM particles.
+    exact : int -- for how many steps yet tangents are assembled all the same: differences are wrong across a kink.
     """
 
     def __init__(self, mechanics: Mechanics, holding: float = 0.0):
@@ -44,7 +45,8 @@ class Equations:
         self.free = np.ones(m.state.u.shape)
         self.free[m.loads.held] = 0.0
         self.inertia = holding * (1.0 - self.free) if holding else self.mass * np.ones_like(self.free)
-        self.matrix_free = PETSc.Options().getBool("matrix_free", m.scene.size > MATRIX_FREE_FROM)
+        self.matrix_free = PETSc.Options().getBool("matrix_free", holding > 0.0 or m.scene.size > MATRIX_FREE_FROM)
+        self.exact = 0
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
         self._begun = 0.0  # time of that start [µs]
@@ -94,6 +96,7 @@ class Equations:
 
     def begin(self, time: float) -> None:
         """Note the state at the start of a step, at a `time` [µs]; collective."""
+        self.exact = max(0, self.exact - 1)
         self.mechanics.rate(0.0)  # a step before may have been undone
         self.mechanics.begin_step()
         self._begun = time
@@ -108,6 +111,10 @@ class Equations:
         change = F - last
         of_second_order = contracted(last, cofactors(change)) if len(F) == 3 else 0.0
         return of_second_order + determinant(change)
+
+    def forget(self) -> None:
+        """Assemble the next tangent anew."""
+        self._by_v, self.exact = 0.0, 0
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:
@@ -136,7 +143,7 @@ class Equations:
         geometric.data *= self.free[np.repeat(np.arange(n), np.diff(geometric.indptr)), :, None]
         if self.geometric is not None:
             fill(self.geometric, geometric)
-        if self.matrix_free and self._by_v and ksp.getIterationNumber() <= REUSE_ITERATIONS:
+        if self.matrix_free and not self.exact and self._by_v and ksp.getIterationNumber() <= REUSE_ITERATIONS:
             self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
             if self._by_v:
                 return
@@ -171,6 +178,9 @@ class Equations:
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the tangent times x, by a finite difference of forces, for a Mat of type python; collective."""
+        if self.exact:
+            self.matrix.mult(x, y)
+            return
         u, by_v, by_a = x.getArray(readonly=True).reshape(self.free.shape), *self.at[3:5]
         y.setArray(self.apply(u, by_v * u, by_a * u).ravel())
 

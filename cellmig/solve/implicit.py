@@ -31,11 +31,10 @@ HALVINGS = 6  # number of times that a Newton step is halved where surfaces cros
 RELAXING = 0.5  # parts of a step in which directors relax, over the stable one
 CUTS = 20  # number of times that a step may be cut
 START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]
-STEPS = {"snes_max_it": "14"}  # Newton steps: a solve that needs more gets a shorter time step
+STEPS = {"snes_max_it": "14", "snes_max_linear_solve_fail": "1000000"}  # those of Newton's method may be inexact
 DIVERGED = 1e8  # a solve fails where its residual has grown by this factor
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # smallest shear modulus in the scale of residuals, over the modulus of sound: far above rounding errors
-
 
 _NUMBERS = count()
 _ALIVE: WeakValueDictionary[int, Any] = WeakValueDictionary()
@@ -84,7 +83,7 @@ class Implicit(Integrator):
         """Give TS the residual, its tangent and the unknowns."""
         m, ts = self.mechanics, self.ts
         if self.second_order:
-            self._x, self._v = self._displacements(), self._displacements()
+            self._x, self._v = (self._displacements() for _ in range(2))
             ts.setI2Function(self._residual2, self._x.duplicate())
             ts.setI2Jacobian(self._tangent2, self.equations.applied(), self.equations.matrix)
             ts.setSolution2(self._x, self._v)
@@ -152,7 +151,6 @@ class Implicit(Integrator):
         krylov = {"ksp_type": "gmres", "ksp_rtol": FORCING, "ksp_max_it": "20"} if self.equations.matrix_free else {}
         if self.reduced:
             krylov = {f"reduction_{k}": v for k, v in (krylov or {"ksp_type": "preonly"}).items()}
-        steps = steps | {"snes_max_linear_solve_fail": "1000000"}  # Newton's method goes on with inexact steps
         return steps | krylov | {k: v for k, v in DEFAULTS.items()
                                  if k not in krylov and k not in steps and (direct or k != "pc_factor_mat_solver_type")}
 
@@ -279,6 +277,10 @@ class Implicit(Integrator):
         m.state.exchange()
         self._checked_limits()
         return ts.getTime()
+
+    def forget(self) -> None:
+        """Begin with a new tangent."""
+        self.equations.forget()
 
     def _choose_step(self, stop: float) -> None:
         """Set the next step: that of PETSc's error control, else equal ones to `stop` [µs], at most the fixed one."""

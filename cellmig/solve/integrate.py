@@ -154,6 +154,9 @@ class Integrator:
         """(v, a) of the owned particles (n_owned, 4) [µm/µs], [µm/µs²]; updates F and the reactions; collective."""
         return self.mechanics.rate()
 
+    def forget(self) -> None:
+        """Forget what steps reuse and a checkpoint does not hold, so that a run which goes on has the same bits."""
+
     @property
     def finished(self) -> bool:
         """Whether `halt` was called or the number of steps of -ts_max_steps is reached."""

@@ -19,6 +19,7 @@ SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 ITERATIONS = 10  # of Newton's method, which takes 3 or 4 but where a particle snaps to the substrate
+EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
@@ -155,10 +156,13 @@ class Overdamped(Implicit):
         """Move the first guess of a solve on by the last velocity, unless cells would be too deep in each other.
 
         Newton's steps are halved until they lead towards balance, as friction that yields is as sharp as a kink.  After
-        a solve that failed the next ones do without that, until one fails: the way may lead over a hill.  Such friction
-        is as sharp in short steps, so that then solves may take twice as many iterations.
+        a solve that failed tangents are assembled for EXACT steps.  After one that failed in spite of that the next
+        ones do without halving, until one fails: the way may lead over a hill.  Such friction is as sharp in short
+        steps, so that then solves may take twice as many iterations.
         """
-        if not self._solved:
+        if not self._solved and self.equations.matrix_free and not self.equations.exact:
+            self.equations.exact = EXACT
+        elif not self._solved:
             self._descends = not self._descends
             snes.setTolerances(max_it=2 * self._most)
         trial, out = x.duplicate(), x.duplicate()

@@ -99,6 +99,9 @@ class Static:
         """Whether `halt` was called."""
         return self.halted
 
+    def forget(self) -> None:
+        """Nothing is reused from one equilibrium to the next."""
+
     def halt(self) -> None:
         """End `advance_to` after the current load step."""
         self.halted = True

@@ -189,8 +189,9 @@ def test_errors_of_steps_follow_the_tolerance() -> None:
         with default_options({"ts_atol": str(tolerance)}):
             return positions(crawler(), 0.5)
 
-    loose, tight, finest = map(moved, (8e-3, 2e-3, 2.5e-4))
-    assert np.sqrt(((tight - finest) ** 2).mean() / ((loose - finest) ** 2).mean()) < 0.6
+    loose, tight, finest = map(moved, (8e-3, 1e-3, 2.5e-4))
+    # An eighth of the tolerance makes √8 times as many steps of first order: 0.35 of the error; measured 0.29.
+    assert np.sqrt(((tight - finest) ** 2).mean() / ((loose - finest) ** 2).mean()) < 0.4
 
 
 @pytest.mark.serial
