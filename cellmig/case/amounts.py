@@ -28,6 +28,9 @@ def amounts(source: Source, found: dict[str, Any]) -> None:
         if name in OF_SUBSTRATE and getattr(ground, name, None) != name:
             source.reject(("fields", name), f"is the name of what substrate.{name} gives: take another name, or write "
                                             f"{name} = \"{name}\" in [substrate]")
+        for axis, _ in getattr(getattr(law, "file", None), "places", ()):
+            if found["dimension"] == 2 and axis == "z":
+                source.reject(("fields", name, "file"), "has a column z, but the case has two dimensions, x and y")
         if points is not None and isinstance(formula := getattr(law, "formula", None), Expression):
             _values(source, formula, points, ("fields", name, "formula"))
     if ground is None:

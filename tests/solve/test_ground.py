@@ -69,16 +69,11 @@ def both_sides(stiffness: str, response: str) -> Case:
                 'polarity={spread=0, persistence="10 min"}', per_cell=300)
 
 
-QUARTER, SLOW = 9e8, 1e-12  # of an hour [µs]; a speed far below that at which bonds yield [µm/µs]
-
-
-def way(found: Case, begin: float = 0.0) -> float:
-    """Way of a cell from a time [µs] up to half an hour [µm]."""
+def way(found: Case) -> float:
+    """Way of a cell in half an hour [µm]."""
     with built(found, MPI.COMM_SELF) as sim:
-        if begin:
-            sim.go(begin)
         before = sim.sample()[0][0]["x_um"]
-        sim.go(2.0 * QUARTER)
+        sim.go(1.8e9)
         return sim.sample()[0][0]["x_um"] - before
 
 
@@ -90,25 +85,3 @@ def test_a_cell_goes_up_the_stiffness_below_the_optimum_and_down_above_it(stiffn
     """Measured 6e-13, 3.64 and -1.43 µm."""
     moved = way(both_sides(stiffness, response))
     assert sign * moved > 1.0 if sign else abs(moved) < 1e-9
-
-
-@pytest.mark.serial
-def test_a_cell_goes_up_a_gradient_with_the_difference_of_its_pushes_over_its_friction() -> None:
-    """The pushes of both ends, at their mean places on a uniform substrate, times the response there.
-
-    Measured 0.706 µm in a quarter of an hour, expected 0.716.
-    """
-    E, slope, half = 1e4, 200.0, 1e4
-    with built(both_sides(f"{E} Pa", HALF), MPI.COMM_SELF) as sim:
-        sim.go(QUARTER)
-        m = sim.mechanics
-        f, x = m.surface_force("protrusion")[0][:, 0], m.state.x(np.arange(m.n_owned))
-        ahead = x[:, 0] - x[:, 0].mean()
-        push, far = f[f > 0.0].sum(), (f * ahead)[f > 0.0].sum() / f[f > 0.0].sum()
-        m.state.owned[:, 2:] = [SLOW, 0.0]
-        drag = -m.surface_force("friction")[0][:, 0].sum() / SLOW
-        length = drag / sim.terms.friction.coefficient
-        assert 18.0 < length < 21.0  # of the membrane on the substrate, which was 20 µm long at rest
-    g = lambda at: at / (at + half)  # noqa: E731
-    expected = QUARTER * push / g(E) * (g(E + slope * far) - g(E - slope * far)) / drag
-    assert way(both_sides(f"{E} + {slope}*x Pa", HALF), QUARTER) == pytest.approx(expected, rel=0.03)
