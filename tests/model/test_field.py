@@ -139,6 +139,18 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path, content: str, said: 
     assert said in wrong(tmp_path, '[fields.c]\nlaw = "table"\nfile = "c.csv"', c=content)
 
 
+def test_a_table_with_a_third_coordinate_is_for_three_dimensions(tmp_path: Path) -> None:
+    said = wrong(tmp_path, '[fields.c]\nlaw = "table"\nfile = "c.csv"', c="x,z,value\n0,0,1\n1,0,2\n")
+    assert "has a column z" in said
+
+
+def test_a_static_case_has_no_substrate_that_varies(tmp_path: Path) -> None:
+    text = f'extends = "{CASES["squeezed_disc"]}"\n[substrate]\nstiffness = "1 kPa"'
+    (tmp_path / "case.toml").write_text(text)
+    with pytest.raises(CaseError, match="it has no substrate yet"):
+        load(tmp_path / "case.toml")
+
+
 @pytest.mark.parametrize("law", [one for one in registry.laws("response").values() if hasattr(one, "factor")])
 def test_a_response_is_between_nothing_and_the_full_push(law: type) -> None:
     made = law(**dict.fromkeys(law.__dataclass_fields__, 1e4))
