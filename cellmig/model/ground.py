@@ -35,12 +35,12 @@ def _formula(given: float | Expression, unit: str) -> Any:
 
 
 def push_factor(ground: Ground | None, fields: Mapping[str, Field], x: np.ndarray, time: float) -> np.ndarray:
-    """Factor of the push (m,) [-] at places x (m, d) [µm]: the share of bonds there times the response to stiffness.
+    """Factor of the push (m,) [-] at places x (m, d) [µm]: share of bonds below, times response to stiffness.
 
     It is 1 for clutches, too, whose factor belongs to a side of a cell and has a memory.
     fields : those of `fields_of`;  time : float -- [µs].
     """
-    factor = np.ones(len(x))
+    factor, x = np.ones(len(x)), np.column_stack([x[:, :-1], np.zeros(len(x))])  # on the substrate
     if ground is not None and ground.ligand is not None:
         factor *= np.minimum(fields["ligand"].value(x, time), 1.0)
     if ground is not None and hasattr(ground.response, "factor"):
