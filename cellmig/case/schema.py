@@ -111,6 +111,8 @@ class Pair:
     cells: tuple = parameter("which cells with which, each a name or a list of names", items="pair")
     law: Any = parameter("law of kind adhesion; what is not given is as in adhesion.cells", kind="adhesion",
                          inline=True)
+    friction: Any = parameter("friction of the bonds between them, such as { coefficient = \"3 kPa s/um\" }; in two "
+                              "dimensions", None, kind="friction", default_law="bonds", optional=True)
 
     @property
     def itself(self) -> bool:

@@ -12,7 +12,7 @@ from ..model.adhesion import CellAdhesion, SubstrateAdhesion, bonds_of
 from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Anchor, Couple, numbers
-from ..model.friction import FrictionForce
+from ..model.friction import FrictionForce, SurfaceFriction
 from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from ..model.polyhedra import PolyhedronAdhesion
 from ..model.pressure import Pressure, TrianglePressure
@@ -70,6 +70,9 @@ SURFACE_TERMS = (
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 POLYHEDRA, tuple(POLYHEDRA),
                 files=("polyhedra.h", "lines.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
+    SurfaceTerm("sliding", lambda t: tuple(
+        SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.contacts.frictions, t.contacts.laws, strict=True))
+        if t.contacts and t.contacts.frictions else None, {"force": ("force", "power")}),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
         _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)

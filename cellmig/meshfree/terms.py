@@ -32,16 +32,23 @@ class Contacts:
     laws : tuple of Adhesion -- all that differ from each other.
     pairing : Pairing -- for each two cells, the number of their law.
     own : bool -- whether any cell can meet itself; its law is repulsion alone.
+    frictions : tuple of Friction -- that of the bonds of each of the laws; none if no bonds drag.
     """
 
     laws: tuple[Adhesion, ...]
     pairing: Pairing
     own: bool
+    frictions: tuple[Friction, ...] = ()
 
     @property
     def reach(self) -> np.ndarray:
         """Distances beyond which the laws do not act (laws,) [µm]: repulsion alone ends where bonds are at rest."""
         return np.array([law.cutoff if law.work else law.equilibrium_distance for law in self.laws])
+
+    @property
+    def coefficient(self) -> float:
+        """Largest drag of fully bonded surfaces that slide along each other [Pa µs/µm]."""
+        return max((law.coefficient for law in self.frictions), default=0.0)
 
     @property
     def thinnest(self) -> float:
@@ -241,16 +248,20 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
     """
     pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
     given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
-    known: dict[Adhesion, int] = {}
+    known: dict[tuple[Adhesion, Friction], int] = {}
+    none = laws("friction")["bonds"](coefficient=0.0)
 
-    def number(law: Adhesion) -> int:
-        return known.setdefault(law, len(known))
+    def number(law: Adhesion, friction: Friction | None = None) -> int:
+        return known.setdefault((law, friction or none), len(known))
 
     first = number(contact) if contact is not None else 0
-    others = [number(BetweenCells.of(solid(law))) if contact is not None else 0 for law in given[:-1]]
+    others = [number(BetweenCells.of(solid(pair.law)), pair.friction) if contact is not None else 0
+              for pair in case.pairs]
     between_kinds = np.array([*others, first])[pairing.between]
     of_own = [number(_repulsion(given[n], case.substrate, repels[n])) if own else 0 for n in pairing.own]
-    return Contacts(tuple(known), Pairing(pairing.kind, between_kinds, np.array(of_own)), own)
+    bonds, frictions = zip(*known, strict=True)
+    rubs = any(law.coefficient for law in frictions)
+    return Contacts(bonds, Pairing(pairing.kind, between_kinds, np.array(of_own)), own, frictions if rubs else ())
 
 
 def _repulsion(law: Adhesion, substrate: Adhesion | None, repels: bool) -> Adhesion:

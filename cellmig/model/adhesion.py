@@ -157,14 +157,10 @@ class Pieces:
         s1, s2, a, b, c = x
         ex, ey = between(a, b)
         qx, qy = between(b, c)
-        along1, across1 = self.beside(s1, a, b)
-        along2, across2 = self.beside(s2, a, b)
         next1, next2 = self.beside(s1, b, c)[0], self.beside(s2, b, c)[0]
         square, sign = ex * ex + ey * ey, where(ex * qy - ey * qx < 0.0, -1.0, 1.0)
-        before1, before2, most = square - along1, square - along2, within * sqrt(square)
-        low, high = self.part(0.0, where(maximum(before1, before2) > 0.0, 1.0, 0.0), along1, along2)
-        for value1, value2 in ((before1, before2), (across1, across2), (most - across1, most - across2)):
-            low, high = self.part(low, high, value1, value2)
+        before1, before2 = square - self.beside(s1, a, b)[0], square - self.beside(s2, a, b)[0]
+        low, high = self.piece(s1, s2, a, b, within)
         # What is on the border of an edge and the next belongs to the next.
         some = where(sign > 0.0, maximum(-next1, -next2), maximum(before1, before2))
         first, last = self.part(0.0, where(some > 0.0, 1.0, 0.0), -sign * before1, -sign * before2)
@@ -173,6 +169,18 @@ class Pieces:
         dx, dy = between(s1, s2)
         reach = sqrt(maximum(within * within / (dx * dx + dy * dy) - away * away, 0.0))
         return low, high, maximum(first, foot - reach), minimum(last, foot + reach), sign
+
+    def piece(self, end1: Vector, end2: Vector, start: Vector, end: Vector, within: Value):
+        """Limits of the piece beside an edge that is nearer than a distance `within` [µm] [-]; see `pieces`."""
+        ex, ey = between(start, end)
+        along1, across1 = self.beside(end1, start, end)
+        along2, across2 = self.beside(end2, start, end)
+        square = ex * ex + ey * ey
+        before1, before2, most = square - along1, square - along2, within * sqrt(square)
+        low, high = self.part(0.0, where(maximum(before1, before2) > 0.0, 1.0, 0.0), along1, along2)
+        for value1, value2 in ((before1, before2), (across1, across2), (most - across1, most - across2)):
+            low, high = self.part(low, high, value1, value2)
+        return low, high
 
     def foot(self, end1: Vector, end2: Vector, vertex: Vector):
         """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""

@@ -1,13 +1,14 @@
-"""Friction on the substrate: an addition to the model of Bai, Lin & Zeng (2019), absent by default."""
+"""Friction of closed bonds: an addition to the model of Bai, Lin & Zeng (2019), absent by default."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numpy import maximum, minimum
+from numpy import maximum, minimum, sqrt
 
+from ..case.pointwise import Vector, between
 from ..case.registry import law, quantity
-from .adhesion import SegmentBonds
+from .adhesion import Pieces, SegmentBonds
 from .protocols import Friction
 
 
@@ -41,3 +42,51 @@ class FrictionForce:
         share = minimum(maximum(self.bonds.closed(gap1, gap2), 0.0), 1.0)
         return ((-(0.5 * length * self.law.drag(share, speed1)), 0.0),
                 (-(0.5 * length * self.law.drag(share, speed2)), 0.0))
+
+
+@dataclass(frozen=True)
+class SurfaceFriction(Pieces):
+    r"""Drag of the closed bonds between a segment S and the edges of another outline, half of them from either side.
+
+    A point x of S faces an edge e from a to b at its share t = (x - a)·e/|e|² and at the gap g.  It slides at the speed
+    w = |e| dt/dt, at which its foot moves along the material of the edge: a motion of both bodies as one is none.  The
+    traction T(w) does the work -T w = Σ f·v with f = -T |e| ∂t/∂x on each of x, a and b: -T along the edge on x, and
+    the opposite on the edge, with the couple T g that its lever is.  So forces and moments are in balance to rounding.
+    The bonds of S beside a vertex do not drag: their length is the gap times the turn of the outline there.
+
+    Source: derived here.
+
+    law : of friction, as BondFriction is;  bonds : SegmentBonds of the two bodies.
+    """
+
+    law: Friction
+    bonds: SegmentBonds
+
+    def force(self, length, low, high, end1: Vector, end2: Vector, start: Vector, end: Vector,
+              velocity1: Vector, velocity2: Vector, start_velocity: Vector, end_velocity: Vector):
+        """Forces on both ends of S and of the edge [pN/µm], and power that is lost [pN/µs], of the piece from ξ = low
+        to high, half of it at either limit; reference length and places in µm, velocities in µm/µs.
+        """
+        ex, ey = between(start, end)
+        span = 1.0 / sqrt(ex * ex + ey * ey)
+        tx, ty = ex * span, ey * span
+        of_ends = [self.beside(x, start, end) for x in (end1, end2)]
+        limits = []
+        for xi in (low, high):
+            along, across = ((1.0 - xi) * a + xi * b for a, b in zip(*of_ends, strict=True))
+            limits.append((xi, along * span * span, across * span))
+        share = minimum(maximum(self.bonds.closed(limits[0][2], limits[1][2]), 0.0), 1.0)
+        size, turn = 0.25 * length * (high - low), between(start_velocity, end_velocity)
+        first = second = tail = head = couple = loss = 0.0
+        for xi, at, gap in limits:
+            wx, wy = (u + xi * (w - u) - s - at * r for u, w, s, r in
+                      zip(velocity1, velocity2, start_velocity, turn, strict=True))
+            lever = gap * span
+            speed = tx * wx + ty * wy + lever * (ty * turn[0] - tx * turn[1])
+            drag = size * self.law.drag(share, speed)
+            first, second = first - (1.0 - xi) * drag, second - xi * drag
+            tail, head, couple = tail + (1.0 - at) * drag, head + at * drag, couple + lever * drag
+            loss = loss + drag * speed
+        across = couple * ty, -(couple * tx)
+        return ((first * tx, first * ty), (second * tx, second * ty),
+                (tail * tx + across[0], tail * ty + across[1]), (head * tx - across[0], head * ty - across[1])), loss

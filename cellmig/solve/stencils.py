@@ -235,6 +235,30 @@ def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil | ContactDiffere
         yield Stencil("contact", nodes[[0, 1, 3]][:, on], partial(_beside_vertex, formula, limits))
 
 
+def _sliding(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
+    """Pieces of segments beside edges, by the laws of both bodies; the limits of pieces move with their ends."""
+    k, lists = m.kernel, m.segments.lists
+    if not isinstance(lists, ContactLists) or not len(lists.edge):
+        return
+    source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))
+    everything = k["contact_node"][np.column_stack([lists.segment[source], lists.edge[:, :2]])]
+    for number, formula in enumerate(formulas):
+        of = np.flatnonzero(k["contact_law"][source] == number)
+        within = k["contact_cutoff"][source[of]]
+        if not len(of) or not formula.law.coefficient:
+            continue
+        low, high = formula.piece(*m.state.x(everything[of].T).transpose(0, 2, 1), within)
+        on = np.flatnonzero(low < high)
+        about = k["contact_length"][source[of[on]]], within[on]
+        yield Stencil("sliding", everything[of[on]].T, partial(_drag_beside_edge, formula, about))
+
+
+def _drag_beside_edge(formula: Any, about: tuple, x: tuple, v: tuple) -> tuple:
+    """Forces on both ends of segments and of edges at x [µm] and v [µm/µs], four pairs of numbers."""
+    length, within = about
+    return formula.force(length, *formula.piece(*x, within), *x, *v)[0]
+
+
 def _beside_edge(formula: Any, piece: tuple, x: tuple, v: tuple) -> tuple:
     """Forces on both ends of segments and of edges at x [µm], four pairs of numbers."""
     along, across = zip(*(formula.beside(end, *x[2:]) for end in x[:2]), strict=True)
@@ -261,5 +285,5 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 
 # Others have stencils of facets.
 OWN_STENCILS: dict[str, Callable[..., Iterator]] = {
-    "substrate": _substrate, "contact": _contact, "friction": _friction, "medium": _medium, "protrusion": _protrusion,
-    "loads": _loads}
+    "substrate": _substrate, "contact": _contact, "sliding": _sliding, "friction": _friction, "medium": _medium,
+    "protrusion": _protrusion, "loads": _loads}

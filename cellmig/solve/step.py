@@ -76,6 +76,7 @@ class StepControl:
             self.typical[1] = math.inf  # of a cell with itself
         self._size_per_mass = max(_size_per_mass(t) for t in used)
         drag = terms.friction.coefficient * self._size_per_mass if terms.friction and terms.substrate else 0.0
+        drag += 2.0 * terms.contacts.coefficient * self._size_per_mass if terms.contacts else 0.0  # against each other
         drag += max(terms.medium.coefficient / t.radius * _size_per_mass(t) for t in used) if terms.medium else 0.0
         tension = terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle

@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from cellmig.case.pointwise import pointwise
 from cellmig.case.registry import laws
+from cellmig.case.schema import Pair
 from cellmig.kernel.terms import SURFACE_TERMS
 from cellmig.model.adhesion import SegmentBonds
 from cellmig.model.cortex import CortexForce
@@ -220,10 +221,10 @@ def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: fl
         assert_close(applied(sim, d, by_u, by_v), expected, 1e-7)  # measured 1e-9
 
 
-KIND_OF = {term.name: "adhesion" if term.name in ("substrate", "contact") else term.name for term in SURFACE_TERMS
-           if term.name != "loads"}
+KIND_OF = {term.name: {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction"}.get(term.name, term.name)
+           for term in SURFACE_TERMS if term.name != "loads"}
 SURFACE_LAWS = [(scene, part, name) for scene in ("all_protrude", "three_balls") for part, kind in KIND_OF.items()
-                for name in laws(kind)]
+                for name in laws(kind) if (scene, part) != ("three_balls", "sliding")]
 
 
 FOUND_BY_DIFFERENCES = ("three_balls", "contact")
@@ -233,6 +234,9 @@ def three_cells(scene: str, part: str, name: str) -> Any:
     """A case of three cells with a law of surfaces."""
     scene, law = case(scene, *SOFT, NO_ETA), example(KIND_OF[part], name)
     law = dataclasses.replace(law, cells=scene.protrusion.cells) if part == "protrusion" else law
+    if part == "sliding":
+        names = tuple(cell.name for cell in scene.cells)
+        return dataclasses.replace(scene, pairs=(Pair(cells=(names, names), law=scene.contact, friction=law),))
     return dataclasses.replace(scene, **{part: law})
 
 

@@ -33,10 +33,9 @@ static inline void act(const KernelData *s, long m, const double f[D], double st
 /* Whether what is between two gaps is behind an edge; on all of it, at no gap, it is not yet. */
 static inline int behind(const double gap[2]) { return gap[0] <= 0 && gap[1] <= 0 && gap[0] + gap[1] < 0; }
 
-/* The piece of S beside an edge, on its outer side.  Energy. */
-static double add_edge(const KernelData *s, const Source *S, const Edge *e)
+/* Sets the range of the piece of S beside an edge, on its outer side; whether there is one. */
+static inline int piece_beside(const KernelData *s, const Source *S, const Edge *e, double range[2])
 {
-    double range[2] = {0, 1};
     const double *g = e->across, far = S->cutoff * S->cutoff * e->square;
     if (behind(g) || (g[0] > 0 && g[1] > 0 && g[0] * g[0] > far && g[1] * g[1] > far)) return 0;
     const double before[2] = {e->square - e->along[0], e->square - e->along[1]};
@@ -49,9 +48,16 @@ static double add_edge(const KernelData *s, const Source *S, const Edge *e)
         *s->deepest_contact = d_maximum(*s->deepest_contact, -d_minimum(gap[0], gap[1]) / sqrt(e->square));
     }
     if (!positive(S, g[0], g[1], range)) return 0;
-    if (g[0] * g[0] > far || g[1] * g[1] > far)
-        if (!positive(S, sqrt(far) - g[0], sqrt(far) - g[1], range)) return 0;
-    const double *a = s->contact_x + D * e->start, *b = s->contact_x + D * e->end;
+    if (g[0] * g[0] > far || g[1] * g[1] > far) return positive(S, sqrt(far) - g[0], sqrt(far) - g[1], range);
+    return 1;
+}
+
+/* The piece of S beside an edge.  Energy. */
+static double add_edge(const KernelData *s, const Source *S, const Edge *e)
+{
+    double range[2] = {0, 1};
+    if (!piece_beside(s, S, e, range)) return 0;
+    const double *g = e->across, *a = s->contact_x + D * e->start, *b = s->contact_x + D * e->end;
     double f[4][D], stored;
     contact_edge(S->law, S->length, range[0], range[1], e->along, g, a, b, f, &stored);
     const double k = contact_edge_stiffness(S->law, S->length, range[0], range[1], g, a, b);
@@ -166,19 +172,35 @@ static void list_pairs(const KernelData *s)
     s->first_listed[s->n_contact_segments] = n;
 }
 
-/* Forces; energies by the first ends of the segments, if asked for; the impulses of a time dt on a particle by the
- * other cell, which gets the opposite. */
-void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+/* Nodes are where their particles are, without forces; lists follow. */
+static void place_nodes(const KernelData *s)
 {
-    for (long m = 0; m < s->n_contact_nodes; m++) {
-        const long i = s->contact_node[m];
+    for (long m = 0; m < s->n_contact_nodes; m++)
         for (int c = 0; c < D; c++) {
-            s->contact_x[D * m + c] = coordinate(s, i, c);
+            s->contact_x[D * m + c] = coordinate(s, s->contact_node[m], c);
             s->contact_force[D * m + c] = 0;
         }
-        s->contact_stiffness[m] = s->stiffness_of_contact[i] = 0;
-    }
     list_pairs(s);
+}
+
+/* Forces on nodes go to their particles; the impulses of a time dt on a particle by the other cell, which gets the
+ * opposite. */
+static void give_forces(const KernelData *s, double *force, double dt)
+{
+    for (long m = 0; m < s->n_contact_nodes; m++)
+        for (int c = 0; c < D; c++) {
+            const double f = s->contact_force[D * m + c];
+            force[D * s->contact_node[m] + c] += f;
+            s->contact_impulse[D * s->contact_slot[m] + c] += dt * f;
+        }
+}
+
+/* Forces; energies by the first ends of the segments, if asked for; impulses of a time dt. */
+void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+{
+    place_nodes(s);
+    for (long m = 0; m < s->n_contact_nodes; m++)
+        s->contact_stiffness[m] = s->stiffness_of_contact[s->contact_node[m]] = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
         const Source S = source_at(s, k);
         double stored = 0;
@@ -192,13 +214,9 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
         }
         if (energy) energy[s->contact_node[S.node[0]]] += stored;
     }
+    give_forces(s, force, dt);
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
-        const double *f = s->contact_force + D * m;
-        for (int c = 0; c < D; c++) {
-            force[D * i + c] += f[c];
-            s->contact_impulse[D * s->contact_slot[m] + c] += dt * f[c];
-        }
         if (i >= s->n_owned) continue;
         const double k = s->stiffness_of_contact[i] += s->contact_stiffness[m] * s->inverse_mass[i];
         if (k > *s->stiffest_contact) *s->stiffest_contact = k;
