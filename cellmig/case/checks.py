@@ -36,6 +36,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _names(source, cells)
     _parts(source, found)
     _pairs(source, found)
+    _rubs(source, found)
     _walls(source, found)
     _equilibria(source, found)
     _without_inertia(source, found)
@@ -207,6 +208,20 @@ def _pairs(source: Source, found: dict[str, Any]) -> None:
                                                     + (f" in line {line}" if line else ""))
 
 
+def _rubs(source: Source, found: dict[str, Any]) -> None:
+    """Note friction between bodies that no bonds can exert."""
+    for pair, path in found["pairs"]:
+        if pair.friction is None:
+            continue
+        if found["dimension"] == 3:
+            source.reject((*path, "friction"), "bonds between bodies drag in two dimensions only, so far; leave it out")
+        elif pair.itself:
+            source.reject((*path, "friction"), "a body has no bonds to itself that could drag")
+        elif not pair.law.work:
+            source.reject((*path, "friction"), "these bodies have no bonds that could drag: give bond_density and "
+                                               "well_depth")
+
+
 def _walls(source: Source, found: dict[str, Any]) -> None:
     """Note laws between cells that do not keep them out of each other."""
     laws = [(pair.law, (*path, "law")) for pair, path in found["pairs"]]
@@ -259,12 +274,12 @@ def _without_inertia(source: Source, found: dict[str, Any]) -> None:
         for key in _given(cell, "velocity", "velocity_gradient"):
             source.reject((*path, key), f"{why}, where forces alone decide velocities: leave it out")
     loose = set(unheld([cell for cell, _ in cells], [item for item, _ in found["supports"]], found["friction"],
-                       found["substrate"], found["medium"]))
+                       found["substrate"], found["medium"], [pair for pair, _ in found["pairs"]]))
     for cell, path in cells:
         if cell in loose:
             source.reject((*path, "centre"), f"{why}: nothing holds '{cell.name}', so that the least force would move "
-                          "it at once; give [medium] a viscosity, [friction] to a cell that rests on the substrate, or "
-                          "[[supports]]")
+                          "it at once; give [medium] a viscosity, [friction] to a cell that rests on the substrate, "
+                          "friction to a pair in [[adhesion.pairs]] of a cell and what holds it, or [[supports]]")
 
 
 def _given(cell: Cell, *keys: str) -> Iterator[str]:

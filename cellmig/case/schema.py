@@ -89,6 +89,8 @@ class Cell:
                            "first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
+    cortex: bool = parameter("whether the surface has the tension of [cortex]; false for what is no cell, such as a "
+                             "gel below cells", True)
     friction: Any = parameter("friction of this cell in place of that of [friction], such as "
                               "{ coefficient = \"3 kPa s/um\" }", None, kind="friction", default_law="bonds",
                               optional=True)

@@ -90,6 +90,7 @@ class Terms:
     ----------
     substrate, contact, protrusion, cortex, medium : law or None -- terms of the surface; `contact` is that of all pairs
         of cells without exceptions.
+    slack : tuple of int -- cells whose surface has no cortex.
     friction : Frictions or None -- laws of all cells.
     ligand : Field or None -- density of bonds to the substrate over that of their law.
     contacts : Contacts or None -- laws of all pairs of cells, and of a cell with itself.
@@ -114,6 +115,7 @@ class Terms:
     contacts: Contacts | None = None
     protrusion: ProtrusionLaw | None = None
     cortex: Cortex | None = None
+    slack: tuple[int, ...] = ()
     friction: Frictions | None = None
     ligand: Field | None = None
     medium: Medium | None = None
@@ -202,7 +204,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
-                 friction=friction, ligand=ligand, medium=medium, director=director, director_law=law, active=active,
+                 slack=tuple(n for n, cell in enumerate(case.cells) if not cell.cortex), friction=friction,
+                 ligand=ligand, medium=medium, director=director, director_law=law, active=active,
                  stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
                  load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
                  dimension=case.dimension, inertia=not (case.overdamped or case.static), renewal=_renewal(case),

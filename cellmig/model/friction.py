@@ -48,10 +48,10 @@ class FrictionForce:
 class SurfaceFriction(Pieces):
     r"""Drag of the closed bonds between a segment S and the edges of another outline, half of them from either side.
 
-    A point x of S faces an edge e from a to b at its share t = (x - a)·e/|e|² and at the gap g.  It slides at the speed
-    w = |e| dt/dt, at which its foot moves along the material of the edge: a motion of both bodies as one is none.  The
-    traction T(w) does the work -T w = Σ f·v with f = -T |e| ∂t/∂x on each of x, a and b: -T along the edge on x, and
-    the opposite on the edge, with the couple T g that its lever is.  So forces and moments are in balance to rounding.
+    A point x of S is beside an edge e from a to b, at its share s = (x - a)·e/|e|² and at the gap g.  It slides at the
+    speed w = |e| ds/dt, at which its closest point moves along the material of the edge: bodies that move as one do not
+    slide.  The traction T(w) has the power -T w = Σ f·v with f = -T |e| ∂s/∂x on each of x, a and b: -T along the edge
+    on x, and the opposite on the edge, with a couple T g.  So forces and moments are in balance to rounding.
     The bonds of S beside a vertex do not drag: their length is the gap times the turn of the outline there.
 
     Source: derived here.

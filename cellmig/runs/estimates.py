@@ -51,7 +51,8 @@ class Expected(NamedTuple):
 def inertia_is_gone(case: Case) -> bool:
     """Whether the motion of a case is one without inertia, and can be computed so: something holds every cell."""
     e = expected(case, arrangement(case), case.time.end)
-    moving = e.start or any(unheld(case.cells, case.supports, case.friction, case.substrate, case.medium))
+    moving = e.start or any(unheld(case.cells, case.supports, case.friction, case.substrate, case.medium,
+                                  case.pairs))
     return e.fades(case.time.end) and case.time.end > LASTING * e.momentum and not moving
 
 

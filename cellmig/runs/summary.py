@@ -236,6 +236,8 @@ def describe_contacts(case: Case, terms: Terms) -> list[tuple[str, str]]:
         if not pair.itself or (terms.contacts is not None and terms.contacts.own):
             law = dataclasses.replace(pair.law, bond_density=0.0) if pair.itself else pair.law
             rows += [("", f"{names}: {text}") for text in _law_text(solid(law))]
+        if pair.friction is not None:
+            rows.append(("", f"{names}: {_friction_text(pair.friction, case.time_unit)}"))
     return rows
 
 

@@ -47,6 +47,8 @@ class Segments:
         Field("facet", "int32_t *", "(n_facets, d)", "", "their corners"),
         Field("facet_size", "double *", "(n_facets,)", "µm or µm²", "reference lengths or areas"),
         Field("facet_friction", "int32_t *", "(n_facets,)", "", "numbers of their laws in `Terms.friction`"),
+        Field("n_taut", "long", doc="facets with a cortex, if there is any"),
+        Field("taut", "int32_t *", "(n_taut,)", "", "their numbers"),
         Field("n_near", "long", doc="facets near the substrate"),
         Field("near", "int32_t *", "(n_near,)", "", "their numbers"),
         Field("n_contact_nodes", "long", doc="particles near another cell, see `ContactLists`"),
@@ -122,6 +124,9 @@ class Segments:
         k["facet_size"], k["n_facets"] = s.size[self.number], len(self.number)
         if part.terms.friction is not None:
             k["facet_friction"] = part.terms.friction.of_cell[s.cell[self.ends[:, 0]]]
+        if part.terms.cortex is not None:
+            k["taut"] = np.flatnonzero(~np.isin(s.cell[self.ends[:, 0]], part.terms.slack))
+            k["n_taut"] = len(k["taut"])
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)

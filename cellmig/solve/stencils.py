@@ -53,7 +53,7 @@ def stencils(m: Mechanics) -> Iterator[Stencil | Push | ContactDifferences]:
         if term.name in OWN_STENCILS:
             yield from OWN_STENCILS[term.name](m, formula)
         else:
-            on = k["near"] if "gap1" in _arguments(formula) else np.arange(len(k["facet"]))
+            on = k["near"] if "gap1" in _arguments(formula) else k["taut"]
             yield _of_facets(term.name, formula, k["facet"][on].T, k["facet_size"][on])
     law = m.terms.director_law
     if law is not None and law.anchoring == "surface" and m.director is not None and m.state.dimension == 2:

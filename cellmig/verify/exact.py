@@ -263,3 +263,51 @@ def sheared(X: np.ndarray, amplitude: float, wave: float) -> tuple[np.ndarray, n
     d = amplitude * wave * np.cos(wave * x)
     return np.column_stack([x, X[:, 1] + amplitude * np.sin(wave * x)]), np.array([[np.ones_like(c), c],
                                                                                   [d, 1.0 + d * c]])
+
+
+# --------------------------------------------------------------------------------------------------- a layer of gel
+
+
+class Layer:
+    """Elastic layer of a thickness h that is bonded to a rigid base, under a traction along its surface, in plane
+    strain: displacements of the surface along itself.
+
+    With the traction q cos(k x) they are C(k) q cos(k x).  The displacement is U(y) cos(k x), V(y) sin(k x), with U and
+    V made of e^{±k y} and y e^{±k y}; the four factors follow from the traction above and the base below.
+
+    Source: derived here from Navier's equations; for a thick layer it is that of the half-plane, K. L. Johnson, Contact
+    Mechanics (1985), ch. 2: displacements by a force P at a distance x go with -2 (1 - ν²) P ln(x)/(π E).
+    """
+
+    def __init__(self, law: Any, thickness: float):
+        """`thickness` in µm."""
+        self.shear, self.nu, self.thickness = law.shear_modulus, poisson(law), thickness
+
+    def compliance(self, k: np.ndarray) -> np.ndarray:
+        """C (n,) [µm/Pa] at wave numbers k (n,) [1/µm]."""
+        h, mu = self.thickness, self.shear
+        lame, kappa = 2.0 * mu * self.nu / (1.0 - 2.0 * self.nu), 3.0 - 4.0 * self.nu
+        rows = np.zeros((4, 4, len(k)))  # conditions, unknowns: e^{k y}, y e^{k y}, e^{-k (y + h)}, y e^{-k (y + h)}
+        for n, s in ((0, 1.0), (2, -1.0)):
+            for y, at in ((0.0, 0), (-h, 2)):
+                e = np.exp(s * k * y - (0.0 if s > 0.0 else 1.0) * k * h)
+                U = e, y * e
+                V = s * e, (s * y - kappa / k) * e
+                slope = s * k * e, (1.0 + s * k * y) * e, k * e, (s - s * kappa + k * y) * e  # of U, U, V, V
+                for m in range(2):
+                    rows[at, n + m] = mu * (slope[m] + k * V[m]) if at == 0 else U[m]
+                    rows[at + 1, n + m] = (lame + 2.0 * mu) * slope[2 + m] - lame * k * U[m] if at == 0 else V[m]
+        load = np.array([1.0, 0.0, 0.0, 0.0])
+        found = np.linalg.solve(rows.transpose(2, 0, 1), np.broadcast_to(load[:, None], (len(k), 4, 1)))[..., 0]
+        return found[:, 0] + found[:, 2] * np.exp(-k * h)
+
+    def displacement(self, x: np.ndarray, transform: Callable[[np.ndarray], np.ndarray], most: float) -> np.ndarray:
+        """Displacements (n,) [µm] at x (n,) [µm] under the even traction q(x) = ∫ Q(k) cos(k x) dk over positive k.
+
+        transform : Q [Pa µm] of k [1/µm];  most : k up to which it counts [1/µm].
+        """
+        at, weight = np.polynomial.legendre.leggauss(6)
+        ends = np.linspace(0.0, most, 2 + int(4.0 * most * (np.abs(x).max() + self.thickness)))
+        k = (ends[:-1, None] + 0.5 * np.diff(ends)[:, None] * (1.0 + at)).ravel()
+        share = (0.5 * np.diff(ends)[:, None] * weight).ravel() * transform(k) * self.compliance(k)
+        return np.cos(np.multiply.outer(x, k)) @ share
