@@ -204,17 +204,22 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
-                 slack=tuple(n for n, cell in enumerate(case.cells) if not cell.cortex), friction=friction,
-                 ligand=ligand, medium=medium, director=director, director_law=law, active=active,
-                 stabilised=stabilised, bulk_damped=damped, stiffened=stiffened, acceleration=force,
-                 load_curves=outside, single=_single(case), network=any(hasattr(m, "network_renewed") for m in used),
-                 dimension=case.dimension, inertia=not (case.overdamped or case.static), renewal=_renewal(case),
+                 slack=_slack(case), friction=friction, ligand=ligand, medium=medium, director=director,
+                 director_law=law, active=active, stabilised=stabilised, bulk_damped=damped,
+                 stiffened=stiffened, acceleration=force, load_curves=outside, single=_single(case),
+                 network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
+                 inertia=not (case.overdamped or case.static), renewal=_renewal(case),
                  guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
     """The reason of the first condition that holds, None if none does."""
     return next((reason for holds, reason in conditions if holds), None)
+
+
+def _slack(case: Case) -> tuple[int, ...]:
+    """Cells without a cortex."""
+    return tuple(n for n, cell in enumerate(case.cells) if not cell.cortex)
 
 
 def _frictions(case: Case) -> Frictions:
