@@ -149,8 +149,8 @@ class Terms:
 
 def find_terms(case: Case, prune: bool = True) -> Terms:
     """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
-    eta = max(getattr(m, "eta", 0.0) for m in case.materials.values())
-    zeta = any(getattr(m, "zeta", 0.0) for m in case.materials.values())
+    used = case.materials.values()
+    eta, zeta = max(getattr(m, "eta", 0.0) for m in used), any(getattr(m, "zeta", 0.0) for m in used)
     law, skipped = case.director, {}
 
     def unless(reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
@@ -186,7 +186,6 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
     active = unless(None if zeta else "zeta is zero", ZETA, True, False)
-    used = case.materials.values()
     still = (case.static, "nothing moves in a static case")
     stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
                         "viscous stabilisation", True, False)
@@ -205,8 +204,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                      "supports, loads, plates", load_curves_of(case))
     return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
                  slack=_slack(case), friction=friction, ligand=ligand, medium=medium, director=director,
-                 director_law=law, active=active, stabilised=stabilised, bulk_damped=damped,
-                 stiffened=stiffened, acceleration=force, load_curves=outside, single=_single(case),
+                 director_law=law, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
+                 acceleration=force, load_curves=outside, single=_single(case),
                  network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
                  inertia=not (case.overdamped or case.static), renewal=_renewal(case),
                  guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
