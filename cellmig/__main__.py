@@ -246,7 +246,8 @@ def show(options: argparse.Namespace) -> int:
             raise UsageError(f"--format: no format '{unknown[0]}'; there are {', '.join(FORMATS)}")
         unit = time_unit(read_manifest(options.directory))
         times = None if given is None else [unit.number(time) for time in given]
-        pictures = plot(options.directory, times, options.field, options.out, formats, options.film)
+        pictures = plot(options.directory, times, options.field, options.out, formats, options.film,
+                        options.background)
         print("\n".join(map(str, pictures)))
         return DONE
     if options.command == "tracks":

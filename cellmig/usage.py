@@ -154,6 +154,8 @@ def _about_runs(commands: Any) -> None:
     plot.add_argument("directory", type=Path, help="of a run")
     plot.add_argument("--times", metavar='"20 us,204 us"', help="times of the snapshots")
     plot.add_argument("--field", default="effective_stress", help="colours the shapes (default: effective_stress)")
+    plot.add_argument("--background", metavar="NAME", help="field of the case behind the cells, or none (default: the "
+                      "first)")
     plot.add_argument("--film", action="store_true", help="also a film of all frames: mp4 with ffmpeg, else gif")
     plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="file formats (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")

@@ -25,7 +25,8 @@ _LEAST_SPAN = 1e-3  # smallest range of the displacement axis [µm]
 
 
 def plot(directory: Path, times: Sequence[float] | None = None, field: str = "effective_stress",
-         out: Path | None = None, formats: Sequence[str] = ("png", "pdf"), moving: bool = False) -> list[Path]:
+         out: Path | None = None, formats: Sequence[str] = ("png", "pdf"), moving: bool = False,
+         behind: str | None = None) -> list[Path]:
     """Draw the files of a run, complete or not.
 
     Parameters
@@ -37,6 +38,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     out : Path -- directory of the pictures; by default that of the run.
     formats : list of str -- "png", "pdf" or "svg".
     moving : bool -- a film as well.
+    behind : str -- field of the case behind the cells, "none" for none; by default the first.
 
     Returns
     -------
@@ -54,7 +56,8 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         history, ledger, substrate, neighbours, cue_table = (
             _table(directory / f"{name}.csv") for name in ("history", "ledger", "substrate", "neighbours", "cues"))
         samples = np.unique(history.get(time_column(history), []))
-        figures = {"shapes": shapes(directory, times, field), "section": sections(directory, times, field),
+        figures = {"shapes": shapes(directory, times, field, behind),
+                   "section": sections(directory, times, field, behind),
                    "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
                    "between": between(neighbours, samples), **_motion(directory, substrate, samples),
@@ -62,7 +65,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
         paths = [path for name, figure in figures.items() if figure for path in save(figure, out, name, formats)]
-        made = film(directory, out, field) if moving else None
+        made = film(directory, out, field, behind) if moving else None
     return [*paths, made] if made else paths
 
 

@@ -25,27 +25,38 @@ _CUT = {1: [[(3, 0), (3, 1), (3, 2)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1
 
 @dataclass(frozen=True)
 class Section(View):
-    """Settings of sections by the plane at y [µm]; tetrahedra (m, 4) int by particles."""
+    """Settings of sections through the centre of the cell number `middle`; tetrahedra (m, 4) int by particles."""
 
     dimension: ClassVar[int] = 3
     names: ClassVar[tuple[str, str]] = ("x", "z")
     tetrahedra: np.ndarray
-    y: float = 0.0
+    middle: int = 1
 
     @classmethod
     def of(cls, directory: Path, found: Sequence[Frame], field: str, **more: Any) -> Self:
-        """The view of frames of a run, through the centre of a cell in the middle.  Raises CaseError."""
+        """The view of frames of a run, through the cell that is in the middle at first.  Raises CaseError."""
         view = super().of(directory, found, field, tetrahedra=read_mesh(directory)["tetrahedra"], **more)
         fields = found[0].read()
         y = (fields["X"] + fields["u"])[:, 1]
-        centres = [y[fields["cell"] == cell].mean() for cell in np.unique(fields["cell"])]
-        middle = min(centres, key=lambda centre: abs(centre - np.mean(centres)))
-        return replace(view, low=view.low[[0, 2]], high=view.high[[0, 2]], y=float(middle))
+        centres = {int(cell): y[fields["cell"] == cell].mean() for cell in np.unique(fields["cell"])}
+        mean = np.mean(list(centres.values()))
+        middle = min(centres, key=lambda cell: abs(centres[cell] - mean))
+        return replace(view, low=view.low[[0, 2]], high=view.high[[0, 2]], middle=middle)
+
+    def middles(self, frame: Frame) -> np.ndarray:
+        """Places (n, 3) [µm] in the section, likewise."""
+        return np.insert(super().middles(frame), 1, self._y(frame.read()), axis=1)
+
+    def _y(self, fields: dict[str, np.ndarray]) -> float:
+        """Where the section is [µm]."""
+        return float((fields["X"] + fields["u"])[fields["cell"] == self.middle, 1].mean())
 
     def draw(self, ax: Axes, frame: Frame) -> None:
         """Draw the sections of all cells of a frame."""
+        self.draw_behind(ax, frame)
         fields = frame.read()
-        pair, share, triangles = cut((fields["X"] + fields["u"])[:, 1] - self.y, self.tetrahedra)
+        y = self._y(fields)
+        pair, share, triangles = cut((fields["X"] + fields["u"])[:, 1] - y, self.tetrahedra)
 
         def there(values: np.ndarray) -> np.ndarray:
             return values[pair[:, 0]] + (share * (values[pair[:, 1]] - values[pair[:, 0]]).T).T
@@ -57,9 +68,9 @@ class Section(View):
             ax.add_collection(LineCollection(x[_outline(triangles)], colors="0.1", linewidths=0.6))
             self.borders(ax, mesh, there(fields["material"].astype(float)))
         if "director" in fields:
-            off = np.abs((fields["X"] + fields["u"])[:, 1] - self.y)
+            off = np.abs((fields["X"] + fields["u"])[:, 1] - y)
             self.lines(ax, fields, np.flatnonzero(off < 0.5 * spacing(fields["X"])), [0, 2])
-        self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}, section at y = {round(self.y, 1) + 0.0:g} µm")
+        self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}, section at y = {round(y, 1) + 0.0:g} µm")
 
 
 def cut(height: np.ndarray, tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -42,22 +42,29 @@ def missing_times(found: Sequence[Frame], times: Sequence[float] | None) -> str:
     return ""
 
 
-def view_of(directory: Path, found: Sequence[Frame], field: str) -> View:
+def view_of(directory: Path, found: Sequence[Frame], field: str, behind: str | None = None) -> View:
     """The view of frames of a run, from the side or in space.  Raises CaseError for an unknown field."""
     solid: type[View] = Rendered if is_there() else Solid
-    return (solid if (directory / MESH).exists() else View).of(directory, found, field)
+    if (directory / MESH).exists():  # in space sections show what is behind
+        return solid.of(directory, found, field)
+    return View.of(directory, found, field).before(directory, found, behind)
 
 
-def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
-    """Snapshots at the frames nearest to `times`, in the unit of the run, coloured by a field; None without frames."""
+def shapes(directory: Path, times: Sequence[float] | None, field: str = "effective_stress",
+           behind: str | None = None) -> Figure | None:
+    """Snapshots at the frames nearest to `times`, in the unit of the run, coloured by a field; None without frames.
+
+    behind : field of the case behind the cells, "none" for none; by default the first.
+    """
     some = nearest_frames(found, times) if (found := frames(directory)) else []
-    return _snapshots(view_of(directory, some, field), some) if some else None
+    return _snapshots(view_of(directory, some, field, behind), some) if some else None
 
 
-def sections(directory: Path, times: Sequence[float] | None, field: str = "effective_stress") -> Figure | None:
+def sections(directory: Path, times: Sequence[float] | None, field: str = "effective_stress",
+             behind: str | None = None) -> Figure | None:
     """The same of a section in three dimensions; None in two, and without frames."""
     some = nearest_frames(found, times) if (found := frames(directory)) and (directory / MESH).exists() else []
-    return _snapshots(Section.of(directory, some, field), some) if some else None
+    return _snapshots(Section.of(directory, some, field).before(directory, some, behind), some) if some else None
 
 
 def _snapshots(view: View, some: Sequence[Frame]) -> Figure:
@@ -67,13 +74,13 @@ def _snapshots(view: View, some: Sequence[Frame]) -> Figure:
     return figure
 
 
-def film(directory: Path, out: Path, field: str = "effective_stress") -> Path | None:
+def film(directory: Path, out: Path, field: str = "effective_stress", behind: str | None = None) -> Path | None:
     """Write a film of all frames: film.mp4 with ffmpeg, else film.gif; its path, or None without frames."""
     found = frames(directory)
     if not found:
         return None
     kind, writer = ("mp4", FFMpegWriter) if shutil.which("ffmpeg") else ("gif", PillowWriter)
-    path, view = out / f"film.{kind}", view_of(directory, found, field)
+    path, view = out / f"film.{kind}", view_of(directory, found, field, behind)
     figure, (ax,) = view.panels(1)
     pen = writer(fps=min(_MOST_PER_SECOND, max(1.0, len(found) / _SECONDS)))
     try:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from cellmig.output.motion import fit_persistence, mean_and_error, msd, persistent
 from cellmig.output.tables import CUES, cue_columns, time_column, unit_of
@@ -50,6 +51,7 @@ def tracks(found: Tracks) -> Figure:
     rose.set_axisbelow(True)
     rose.set_title("directions of steps [%]", fontsize=8)
     rose.set_rlabel_position(112.5)
+    rose.yaxis.set_major_locator(MaxNLocator(4))
     return figure
 
 

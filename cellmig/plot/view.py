@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -23,10 +23,13 @@ from cellmig.geometry import polygons
 from cellmig.output.manifest import read_manifest
 from cellmig.output.xdmf import Frame
 
+from . import background
+from .background import Background
 from .style import in_print
 
 DPI = 140  # resolution of films and of pictures in notebooks
 MAP = "viridis"
+_SQUARES = 200  # of a field behind the cells along each axis
 
 
 class Picture(Figure):
@@ -42,7 +45,8 @@ class Picture(Figure):
 class View:
     """Settings that all pictures of a run share: field, colours, limits of the axes, presence of a substrate.
 
-    low, high : (2,) float -- limits [um];  extend : sides of the colour bar with values beyond its range.
+    low, high : (2,) float -- limits [um];  extend : sides of the colour bar with values beyond its range;  behind : the
+    field behind the cells, if any.
     """
 
     field: str
@@ -55,6 +59,7 @@ class View:
     dimension: ClassVar[int] = 2
     names: ClassVar[tuple[str, str]] = ("x", "y")  # of the axes
     pad: ClassVar[float] = 0.02  # between the panels and the colour bar, over their width
+    behind: Background | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(cls, directory: Path, found: Sequence[Frame], field: str, **more: Any) -> Self:
@@ -74,12 +79,36 @@ class View:
         return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
                    _on_substrate(directory), **more)
 
+    def before(self, directory: Path, found: Sequence[Frame], name: str | None) -> Self:
+        """The same view in front of a field of the case, if it has one.  Raises CaseError for an unknown name."""
+        return replace(self, behind=Background.of(directory, name, self.middles, found))
+
+    @property
+    def squares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Edges (n + 1,) [µm] along both axes of the squares of the field behind the cells."""
+        low = max(0.0, self.low[1]) if self.substrate else self.low[1]
+        return tuple(np.linspace(*ends, _SQUARES + 1) for ends in ((self.low[0], self.high[0]), (low, self.high[1])))
+
+    def middles(self, frame: Frame) -> np.ndarray:
+        """Places (n, d) [µm] of the scene at the middles of the squares, row by row."""
+        x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in self.squares)
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+    def draw_behind(self, ax: Axes, frame: Frame) -> None:
+        """Draw the field behind the cells at the time of a frame."""
+        if self.behind is not None:
+            x, y = self.squares
+            values = self.behind.values(self.middles(frame), frame)
+            ax.pcolormesh(x, y, values.reshape(len(y) - 1, -1), norm=self.behind.norm, cmap=background.MAP,
+                          rasterized=True, zorder=-1)
+
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:
         """A figure of n panels with one scale and a colour bar; the panels are stacked if the scene is wide."""
         width, height = self.high - self.low
         stacked = n == 1 or width > 1.3 * height
         size = (6.0, 0.6 + n * (0.25 + 4.9 * height / width)) if stacked else (7.2, 0.9 + 6.2 / n * height / width)
-        figure = Picture(figsize=size, layout="constrained")
+        below = 0.0 if self.behind is None else 0.7  # another colour bar
+        figure = Picture(figsize=(size[0], size[1] + below), layout="constrained")
         axes = figure.subplots(n if stacked else 1, 1 if stacked else n, sharex=True, sharey=True, squeeze=False)
         for ax in axes.flat:
             ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")
@@ -99,9 +128,13 @@ class View:
         """Add the colour bar beside some axes."""
         figure.colorbar(ScalarMappable(self.norm, MAP), ax=axes, extend=self.extend, aspect=30, pad=self.pad,
                         label=self.label)
+        if self.behind is not None:
+            figure.colorbar(ScalarMappable(self.behind.norm, background.MAP), ax=axes, location="bottom", aspect=40,
+                            shrink=0.8, label=self.behind.label)
 
     def draw(self, ax: Axes, frame: Frame) -> None:
         """Draw all cells of a frame."""
+        self.draw_behind(ax, frame)
         fields = frame.read()
         values = scalar(fields[self.field], self.field)
         for cell in np.unique(fields["cell"]):
