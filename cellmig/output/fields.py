@@ -54,7 +54,7 @@ def field_unit(name: str, dimension: int) -> str:
     return unit.removesuffix("/um") if dimension > 2 and unit == "pN/um" else unit
 
 
-# Columns of substrate.csv and neighbours.csv besides time, names and instants.
+# Columns of tables besides time, names and instants.
 _TRACTION = (("`x_um`; in 3D also `y_um`", "middle of a piece of the substrate, in three dimensions of a square; all "
               "are as wide as the largest spacing of particles"),
              ("`normal_pa`", "traction of the cell away from the substrate: > 0 where it pulls it up, < 0 where it "
@@ -71,7 +71,12 @@ _PAIR = (("`cell`, `neighbour`", "numbers of two cells that touch, from 1, the l
          ("`cell_contact_um`; in 3D `cell_contact_um2`",
           "contact at the sample, as in `history.csv`: mean of both sides"))
 
-
+_TRACK = (("`id`, `time_us`, `x_um`, `y_um`; in 3D also `z_um`", "name of a cell, time, its centre of mass, in the "
+           "order of celltrackR: `read.tracks.csv(\"tracks.csv\", sep = \",\", pos.columns = 3:4)`"),)
+_CUE = (("`polarity`; in 3D `polarity_x`, `polarity_y`", "polarity of the cell"),
+        ("`push_pn_per_um`; in 3D `push_x_pn`, `push_y_pn`", "push of its protrusion along the substrate"),
+        ("the name of each cue; in 3D with `_x`, `_y`", "its part in the sum towards which the polarity relaxes, at "
+         "the last knot"))
 _MOLECULES = (("time", "up to which the field is known: that of its last knot"),
               ("`field`", "name of the field; all amounts are since the start, in 2D per µm of thickness: "
                           "`secreted_per_um`"),
@@ -81,6 +86,7 @@ _MOLECULES = (("time", "up to which the field is known: that of its last knot"),
               ("`decayed`", "molecules that decayed"),
               ("`lost`", "error of the account: inside + taken_up + out + decayed - secreted - start; a run ends in "
                          "which it is more than 1e-12 of their sum"))
+
 
 _ABOUT_FIELDS = """
 ## Fields of a frame
@@ -111,6 +117,8 @@ Units are in the names of the columns; that of times is the one in which the cas
   The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread
   over the way that it went, in three dimensions over the rectangle around it.  Tractions of all places times their
   width, in three dimensions its square, are the whole force on the substrate.
+- `tracks.csv`: the way of each cell, of every run without inertia or with `[polarity]`.
+- `cues.csv`: who steers whom, of every run with `[polarity]`.
 
 """
 
@@ -123,6 +131,8 @@ def handbook_of_fields() -> str:
         for name, f in FIELDS.items()]
     tables: list[tuple[str, ...]] = [("`substrate.csv`", column, meaning) for column, meaning in _TRACTION]
     tables += [("`neighbours.csv`", column, meaning) for column, meaning in _PAIR]
+    tables += [("`tracks.csv`", column, meaning) for column, meaning in _TRACK]
+    tables += [("`cues.csv`", column, meaning) for column, meaning in _CUE]
     tables += [("`molecules.csv`", column, meaning) for column, meaning in _MOLECULES]
     head = "| table | column | meaning |\n|---|---|---|\n"
     return _ABOUT_FIELDS + _rows(fields) + _ABOUT_TABLES + head + _rows(tables)

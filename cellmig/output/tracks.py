@@ -10,6 +10,7 @@ import numpy as np
 
 from ..case.time_unit import TimeUnit
 from .directory import OutputError, existing_run
+from .manifest import read_manifest
 from .tables import in_unit, read_table, time_column, unit_of
 
 FITTED = 0.25  # longest lag to which persistence is fitted, over the length of the tracks
@@ -73,6 +74,12 @@ def read_tracks(directory: Path, unit: TimeUnit | None = None) -> Tracks:
     if not np.isfinite(x).all():
         raise OutputError(f"'{path}' lacks positions of some cells at some samples")
     return Tracks(times, x, names, unit_of(table))
+
+
+def in_balance(directory: Path) -> bool:
+    """Whether forces are in balance at every instant, so that the tractions at samples tell more than their means."""
+    time = (read_manifest(directory).get("case") or {}).get("time")
+    return isinstance(time, dict) and time.get("integrator") == "overdamped"
 
 
 def pooled(directories: Sequence[Path]) -> list[Tracks]:

@@ -13,13 +13,14 @@ from cellmig.output.tractions import tension
 from .traction import Table, by_place, usual_peak
 
 
-def kymograph(found: Tracks, table: Table, samples: np.ndarray) -> Figure | None:
+def kymograph(found: Tracks, table: Table, samples: np.ndarray, now: bool = True) -> Figure | None:
     """Velocity along x of the cells where they touch, traction along x, and tension of the layer, by x and time.
 
     In space traction is integrated across x, and the velocity is the mean of the cells at x.  None without traction.
-    `table` : substrate.csv;  `samples` : times of all samples, in the unit of the table.
+    `table` : substrate.csv;  `samples` : times of all samples, in the unit of the table;  `now` : tractions at the
+    samples, else means between them.
     """
-    column = "tangential_x_pa" if "y_um" in table else "tangential_pa"
+    column = ("tangential_x" if "y_um" in table else "tangential") + "_now" * now + "_pa"
     if not table or len(samples) < 3 or not np.nan_to_num(table[column]).any():
         return None
     edges, pull = by_place(table, samples, column)
@@ -30,7 +31,7 @@ def kymograph(found: Tracks, table: Table, samples: np.ndarray) -> Figure | None
     middle = np.where(pull != 0.0, 0.5 * (layer[:, 1:] + layer[:, :-1]), np.nan)
     label = found.unit.label
     force = "pN" if unit == "pN/µm" else "pN/µm"
-    panels = {f"velocity [µm/{label}]": (_velocity(found, table, samples, x), None),
+    panels = {f"velocity [µm/{label}]": (_velocity(found, table, table[column], samples, x), None),
               f"traction [{unit}]": (np.where(pull != 0.0, pull, np.nan), usual_peak(pull)),
               f"tension h σ [{force}]": (middle, None)}
     figure = Figure(figsize=(9.6, 3.4), layout="constrained")
@@ -46,14 +47,14 @@ def kymograph(found: Tracks, table: Table, samples: np.ndarray) -> Figure | None
     return figure
 
 
-def _velocity(found: Tracks, table: Table, samples: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean velocity along x (n - 1, places) of the cells that touch a place in an interval of samples; nan without."""
+def _velocity(found: Tracks, table: Table, pull: np.ndarray, samples: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Mean velocity along x (n - 1, places) of the cells that `pull` (rows,) [Pa] at a place; nan without."""
     numbers = {name: number for number, name in enumerate(found.names)}
     cell = np.array([numbers[name] for name in table["name"].tolist()])
     row = np.searchsorted(samples, table[time_column(table)]) - 1
     place = np.searchsorted(edges, table["x_um"]) - 1
     v = np.diff(found.along[:, :, 0], axis=1) / found.interval
-    on = (row >= 0) & (row < v.shape[1])
+    on = (row >= 0) & (row < v.shape[1]) & (np.nan_to_num(pull) != 0.0)
     shape = (len(samples) - 1, len(edges) - 1)
     sums, counts = np.zeros(shape), np.zeros(shape)
     np.add.at(sums, (row[on], place[on]), v[cell[on], row[on]])

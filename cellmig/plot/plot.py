@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.tables import MEASURES, names_of, read_table, time_column, unit_of
-from cellmig.output.tracks import read_tracks
+from cellmig.output.tracks import in_balance, read_tracks
 from cellmig.output.xdmf import Frame, frames
 
 from .kymograph import kymograph
@@ -74,7 +74,8 @@ def _motion(directory: Path, substrate: dict[str, np.ndarray], samples: np.ndarr
     if len(samples) < 2 or not (directory / "tracks.csv").exists():
         return {}
     found = read_tracks(directory)
-    return {"tracks": tracks(found), "msd": squares(found), "kymograph": kymograph(found, substrate, samples)}
+    return {"tracks": tracks(found), "msd": squares(found),
+            "kymograph": kymograph(found, substrate, samples, in_balance(directory))}
 
 
 def _no_tables(directory: Path, found: Sequence[Frame]) -> str:

@@ -14,7 +14,10 @@ from cellmig.output.directory import OutputError
 from cellmig.output.log import two_columns
 from cellmig.output.manifest import plain
 from cellmig.output.motion import mean_and_error
-from cellmig.output.tracks import FITTED, Tracks, pooled
+from cellmig.output.tables import ALONG, read_table, time_column
+from cellmig.output.tracks import FITTED, Tracks, in_balance, pooled
+from cellmig.output.tractions import moments, tension
+from cellmig.plot.traction import by_place
 
 LAGS = (1, 2, 5)  # times powers of ten, intervals: those in the table
 _HEAD = {"way_um": "way µm", "net_um": "net µm", "speed": "speed µm/{unit}", "fmi": "FMI {axis}",
@@ -34,7 +37,8 @@ def measure(directories: Sequence[Path], interval: float | None = None, axis: in
     -------
     dict -- "runs", "unit" (of times), "interval", "axis"; "cells": "run", "name" and arrays over cells of what they
         did; "mean", "error": the same in the mean over cells and its standard error; "persistence"; "lags": lag, mean
-        square displacement with its error, directionality; "together": order, correlations of velocity, by run.
+        square displacement with its error, directionality; "together": order, correlations of velocity and tractions,
+        in the mean over runs with its error.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def measure(directories: Sequence[Path], interval: float | None = None, axis: in
             "persistence": motion.fit_persistence(dt * fitted, motion.msd(x, fitted), x.shape[2]),
             "lags": {"lag": dt * np.array(lags), "msd_um2": square, "error_um2": square_error,
                      "directionality": mean_and_error(motion.directionality_by_lag(x, lags))[0]},
-            "together": _together(found)}
+            "together": _together(found) | _tractions(directories, found[0].along.shape[2])}
 
 
 def _count(tracks: Tracks, interval: float | None) -> int:
@@ -102,6 +106,29 @@ def _together(found: Sequence[Tracks]) -> dict[str, tuple[float, float]]:
     return {name: tuple(float(value) for value in mean_and_error(np.array(one))) for name, one in values.items() if one}
 
 
+def _tractions(directories: Sequence[Path], along: int) -> dict[str, tuple[float, float]]:
+    """Mean over runs and its error of means over time: the dipole of tractions, the largest tension of the layer."""
+    unit = {1: ("pn", "pn_per_um"), 2: ("pn_um", "pn")}[along]
+    values: dict[str, list[float]] = {f"dipole_{unit[0]}": [], f"tension_{unit[1]}": []}
+    for directory in directories:
+        table = read_table(directory / "substrate.csv") if (directory / "substrate.csv").exists() else {}
+        samples = np.unique(table[time_column(table)]) if table else np.array([])
+        if len(samples) < 2:
+            continue
+        now = "_now" * in_balance(directory)
+        maps = [by_place(table, samples, f"tangential{axis}{now}_pa") for axis in ALONG[along + 1]]
+        width, ends = maps[0][0][0][1] - maps[0][0][0][0], [0.5 * (edges[1:] + edges[:-1]) for edges in maps[0][0]]
+        place = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, along)
+        pull = np.stack([map_.reshape(len(map_), -1) for _, map_ in maps], axis=-1)
+        dipoles = [moments(place, one, width**along, place[one.any(axis=1)].mean(axis=0))[1].trace()
+                   for one in pull if one.any()]
+        across = maps[0][1] if along == 1 else width * maps[0][1].sum(axis=2)
+        for name, value in zip(values, (np.mean(dipoles or [0.0]), tension(across, width).max(axis=1).mean()),
+                               strict=True):
+            values[name].append(float(value))
+    return {name: tuple(float(value) for value in mean_and_error(np.array(one))) for name, one in values.items() if one}
+
+
 def report(found: dict[str, Any]) -> str:
     """The measures as text."""
     unit, dt = found["unit"].label, found["interval"]
@@ -134,7 +161,11 @@ def _persistence(found: dict[str, Any]) -> list[tuple[str, str]]:
                     fit.time, "unknown: the cells rest, or there are too few positions")
     rows = [("persistence", text)]
     names = {"order": ("order", ""), "correlation_time": ("velocities", f" {unit}: correlation falls to 1/e in time"),
-             "correlation_um": ("", " µm: likewise in space")}
+             "correlation_um": ("", " µm: likewise in space"),
+             "dipole_pn": ("traction", " pN: dipole ∫ x T dx, below zero where cells contract the substrate"),
+             "dipole_pn_um": ("traction", " pN µm: dipole, below zero where cells contract the substrate"),
+             "tension_pn_per_um": ("", " pN/µm: largest tension h σ of the layer"),
+             "tension_pn": ("", " pN: largest tension of the layer across x")}
     return rows + [(label, _with_error(*found["together"][name]) + more) for name, (label, more) in names.items()
                    if name in found["together"]]
 

@@ -80,12 +80,12 @@ def test_a_kymograph_has_the_velocity_of_the_cell_that_touches_and_the_tension_b
     found = Tracks(np.array([0.0, 1.0, 2.0]), np.zeros((1, 3, 2)), ("A",), TimeUnit("h"))
     found.x[0, :, 0] = [0.0, 3.0, 4.0]
     table = {"time_h": np.repeat([1.0, 2.0], 3), "x_um": np.tile([0.5, 1.5, 2.5], 2), "name": np.array(["A"] * 6),
-             "cell": np.ones(6, int), "tangential_pa": np.array([4.0, 1e-9, -4.0, 2.0, 1e-9, -2.0])}
+             "cell": np.ones(6, int), "tangential_now_pa": np.array([4.0, 1e-9, -4.0, 2.0, 1e-9, -2.0])}
     axes = kymograph(found, table, np.array([0.0, 1.0, 2.0])).axes
     speed, pull, tense = (ax.collections[0].get_array().reshape(2, 3) for ax in axes[:3])
     assert speed.tolist() == [[3.0] * 3, [1.0] * 3]
     assert pull[:, 0].tolist() == [4.0, 2.0] and tense[:, 1].tolist() == pytest.approx([4.0, 2.0])
-    assert kymograph(found, table | {"tangential_pa": np.zeros(6)}, np.array([0.0, 1.0, 2.0])) is None
+    assert kymograph(found, table | {"tangential_now_pa": np.zeros(6)}, np.array([0.0, 1.0, 2.0])) is None
     assert kymograph(found, {}, np.array([0.0, 1.0, 2.0])) is None
 
 

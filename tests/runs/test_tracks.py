@@ -18,7 +18,9 @@ from cellmig.output.directory import OutputError
 from cellmig.output.manifest import read_manifest, write_manifest
 from cellmig.output.tables import Tables, read_table
 from cellmig.output.tracks import read_tracks
+from cellmig.output.tractions import tension
 from cellmig.output.xdmf import frames
+from cellmig.plot.traction import by_place
 from cellmig.runs.diff import diff
 from cellmig.runs.tracks import as_json, measure, report
 
@@ -165,6 +167,18 @@ def test_a_run_with_polarity_tells_it_and_the_push_of_each_cell_at_every_sample(
     for frame in frames(polar):
         at = np.argmin(np.abs(found["time_h"] - frame.time))
         assert push[at] == pytest.approx(frame.read()["protrusion_force"][:, 0].sum(), rel=1e-12, abs=1e-12)
+
+
+def test_the_dipole_of_a_cell_is_minus_the_tension_along_it(polar):
+    together = measure([polar])["together"]
+    table = read_table(polar / "substrate.csv")
+    (edges,), pull = by_place(table, np.unique(table["time_h"]), "tangential_now_pa")
+    tense = tension(pull, edges[1] - edges[0])
+    assert together["tension_pn_per_um"][0] == pytest.approx(tense.max(axis=1).mean())
+    whole = (edges[1] - edges[0]) * tense.sum(axis=1).mean()
+    assert together["dipole_pn"][0] == pytest.approx(-whole, rel=1e-4)  # the drag of the medium: measured 3e-6
+    assert "dipole ∫ x T dx" in report(measure([polar]))
+    assert json.loads(as_json(measure([polar])))["together"]["dipole_pn"]["error"] is None  # of one run
 
 
 def test_the_speed_of_a_cell_is_that_of_its_polarity(polar):
