@@ -30,6 +30,7 @@ from .style import in_print
 DPI = 140  # resolution of films and of pictures in notebooks
 MAP = "viridis"
 _SQUARES = 200  # of a field behind the cells along each axis
+_AROUND = 0.1  # what is shown of it beyond the cells, over their extent
 
 
 class Picture(Figure):
@@ -80,8 +81,11 @@ class View:
                    _on_substrate(directory), **more)
 
     def before(self, directory: Path, found: Sequence[Frame], name: str | None) -> Self:
-        """The same view in front of a field of the case, if it has one.  Raises CaseError for an unknown name."""
-        return replace(self, behind=Background.of(directory, name, self.middles, found))
+        """The same view, wider, before a field of the case, if it has one.  Raises CaseError for an unknown name."""
+        around = _AROUND * (self.high - self.low).max()
+        wide = replace(self, low=self.low - [around, 0.0], high=self.high + around)
+        behind = Background.of(directory, name, wide.middles, found)
+        return self if behind is None else replace(wide, behind=behind)
 
     @property
     def squares(self) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,17 @@ import numpy as np
 import pytest
 from scenes import CASES
 
+from mpi4py import MPI
+
 from cellmig.case.messages import CaseError
 from cellmig.case.time_unit import TimeUnit
+from cellmig.case.units import number
+from cellmig.output.grids import GridFrames, OnGrid
 from cellmig.output.tables import CUES, cue_columns
 from cellmig.output.tracks import Tracks
 from cellmig.output.xdmf import frames
 from cellmig.plot import tracks
+from cellmig.plot.background import Stored
 from cellmig.plot.kymograph import kymograph
 from cellmig.plot.plot import plot
 from cellmig.plot.snapshots import shapes, view_of
@@ -114,6 +119,19 @@ def test_the_field_behind_cells_has_its_values_at_its_place_and_time(run):
     picture = shapes(run, [0.0]).axes[0].collections[0]
     x = picture.get_coordinates()[..., 0]
     assert picture.get_array().ravel()[0] == pytest.approx(5.0 + 0.1 * x[0, :2].mean())
+
+
+def test_a_field_that_diffuses_is_that_of_the_nearest_frame_and_ends_with_its_box(tmp_path):
+    writer = GridFrames(tmp_path, MPI.COMM_SELF, unit=TimeUnit("h"))
+    for time in (0.0, 3.6e9):
+        values = np.arange(6.0) + 10.0 * (time > 0.0)  # along x first
+        writer.write(time, {"cAMP": OnGrid((-3.0, 0.0), (2.0, 5.0), (3, 2), values, "nM")})
+    place, size = np.array([[-2.0, 1.0], [2.9, 9.0], [3.1, 1.0]]), number("1 nM", "nM")
+    found = Stored(tmp_path, "cAMP")
+    assert found and found.unit == "nM"
+    assert found.value(place, 1e9) / size == pytest.approx([0.0, 5.0, np.nan], nan_ok=True)
+    assert found.value(place, 2e9) / size == pytest.approx([10.0, 15.0, np.nan], nan_ok=True)
+    assert not Stored(tmp_path / "without", "cAMP")
 
 
 def test_another_field_or_none_is_behind_and_one_that_is_not_there_is_told(run):
