@@ -20,6 +20,8 @@ class Neighbours(Cue):
     with leaders, Sepúlveda et al. (2013), PLoS Comput. Biol. 9:e1002944.
     """
 
+    gain: float = quantity("", "factor of the cue; beyond 10, polarities would overshoot from knot to knot", 1.0,
+                           maximum=10)
     reach: float = quantity("um", "distance up to which surfaces are in contact: fully up to half of it", "1 um",
                             above=0)
 
