@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,15 +34,17 @@ def _formula(given: float | Expression, unit: str) -> Any:
     return kind(formula=Expression(text, unit, 3, True))
 
 
-def push_factor(ground: Ground | None, fields: Mapping[str, Field], x: np.ndarray, time: float) -> np.ndarray:
-    """Factor of the push (m,) [-] at places x (m, d) [µm]: share of bonds below, times response to stiffness.
+def push_factor(ground: Ground | None, fields: Mapping[str, Field], x: np.ndarray, time: float,
+                push: Callable[[Any], Any] = np.positive) -> np.ndarray:
+    """Factor of the push (m,) [-] at places x (m, d) [µm]: that of the bonds below, times the response to stiffness.
 
     It is 1 for clutches, too, whose factor belongs to a side of a cell and has a memory.
-    fields : those of `fields_of`;  time : float -- [µs].
+    fields : those of `fields_of`;  time : float -- [µs];  push : that of a share of the bonds (m,) [-], in any unit; by
+    default as large as the share.
     """
     factor, x = np.ones(len(x)), np.column_stack([x[:, :-1], np.zeros(len(x))])  # on the substrate
     if ground is not None and ground.ligand is not None:
-        factor *= np.minimum(fields["ligand"].value(x, time), 1.0)
+        factor *= push(np.minimum(fields["ligand"].value(x, time), 1.0)) / push(1.0)
     if ground is not None and hasattr(ground.response, "factor"):
         factor *= ground.response.factor(fields["stiffness"].value(x, time))
     return factor

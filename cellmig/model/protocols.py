@@ -148,6 +148,9 @@ class ProtrusionLaw(Law, Protocol):
     def gate(self) -> float | None:
         """Distance from other cells below which the membrane does not push [µm]."""
 
+    def push(self, work: Value) -> Value:
+        """Push without a random factor [pN/µm] for the work of adhesion N σ [pN/µm]."""
+
     def front(self, x: Value) -> Value:
         """Share of the push [-] at a distance x [µm] ahead of the mean of the surface."""
 

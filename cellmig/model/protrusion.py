@@ -29,6 +29,8 @@ class EdgeProtrusion:
     less than 0.2 % of the full one.  The front half begins gradually, over ℓ, at the mean of the surface along p̂, which
     is computed in every step.  A share `basal` pushes outwards on every side besides: on both in the plane, in space in
     eight directions.
+    With a `stall` the push saturates with the density of bonds, while their friction goes on to grow: a cell is fastest
+    on some of the ligands (DiMilla, Barbee & Lauffenburger 1991, Biophys. J. 60:15-37).
     S' and B are integrated exactly along surface segments, so that the push converges with the spacing; the attraction
     N U'(g) itself would not, as its range ε is far less than a segment.
     Source: derived here from F_d of Bai, Lin & Zeng (2019), which acts on the front half, is proportional to the
@@ -48,6 +50,14 @@ class EdgeProtrusion:
                             minimum=0)
     gate: float | None = quantity("um", "distance from other cells below which the membrane does not push; from half "
                                   "of it on gradually", None, above=0)
+
+    stall: float | None = quantity("pN/um", "push F_s of bonds without end: β N σ becomes F_s N/(N + F_s/(β σ)); by "
+                                   "default it grows with the bonds without limit", None, above=0)
+
+    def push(self, work):
+        """Push β N σ [pN/µm] of α = 1, up to its stall, for the work of adhesion N σ [pN/µm]."""
+        push = self.protrusion_ratio * work
+        return push if self.stall is None else push / (1.0 + push / self.stall)
 
     def front(self, x):
         """Factor of the front half [-], from 0 to 1, at a distance x ahead of the mean of the surface [µm]."""

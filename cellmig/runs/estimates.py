@@ -149,7 +149,7 @@ def _push(case: Case, cell: Cell) -> float:
     slope = 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height))
     wide = 1.0 if case.dimension == 2 else 2.0 * _radius(cell)  # of the front [µm]
     bonded = 0.5 * _contact(case, cell) * float(law.ramp_slope(case.substrate.equilibrium_distance))
-    return 0.5 * law.protrusion_ratio * case.substrate.work * (max(1.0, slope) * wide + bonded)
+    return 0.5 * law.push(case.substrate.work) * (max(1.0, slope) * wide + bonded)
 
 
 def _spreading(case: Case, cell: Cell) -> float:

@@ -54,13 +54,15 @@ def mean_traction(law: Clutches, spring: float, duration: float, seed: int, bloc
 
 
 def edges(surfaces: Surfaces, x: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Places of the surface particles of each cell that are farthest along some directions (cells, sides, d) [µm].
+    """Places on the substrate below the ends of each cell along some directions (cells, sides, d) [µm].
 
     x : (m, d) float64 -- positions of all surface particles [µm];  ways : (sides, d - 1) float64 -- directions along
     the substrate [-].
     """
     bounds = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
-    return np.array([x[a + (x[a:b, :-1] @ ways.T).argmax(axis=0)] for a, b in pairwise(bounds)])
+    found = np.array([x[a + (x[a:b, :-1] @ ways.T).argmax(axis=0)] for a, b in pairwise(bounds)])
+    found[..., -1] = 0.0
+    return found
 
 
 class Modules:

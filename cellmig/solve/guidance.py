@@ -136,7 +136,7 @@ class Guidance:
         if self._senses:
             around = self._surroundings(x)
             parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
-            factor = push_factor(case.ground, self._fields, x, self._at)
+            factor = push_factor(case.ground, self._fields, x, self._at, self._push)
             if self._gate is not None:
                 factor = factor * (1.0 - around.gate(self._gate))
             pull, centre = self._pulls(x) if self._modules is not None else pull, around.centre
@@ -144,6 +144,12 @@ class Guidance:
         if law is not None and not self.knot:
             self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
         return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
+
+    def _push(self, bonds: np.ndarray) -> np.ndarray:
+        """Push of α = 1 (m,) [pN/µm] by shares of the bonds (m,) [-]."""
+        law, on = self._mechanics.terms.protrusion, self._mechanics.terms.substrate
+        assert law is not None and on is not None  # else nothing is guided
+        return law.push(bonds * on.work)
 
     def _pulls(self, x: np.ndarray) -> np.ndarray:
         """Factors of the push (cells, sides) [-] by the clutches since the last knot, for surface particles at x (m, d)

@@ -68,7 +68,7 @@ class Protrusion:
         assert law is not None and bonds is not None  # without bonds nothing protrudes
         self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
         d, sides = part.scene.dimension, part.terms.sides
-        size = law.protrusion_ratio * bonds.work / d
+        size = law.push(bonds.work) / d
         alpha = carried(part.scene, protruding.alpha)[segments.ends]
         self._push = np.where(segments.acts[:, None], size * alpha, 0.0)
         k["pushed"] = np.zeros((*segments.ends.shape, d - 1))

@@ -452,6 +452,16 @@ def test_seifert_pulls_hardest_where_the_paper_says() -> None:
 
 
 @pytest.mark.parametrize("name", PROTRUSIONS)
+def test_a_push_grows_with_the_bonds_and_up_to_its_stall(name: str) -> None:
+    law = dataclasses.replace(example("protrusion", name), stall=None)
+    work, stall = np.logspace(-2.0, 6.0, 50), 7.0
+    half = stall / law.push(1.0)  # the work of bonds n_½
+    full = law.push(work)
+    assert_close(full, law.push(1.0) * work, 1e-15)
+    assert_close(dataclasses.replace(law, stall=stall).push(work), stall * work / (work + half), 1e-14)
+
+
+@pytest.mark.parametrize("name", PROTRUSIONS)
 def test_push_is_the_slope_of_its_ramp_and_acts_at_the_edge_only(name: str) -> None:
     law = example("protrusion", name)
     g = np.linspace(-0.5, 1.5, 400) * law.height

@@ -1,18 +1,22 @@
-"""What varies along the substrate: ligands as the kernel has them, and the way of a cell on a graded gel."""
+"""What varies along the substrate: ligands as the kernel has them, cells on ligands, the way of a cell on a gel."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from cellmig.case.expression import Expression
+from cellmig.case.load import change
 from cellmig.case.registry import laws
 from cellmig.model.ligand import SPACING, LigandTable
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import built, case, set_motion
+from .scenes import built, by_id, case, displacement, set_motion
 
 HALF, MIDDLE, SLOPE = 1e4, 1e4, 200.0  # of the response [Pa]; of the gel at the cell [Pa], and its gradient [Pa/µm]
 QUARTER, SLOW = 9e8, 1e-12  # of an hour [µs]; a speed far below that at which bonds yield [µm/µs]
+HALF_HELD = 0.3  # share of the ligands n_½ on which the push is half of its stall
 LIGANDS = {"all_protrude": "0.5 + 0.4*sin(0.9*x)", "three_balls": "0.5 + 0.3*sin(0.9*x)*cos(0.7*y)"}
 
 
@@ -55,6 +59,41 @@ def ligand_force(dimension: int) -> Measured:
             slope = (8.0 * (energy[2] - energy[1]) - energy[3] + energy[0]) / (12.0 * h)
             worst = max(worst, abs(force[particle] + slope) / largest)
     return Measured(dimension, {"force": float(worst)})
+
+
+@reference("ligand-optimum", shows="speed of a crawling cell on a density n of ligands, in a viscous medium; size: "
+           "one over the root of the particles", unit="", at=(60, 120, 240), seconds=20.0,
+           source="F_s n/(n + n_½)/(ζ + c L n), largest at √(n_½ ζ/(c L)); DiMilla, Barbee & Lauffenburger 1991",
+           expected={"speed": exact(0.01, "forces are in balance; the shape of the cell depends a little on the bonds"),
+                     "optimum": exact(0.02, "the same: the speed is even in log n about it")})
+def ligand_optimum(count: int) -> Measured:
+    """ζ, c L and the push are those of one density; speeds are at the optimum that follows, at half and twice it."""
+    _, push, zeta, sliding = crawled(count, HALF_HELD)
+    best = math.sqrt(HALF_HELD * zeta / sliding)
+    at = [0.5 * best, best, 2.0 * best]
+    low, top, high = speeds = [crawled(count, n)[0] for n in at]
+    error = max(abs(v * (n + HALF_HELD) * (zeta + sliding * n) / (2.0 * push * n) - 1.0)  # F_s is twice the push of n_½
+                for n, v in zip(at, speeds, strict=True))
+    shift = 0.5 * math.log(2.0) * (low - high) / (low - 2.0 * top + high)  # of the parabola's vertex, in ln n
+    return Measured(1.0 / math.sqrt(count), {"speed": error, "optimum": abs(shift)}, count)
+
+
+def crawled(count: int, ligand: float) -> tuple[float, float, float, float]:
+    """Speed in half a minute [µm/µs] on a density of ligands; push [pN/µm], drags of the medium ζ and of friction over
+    the density c L [Pa µs] at its end.
+    """
+    given = case("crawl", count, f"substrate.ligand={ligand}", 'medium.viscosity="300 Pa s"',
+                 'friction={law="bonds", coefficient="500 Pa s/um"}')
+    stall = HALF_HELD * given.protrusion.push(given.substrate.work)
+    with built(change(given, {"protrusion.stall": f"{stall} pN/um"})) as sim:
+        sim.go(3e7)
+        begun = displacement(sim)[:, 0].mean()
+        sim.go(6e7)
+        sim.sample()
+        speed = float(displacement(sim)[:, 0].mean() - begun) / 3e7
+        push, medium, friction = (float(by_id(sim, sim.mechanics.surface_force(name)[0])[:, 0].sum())
+                                  for name in ("protrusion", "medium", "friction"))
+    return speed, push, -medium / speed, -friction / speed / ligand
 
 
 @reference("durotaxis", shows="a spread cell that pushes on both sides, on 10 kPa + 200 Pa/µm x, for a quarter of an "
