@@ -19,6 +19,7 @@ SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 ITERATIONS = 10  # of Newton's method, which takes 3 or 4 but where a particle snaps to the substrate
+ACCURATE = "1e-6"  # tolerance of Krylov methods: with 1e-2 Newton's method stalls where a push turns round
 EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
@@ -98,7 +99,8 @@ class Overdamped(Implicit):
 
     def _defaults(self) -> dict[str, str]:
         """Default options; steps are chosen here."""
-        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS)}
+        krylov = {"ksp_rtol": ACCURATE} if self.equations.matrix_free else {}
+        return super()._defaults() | {"ts_adapt_type": "none", "snes_max_it": str(ITERATIONS)} | krylov
 
     @property
     def description(self) -> str:
