@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import csv
+import math
 import os
 import zlib
 from dataclasses import dataclass, field
@@ -87,9 +88,10 @@ def samples(path: str) -> Samples:
     table = table[:, [head.index(name) for name in (*axes, "value")]]
     order = np.lexsort(table.T[-2::-1])
     places = [np.unique(at) for at in table.T[:-1]]
-    nodes = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    if len(nodes) != len(table) or (nodes != table[order, :-1]).any():
-        raise ValueError(f"'{path}' has {len(table)} rows, not one value at each of the {len(nodes)} nodes of a grid"
+    size = math.prod(map(len, places))
+    if size != len(table) or (np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, len(axes))
+                              != table[order, :-1]).any():
+        raise ValueError(f"'{path}' has {len(table)} rows, not one value at each of the {size} nodes of a grid"
                          if len(axes) > 1 else f"'{path}' has two values at one place")
     return Samples(tuple((axis, _text(at)) for axis, at in zip(axes, places, strict=True)), _text(table[order, -1]),
                    path)
@@ -132,7 +134,7 @@ def _is_number(word: str) -> bool:
 
 
 def _text(values: np.ndarray) -> str:
-    return " ".join(f"{value:.17g}" if value != round(value, 12) else repr(round(float(value), 12)) for value in values)
+    return " ".join(repr(float(value)) for value in values)
 
 
 @dataclass(frozen=True)
