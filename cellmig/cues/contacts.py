@@ -10,15 +10,16 @@ from scipy.spatial import cKDTree
 from ..geometry.triangles import area_vectors, on_triangles
 from ..meshfree.contact import Surfaces
 
-MOST = 16  # pieces along a facet
+MOST = {2: 16, 3: 6}  # pieces along a side of a facet
+AT_ONCE = 10_000  # pairs of facets: each has tens of pieces
 
 
 @dataclass(frozen=True)
 class Contacts:
     """Contacts of cells: pairs (i, j), sorted, in which a part of the outer surface of i is near that of j.
 
-    A part counts fully up to half the reach, and gradually less up to the reach.  Facets are divided into pieces of at
-    most half the reach, so that contacts hardly depend on the spacing of particles.
+    A part counts fully up to half the reach, and gradually less up to the reach.  Facets are divided into pieces as
+    small as the reach, so that contacts hardly depend on the spacing of particles.
 
     Attributes
     ----------
@@ -40,26 +41,20 @@ class Contacts:
         """Contacts of `surfaces`, whose particles are at x (m, d) [µm], within a `reach` [µm]."""
         on = surfaces.facets[surfaces.outer]
         corners, cell, number = x[on], surfaces.cell[on[:, 0]], int(surfaces.cell[-1]) + 1
-        i, j, longest = _near(corners, cell, reach)
+        i, j = _near(corners, cell, reach)
         away = np.full(len(x), np.inf)
         np.minimum.at(away, on[i], distances(corners[i], corners[j]))
-        # A facet that is near several of a cell counts once, each piece with its least distance.
-        key, which = np.unique(i * number + cell[j], return_inverse=True)
-        facet, other = np.divmod(key, number)
-        inside = pieces(x.shape[1], int(np.clip(np.ceil(2.0 * longest / reach), 1, MOST)))
-        points = np.einsum("pc,fcd->fpd", inside, corners)
-        least = np.full((len(key), len(inside)), np.inf)
-        np.minimum.at(least, which.ravel(), distances(points[i], corners[j]))
-        amount = closeness(least, reach) * sizes(corners)[facet, None] / len(inside)
-        pairs, of = np.unique(cell[facet] * number + other, return_inverse=True)
+        facet, other, points, least = _divided(corners, i, j, cell[j], reach)
+        size, own = sizes(corners), cell[facet]
+        amount = closeness(least, reach) * size[facet, None] / points.shape[1]
+        pairs, of = np.unique(own * number + other, return_inverse=True)
         total, moment, gap = np.zeros(len(pairs)), np.zeros((len(pairs), x.shape[1])), np.full(number**2, np.inf)
         np.add.at(total, of.ravel(), amount.sum(axis=1))
         np.add.at(moment, of.ravel(), np.einsum("fp,fpd->fd", amount, points[facet]))
-        np.minimum.at(gap, np.minimum(cell[facet], other) * number + np.maximum(cell[facet], other), least.min(axis=1))
+        np.minimum.at(gap, np.minimum(own, other) * number + np.maximum(own, other), least.min(axis=1))
         pairs, total, moment = (values[total > 0.0] for values in (pairs, total, moment))
         pair = np.column_stack(np.divmod(pairs, number))
-        whole = np.bincount(cell, sizes(corners), number)
-        return cls(pair, total / whole[pair[:, 0]], moment / total[:, None],
+        return cls(pair, total / np.bincount(cell, size, number)[pair[:, 0]], moment / total[:, None],
                    closeness(gap[pair.min(axis=1) * number + pair.max(axis=1)], reach),
                    np.where(away < reach, away, np.inf))
 
@@ -102,14 +97,41 @@ def distances(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points - start - share[..., None] * along, axis=2)
 
 
-def _near(corners: np.ndarray, cell: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Pairs of facets of different cells that may be within reach, in both orders, and the longest side of them."""
-    middle = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+def _near(corners: np.ndarray, cell: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets of different cells that may be within reach, by their bounding spheres, in both orders."""
+    middle, radius = _spheres(corners)
     pairs = cKDTree(middle).query_pairs(reach + 2.0 * radius.max(), output_type="ndarray")
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     near = cell[i] != cell[j]
     near[near] &= np.linalg.norm(middle[i[near]] - middle[j[near]], axis=1) <= (reach + radius[i] + radius[j])[near]
     i, j = i[near], j[near]
     order = np.lexsort((j, i))
-    return i[order], j[order], float(2.0 * radius[i].max(initial=0.0))
+    return i[order], j[order]
+
+
+def _divided(corners: np.ndarray, i: np.ndarray, j: np.ndarray, others: np.ndarray, reach: float
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Facets near other cells, these cells, pieces of all facets (f, p, d), and the pieces' distances from these cells.
+
+    i, j : pairs of facets that may be within reach;  others : cells of j.  A facet that is near several facets of a
+    cell comes once, with the least distance of each piece.
+    """
+    middle, radius = _spheres(corners)
+    d, number = corners.shape[1], int(others.max(initial=0)) + 1
+    inside = pieces(d, int(np.clip(np.ceil(2.0 * radius[i].max(initial=0.0) / reach), 1, MOST[d])))
+    points = np.einsum("pc,fcd->fpd", inside, corners)
+    key, which = np.unique(i * number + others, return_inverse=True)
+    least = np.full((len(key), len(inside)), np.inf)
+    for some in np.array_split(np.arange(len(i)), len(i) // AT_ONCE + 1):
+        apart = np.linalg.norm(points[i[some]] - middle[j[some], None], axis=2)
+        pair, piece = np.nonzero(apart <= reach + radius[j[some], None])
+        pair = some[pair]
+        np.minimum.at(least, (which.ravel()[pair], piece),
+                      distances(points[i[pair], piece][:, None], corners[j[pair]])[:, 0])
+    return *np.divmod(key, number), points, least
+
+
+def _spheres(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and radii of spheres around facets."""
+    middle = corners.mean(axis=1)
+    return middle, np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)

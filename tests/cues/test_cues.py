@@ -192,7 +192,7 @@ def test_contacts_hardly_depend_on_the_spacing(d: int, bounds: tuple) -> None:
     for count, bound in zip({2: (31, 63, 126), 3: (200, 800, 3200)}[d], bounds, strict=True):
         cells = [disc(count, (10.2 * k, 5.2)) if d == 2 else ball(count, (10.2 * k, 0.0, 5.2)) for k in range(2)]
         found = Contact().value(sensed(*cells))[1, 0]  # spacings of 1, 0.5, 0.25 µm; in space of 1.3, 0.6, 0.3 µm
-        assert abs(found / exact - 1.0) < bound, found  # measured 0.036, 0.018, 0.0024; in space 0.18, 0.041, 0.012
+        assert abs(found / exact - 1.0) < bound, found  # measured 0.031, 0.018, 0.0024; in space 0.18, 0.048, 0.012
 
 
 def test_the_gate_is_one_in_contact_zero_beyond_and_gradual_between() -> None:
