@@ -188,3 +188,18 @@ def test_the_speed_of_a_cell_is_that_of_its_polarity(polar):
     mean, way = 0.5 * (p[1:] + p[:-1]), np.diff(x)
     late = slice(5, None)  # the cell has settled
     assert np.corrcoef(mean[late], way[late])[0, 1] > 0.95  # measured 0.971
+
+
+def test_tracks_and_cues_have_the_same_bits_on_three_ranks_and_after_resume(
+        cellmig: Callable[..., subprocess.CompletedProcess], tmp_path):
+    sets = ("particles.per_cell=60", "time.end=1 us", "time.samples=4", "time.frames=2", "time.step=2 ns",
+            'polarity={persistence="1 us"}', 'cues=[{law="contact", reach="0.5 um"}, {law="given", vector=[0.5]}]')
+    case = (CASES["two_three"], *(word for text in sets for word in ("--set", text)), "--quiet", "--out")
+    assert cellmig(1, *case, tmp_path / "one").returncode == 0
+    assert cellmig(3, *case, tmp_path / "three", "--until", "0.5 us").returncode == 0
+    assert cellmig(1, "resume", tmp_path / "three", "--until", "1 us", "--quiet").returncode == 0
+    same, lines = diff(tmp_path / "one", tmp_path / "three")
+    assert same and {"tracks.csv", "cues.csv"} <= {line.partition(":")[0] for line in lines}, lines
+    found = read_table(tmp_path / "one/cues.csv")
+    assert list(found)[3:] == ["polarity", "push_pn_per_um", "1_contact", "2_given"]
+    assert (found["2_given"] == 0.5).all() and len(found["cell"]) == 15
