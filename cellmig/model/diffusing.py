@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ..case.registry import law, parameter, quantity
 
+MOST = 50_000_000  # volumes, of which each takes about a kilobyte
 SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 _WALL = "\"closed\": nothing passes; \"open\": the flow carries out what it has, and brings nothing in; or the " \
         "concentration there"
@@ -77,6 +79,8 @@ class Diffusing:
                              '[["-100 um", "0 um"], ["100 um", "50 um"]]')
         if min(self.volumes) < 2:
             raise ValueError("spacing: the box has to be at least two volumes wide")
+        if math.prod(self.volumes) > MOST:
+            raise ValueError(f"spacing: there would be {math.prod(self.volumes):.3g} volumes, more than {MOST:,}")
         given, walls = self.walls or Walls(), self.sides
         if self.dimension == 2 and (given.front, given.back) != ("closed", "closed"):
             raise ValueError("walls: front and back are there in three dimensions only")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ class DiffusingField:
     Attributes
     ----------
     time : float -- up to which the field is known [µs].
+    seconds : float -- wall time that it has taken here [s].
     whole : (volumes,) -- concentrations on rank 0, along x first [1/µm³]; None on others.
     molecules : Molecules -- on rank 0.
     steps, redone, lowered : int -- steps taken, those repeated for accuracy, those of second order that might have been
@@ -55,7 +57,7 @@ class DiffusingField:
         self.name, self.law, self._comm = name, law, comm
         self._alone = math.prod(law.volumes) <= DIRECT[law.dimension]
         self._here = comm.rank == 0 or not self._alone
-        self.time = self._last = self._dt = 0.0
+        self.time = self.seconds = self._last = self._dt = 0.0
         self.steps = self.redone = self.lowered = 0
         self.molecules = Molecules(np.zeros(cells), np.zeros(cells))
         self.whole: Any = None
@@ -86,10 +88,12 @@ class DiffusingField:
 
         Raises NumericsError where a cell that exchanges has left the box, or molecules are lost.
         """
+        begun = perf_counter()
         if self._alone:
             self.time = computed_on_root(self._comm, lambda: self._advance(until, x))
         else:
             self.time = self._advance(until, self._comm.bcast(x))
+        self.seconds += perf_counter() - begun
 
     def _advance(self, until: float, x: np.ndarray) -> float:
         interval, before = until - self.time, x if self._surfaces is None else self._surfaces

@@ -86,8 +86,8 @@ class Fields:
         for name, f in self.diffusing.items():
             lowered = f", {f.lowered} taken with order 1 to stay positive" * (f.lowered > 0)
             error = abs(f.molecules.lost) / max(f.molecules.turnover, 1e-300)
-            told.append(f"field {name}: {f.steps} steps, {f.redone} repeated for accuracy{lowered}; its molecules are "
-                        f"accounted for to {error:.1g}")
+            told.append(f"field {name}: {f.steps} steps in {f.seconds:.3g} s, {f.redone} repeated for accuracy{lowered}"
+                        f"; its molecules are accounted for to {error:.1g}")
         return told
 
     def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -116,7 +116,7 @@ class Transport:
         Raises NumericsError where it does not converge.
 
         Source: the monotone Newton theorem of Ortega & Rheinboldt (1970), Iterative Solution of Nonlinear Equations in
-        Several Variables, 13.3.
+        Several Variables, chapter 13.
         """
         V, c, best = self.grid.volume, first, np.inf
         scale = self.total(V / tau * np.abs(base) + self._source + self._inflow)

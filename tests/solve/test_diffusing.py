@@ -249,6 +249,19 @@ def test_a_scene_that_is_saved_between_knots_goes_on_with_the_same_bits() -> Non
             assert str(after.fields.rows()) == str(once.fields.rows())
 
 
+def test_in_space_molecules_are_accounted_for_on_any_ranks() -> None:
+    box = '[["-30 um", "-20 um", "0 um"], ["40 um", "20 um", "20 um"]]'
+    scene = case("three_balls", 'polarity.persistence="2 us"', *[s.replace(
+        '[["-30 um", "0 um"], ["50 um", "30 um"]]', box) for s in LIVING[1:]])
+    with built(scene) as sim:
+        sim.go(0.2)
+        account = sim.fields.diffusing["c"].molecules
+        if WORLD.rank == 0:
+            assert account.secreted[0] > 0.0 and (account.taken > 0.0).all()
+            assert abs(account.lost) <= 1e-12 * account.turnover
+            assert sim.fields.grids()["c"].count == [35, 20, 10]
+
+
 def test_molecules_and_values_are_written_beside_the_cells(shared_tmp) -> None:
     import h5py
 

@@ -101,7 +101,7 @@ def spreading_ball(spacing: float) -> Measured:
 
 
 @reference("secreting-disc", shows="steady field of a disc that secretes Q from its edge, with decay",
-           source="Q/(2πD) I0(a/λ) K0(r/λ) outside, I0 and K0 exchanged inside, λ² = D/k (Carslaw & Jaeger 1959, 14.8)",
+           source="Q/(2πD) I0(a/λ) K0(r/λ) outside, a and r exchanged inside, λ² = D/k: Green's function of each point",
            at=(2.0, 1.0, 0.5), seconds=3.0,
            expected={"outside": converges(2, VOLUMES), "middle": converges(2, VOLUMES),
                      "on the edge": converges(1, "the field has a kink there, which is spread over a volume")})
@@ -125,7 +125,7 @@ def secreting_disc(spacing: float) -> Measured:
 
 
 @reference("moving-source", shows="field of a disc that secretes and moves, and of one at rest in a flow",
-           source="Q/(2πD) exp(-v x/2D) K0(r √(v²/4D² + k/D)) of each point (Carslaw & Jaeger 1959, 10.7)",
+           source="Q/(2πD) exp(-v x/2D) K0(r √(v²/4D² + k/D)) of each point, by Green's function",
            at=(2.0, 1.0, 0.5), seconds=40.0,
            expected={"moving": converges(2, "volumes, and steps of second order in proportion"),
                      "in a flow": converges(2, "exponential fitting, at Péclet numbers of a volume below 1")})
@@ -239,6 +239,6 @@ def molecules(spacing: float) -> Measured:
             run.advance(k * 10.0 / S, np.concatenate([corners - 12.0 + shift, corners + 12.0 - shift]))
             least = min(least, float(run.whole.min() / run.whole.max()))
         account = run.molecules
-        found |= {f"lost in {where}": abs(account.lost) / account.turnover, f"negative in {where}": -least}
+        found |= {f"lost in {where}": abs(account.lost) / account.turnover, f"negative in {where}": abs(least)}
         run.close()
     return Measured(spacing, found)
