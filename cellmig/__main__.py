@@ -254,7 +254,8 @@ def show(options: argparse.Namespace) -> int:
         from .runs.tracks import as_json, measure, report
 
         interval = _time(options.interval, "--interval") if options.interval else None
-        found = measure(options.directories, interval, "xy".index(options.axis))
+        found = measure(options.directories, interval, "xy".index(options.axis),
+                        options.cells.split(",") if options.cells else ())
         print(as_json(found) if options.json else report(found))
         return DONE
     if options.command == "info":

@@ -149,6 +149,7 @@ def _about_runs(commands: Any) -> None:
     tracks.add_argument("--axis", choices=("x", "y"), default="x", help="of the forward migration index (default: x)")
     tracks.add_argument("--interval", metavar='"10 min"', help="between the positions that ways and speeds are made of "
                         "(default: that of the samples)")
+    tracks.add_argument("--cells", metavar="NAME,NAME", help="these cells only, such as Leader-*")
     tracks.add_argument("--json", action="store_true", help="JSON instead of tables")
     plot = commands.add_parser("plot", help="pictures of a run")
     plot.add_argument("directory", type=Path, help="of a run")

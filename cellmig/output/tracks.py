@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ..case.messages import CaseError, Mistake, suggest
 from ..case.time_unit import TimeUnit
 from .directory import OutputError, existing_run
 from .manifest import read_manifest
@@ -38,6 +40,18 @@ class Tracks:
     def along(self) -> np.ndarray:
         """Positions along the substrate (cells, n, d - 1) [µm]."""
         return self.x[:, :, :-1]
+
+    def only(self, names: Sequence[str]) -> Tracks:
+        """Tracks of the cells whose names are given, or match as those of files do: "Cell-*".
+
+        Raises CaseError where no cell has such a name.
+        """
+        for name in names:
+            if not fnmatch.filter(self.names, name):
+                why = f"no cell is called '{name}'{suggest(name, self.names)}"
+                raise CaseError([Mistake("--cells", None, "", why)])
+        kept = [k for k, own in enumerate(self.names) if any(fnmatch.fnmatchcase(own, name) for name in names)]
+        return replace(self, x=self.x[kept], names=tuple(self.names[k] for k in kept))
 
     def every(self, count: int) -> Tracks:
         """Tracks of every `count`-th sample."""

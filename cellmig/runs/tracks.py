@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from cellmig.case.messages import CaseError, Mistake
 from cellmig.output import motion
-from cellmig.output.directory import OutputError
 from cellmig.output.log import two_columns
 from cellmig.output.manifest import plain
 from cellmig.output.motion import mean_and_error
@@ -24,7 +24,8 @@ _HEAD = {"way_um": "way µm", "net_um": "net µm", "speed": "speed µm/{unit}", 
          "directionality": "directionality", "cosine": "cos φ"}  # columns of the table by cell
 
 
-def measure(directories: Sequence[Path], interval: float | None = None, axis: int = 0) -> dict[str, Any]:
+def measure(directories: Sequence[Path], interval: float | None = None, axis: int = 0,
+            only: Sequence[str] = ()) -> dict[str, Any]:
     """Measures of motion along the substrate of the cells of all runs.
 
     Parameters
@@ -32,6 +33,7 @@ def measure(directories: Sequence[Path], interval: float | None = None, axis: in
     directories : list of Path -- of the runs, whose cells are pooled; they have one interval of samples.
     interval : float -- between the positions of which speeds and ways are made [µs]; that of the samples by default.
     axis : int -- of the index, along the substrate.
+    only : list of str -- names of cells, such as "Leader-*"; by default all.
 
     Returns
     -------
@@ -43,12 +45,13 @@ def measure(directories: Sequence[Path], interval: float | None = None, axis: in
     Raises
     ------
     OutputError -- where a directory is no run's, runs differ in interval or dimension, or tracks are too short.
+    CaseError -- for an interval, an axis or a name of cells that the runs do not have.
     """
     found = pooled(directories)
     if axis >= found[0].along.shape[2]:
-        raise OutputError("--axis y: seen from the side, cells move along x only")
+        raise CaseError([Mistake("--axis", None, "", "seen from the side, cells move along x only")])
     count = _count(found[0], interval)
-    found = [tracks.every(count) for tracks in found]
+    found = [(tracks.only(only) if only else tracks).every(count) for tracks in found]
     unit, dt, x = found[0].unit, found[0].interval, np.concatenate([tracks.along for tracks in found])
     cells: dict[str, np.ndarray] = {
         "way_um": motion.path(x), "net_um": motion.net(x), "speed": motion.speeds(x, dt).mean(axis=1),
@@ -74,15 +77,17 @@ def measure(directories: Sequence[Path], interval: float | None = None, axis: in
 
 
 def _count(tracks: Tracks, interval: float | None) -> int:
-    """Number of intervals of samples in an interval [µs]."""
+    """Number of intervals of samples in an interval [µs].  Raises CaseError unless it is whole."""
     if interval is None:
         return 1
-    ratio = tracks.unit.number(interval) / tracks.interval
+    ratio, unit = tracks.unit.number(interval) / tracks.interval, tracks.unit.label
     if abs(ratio - round(ratio)) > 0.02 * ratio or round(ratio) < 1:
-        raise OutputError(f"--interval: samples are {tracks.interval:.4g} {tracks.unit.label} apart: give a multiple")
-    if round(ratio) >= len(tracks.time):
-        raise OutputError(f"--interval: the tracks are {tracks.time[-1] - tracks.time[0]:.4g} {tracks.unit.label} long")
-    return round(ratio)
+        why = f"samples are {tracks.interval:.4g} {unit} apart: give a multiple"
+    elif round(ratio) >= len(tracks.time):
+        why = f"the tracks are {tracks.time[-1] - tracks.time[0]:.4g} {unit} long"
+    else:
+        return round(ratio)
+    raise CaseError([Mistake("--interval", None, "", why)])
 
 
 def _together(found: Sequence[Tracks]) -> dict[str, tuple[float, float]]:

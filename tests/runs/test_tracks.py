@@ -13,6 +13,7 @@ from scenes import CASES
 
 from mpi4py import MPI
 
+from cellmig.case.messages import CaseError
 from cellmig.case.time_unit import TimeUnit
 from cellmig.output.directory import OutputError
 from cellmig.output.manifest import read_manifest, write_manifest
@@ -81,6 +82,13 @@ def test_a_drift_is_seen_in_the_index_along_its_axis_only(tmp_path):
     assert along["mean"]["fmi"] > 0.3 and abs(across["mean"]["fmi"]) < 3.0 * across["error"]["fmi"]
 
 
+def test_some_cells_can_be_measured_by_their_names(seeds):
+    found = measure(seeds, only=["Cell-1*", "Cell-20"])
+    assert len(found["cells"]["name"]) == 2 * 12 and set(found["cells"]["name"]) >= {"Cell-1", "Cell-19", "Cell-20"}
+    with pytest.raises(CaseError, match="no cell is called 'cell-1'; did you mean 'Cell-1'"):
+        measure(seeds, only=["cell-1"])
+
+
 def test_a_longer_interval_takes_shorter_ways(seeds):
     every, fifth = measure(seeds), measure(seeds, interval=5 * HOUR)
     assert fifth["interval"] == 5.0 and fifth["samples"] == 33
@@ -114,7 +122,7 @@ def test_json_has_units_in_its_names_and_null_where_nothing_is_known(seeds, tmp_
 def test_what_cannot_be_measured_is_said(tmp_path, times, dimension, interval, axis, said):
     one = leave(tmp_path / "one", np.zeros((1, 20, 2)))
     two = leave(tmp_path / "two", np.zeros((1, len(times), dimension)), np.array(times))
-    with pytest.raises(OutputError, match=said):
+    with pytest.raises((OutputError, CaseError), match=said):
         measure([one, two], interval and interval * HOUR, axis)
 
 
