@@ -140,6 +140,19 @@ def paper(options: argparse.Namespace) -> int:
                  options.quick, only, options.sets, tension, options.dimension)
 
 
+def guidance(options: argparse.Namespace) -> int:
+    """Judge published facts on guidance by runs."""
+    from .guidance.claims import CLAIMS
+    from .guidance.guidance import guidance
+
+    only = [key.strip().upper() for key in options.only.split(",")] if options.only else []
+    if unknown := [key for key in only if key not in CLAIMS]:
+        raise UsageError(f"--only: no claim '{unknown[0]}'; there are {', '.join(CLAIMS)}")
+    name = "-".join(["guidance", *["quick"] * options.quick, *map(_in_a_name, options.sets)])
+    return guidance(options.out or Path("output") / name, options.seeds or (3 if options.quick else 8), options.jobs,
+                    options.quick, only, options.sets)
+
+
 def _in_a_name(text: str) -> str:
     """A change KEY=VALUE as part of the name of a directory."""
     return re.sub(r"[^\w.=-]+", "_", text.replace('"', "")).strip("_")
@@ -332,13 +345,14 @@ def main() -> None:
             from .runs.ranks import start_again
 
             start_again(options, words, lambda: _load(options.case, options.sets))
-        if not serial or options.command in ("validate", "sweep", "paper", "verify", "bench") or RANKS > 1:
+        if not serial or options.command in ("validate", "sweep", "paper", "guidance", "verify", "bench") or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         _include(getattr(options, "laws", ()))
         if not serial:
             code = (run if options.command == "run" else resume)(options, comm)
         else:  # other ranks have nothing to do
-            command = {"validate": validate, "sweep": sweep, "paper": paper, "verify": verify, "bench": bench}
+            command = {"validate": validate, "sweep": sweep, "paper": paper, "guidance": guidance, "verify": verify,
+                       "bench": bench}
             code = command.get(options.command, show)(options) if RANK == 0 else DONE
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, such as `head`, closed the pipe

@@ -108,7 +108,8 @@ def parser() -> Parser:
     _laws(validate)
     _sweep(commands)
     _about_runs(commands)
-    _others(commands)
+    _studies(commands)
+    _checks(commands)
     return top
 
 
@@ -162,8 +163,8 @@ def _about_runs(commands: Any) -> None:
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
 
 
-def _others(commands: Any) -> None:
-    """Add the commands that need no case file and no run."""
+def _studies(commands: Any) -> None:
+    """Add the commands that run many cases and judge claims."""
     paper = commands.add_parser("paper", help="the paper's cases over many seeds: its claims, its figures")
     paper.add_argument("--out", type=Path, help="directory (default: output/paper, with --quick output/paper-quick, "
                        "in space output/paper-3d, followed by what is set)")
@@ -176,6 +177,19 @@ def _others(commands: Any) -> None:
                        f"again with this tension of the cells' surfaces, side by side (without a value: {TENSION}, as "
                        "measured of neutrophils)")
     _sets(paper)
+    guidance = commands.add_parser(
+        "guidance", help="published facts on chemotaxis and durotaxis over many seeds: claimed, measured, what holds")
+    guidance.add_argument("--out", type=Path, help="directory (default: output/guidance, with --quick "
+                          "output/guidance-quick, followed by what is set)")
+    guidance.add_argument("--seeds", type=_count, help="random seeds of each case (default: 8, with --quick 3)")
+    guidance.add_argument("--jobs", type=_count, help="runs at a time (default: one for each core)")
+    guidance.add_argument("--quick", action="store_true", help="coarse particles, half the time: minutes")
+    guidance.add_argument("--only", metavar="G1,G2", help="these claims only, with the runs that they need")
+    _sets(guidance)
+
+
+def _checks(commands: Any) -> None:
+    """Add the commands that tell how right and how fast it is, and the schema."""
     verify = commands.add_parser("verify", help="compare with known solutions; other checks of correctness",
                                  description="References against exact and published solutions at three resolutions or "
                                              "more: errors, orders, verdicts; exit code 1 if one does not hold. "
@@ -250,7 +264,7 @@ def _laws(command: argparse.ArgumentParser) -> None:
 
 
 COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "schema", "doctor",
-            "paper", "verify", "bench")
+            "paper", "guidance", "verify", "bench")
 
 
 def what_first(words: list[str]) -> list[str]:
