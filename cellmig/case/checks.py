@@ -37,6 +37,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _parts(source, found)
     _pairs(source, found)
     _rubs(source, found)
+    _solids(source, found)
     _walls(source, found)
     _equilibria(source, found)
     _without_inertia(source, found)
@@ -130,6 +131,15 @@ def _nucleus(source: Source, cell: Cell, path: tuple) -> None:
         source.reject((*path, "nucleus"), f"a nucleus has a size, too: {keys[0]} is missing")
     elif cell.nucleus is None and given:
         source.reject((*path, given[0]), "a nucleus has a material, too: nucleus is missing")
+
+
+def _solids(source: Source, found: dict[str, Any]) -> None:
+    """Note a relative stiffness of what is no solid."""
+    for cell, path in {path: (cell, path) for cell, path in found["cells"]}.values():
+        laws = [(found["materials"] or {}).get(name) for name in (cell.material, cell.nucleus)]
+        if cell.relative_stiffness != 1.0 and any(law is not None and law.viscosity for law in laws):
+            source.reject((*path, "relative_stiffness"), "is that of a solid, such as \"mooney-rivlin\"; what '"
+                          f"{cell.name}' is made of has a viscosity")
 
 
 def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:

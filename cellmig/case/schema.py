@@ -89,6 +89,9 @@ class Cell:
                            "first one", False)
     material: str = parameter("material of the cytoplasm, or of the whole body", refers="material")
     nucleus: str | None = parameter("material of the nucleus", None, refers="material")
+    relative_stiffness: float = quantity("", "factor on the elastic moduli of a solid, from place to place; may be a "
+                                         "formula of x, y (and z) [um] from the centre, such as \"1 + 0.02*x\"", 1.0,
+                                         above=0, formula=True)
     cortex: bool = parameter("whether the surface has the tension of [cortex]; false for what is no cell, such as a "
                              "gel below cells", True)
     friction: Any = parameter("friction of this cell in place of that of [friction], such as "

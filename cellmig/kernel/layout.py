@@ -182,6 +182,7 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     fields |= {name: name for name in ("viscosity", "shear_modulus", "dilation_modulus")}
     fields |= {name: name for name in ("bending_weight", "bending_modulus") if bends}
     fields |= {name: name for name in ("director_modulus",) if turns}
+    fields |= {"grade": "grades"} if terms.graded else {}
     out = {name: stencils.by_lane(scene.field(attribute)) for name, attribute in fields.items()}
     out["per_mass"] = stencils.by_lane(1.0 / scene.field("mass"))
     return out | (_plane if D == 2 else _space)(stencils, parts, adjoints, bends or turns)

@@ -155,7 +155,7 @@ def formulas(terms: Terms) -> tuple[tuple, ...]:
 def sizes(terms: Terms) -> dict[str, int]:
     """Constants of the C source: dimensions, and whether a scene has what needs no file of its own."""
     return {"D": terms.dimension, "M": numbers(terms.dimension), "STABILISED": terms.stabilised,
-            "STIFFENED": terms.stiffened, "BENDS": terms.stabilised or terms.stiffened,
+            "STIFFENED": terms.stiffened, "GRADED": terms.graded, "BENDS": terms.stabilised or terms.stiffened,
             "BULK_DAMPED": terms.bulk_damped, "ACTIVE": terms.active, "DIRECTOR": terms.has_director,
             "GUIDED": terms.guided, "SIDES": terms.sides,
             "CONSTRAINED": terms.load_curves is not None, "NETWORK": terms.network,

@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, eigsh
 
+from ..case.expression import Expression, evaluate
 from ..case.time_unit import MICROSECOND, TimeUnit
 from ..geometry import polygons
 from . import rkpm
+from .operators import largest, strain_operator
 from .recovery import recovery
 from .simplices import Gradient, averaged, by_area, edges_of, facet_sizes, nodal_volumes, shape_gradients
 from .stabilisation import laplacian, missed
@@ -51,6 +52,7 @@ class Template:
     laws : tuple -- material laws of body and nucleus; the latter is None if there is no nucleus.
     damping : (n,) -- bulk viscosity of the numerical damping [Pa µs].
     dilation : float -- support radius of RKPM over the spacing, 0 for averages of finite elements [-].
+    grade : (n,) or None -- elastic moduli over those of the laws [-]; None where they are those.
     x0, F0 : (n, D) [µm], (n, D, D) [-], or None -- positions from the centre and deformation gradients when the
         neighbours were found, where that was not in the reference configuration: see `renewal.renewed`.
     along : (m,) [µm] or None -- places of the surface particles along the reference outline, ascending along each loop
@@ -76,6 +78,7 @@ class Template:
     laws: tuple
     damping: np.ndarray
     dilation: float
+    grade: np.ndarray | None = None
     x0: np.ndarray | None = None
     F0: np.ndarray | None = None
     along: np.ndarray | None = None
@@ -153,7 +156,12 @@ class Template:
     @cached_property
     def shear_modulus(self) -> np.ndarray:
         """Shear moduli at rest (n,) [Pa]."""
-        return self._by_law("shear_modulus")
+        return self._by_law("shear_modulus") * self.grades
+
+    @property
+    def grades(self) -> np.ndarray:
+        """Elastic moduli over those of the laws (n,) [-]."""
+        return np.ones(len(self.X)) if self.grade is None else self.grade
 
     @property
     def dilation_modulus(self) -> np.ndarray:
@@ -168,7 +176,7 @@ class Template:
     @cached_property
     def elastic_weight(self) -> np.ndarray:
         """P-wave modulus ρ c² (n,) [Pa]."""
-        return self._by_law("density") * self._by_law("sound_speed") ** 2
+        return self._by_law("density") * self._by_law("sound_speed") ** 2 * self.grades
 
     @cached_property
     def bound(self) -> np.ndarray:
@@ -212,7 +220,7 @@ class Template:
     @cached_property
     def diffusion(self) -> float:
         """Largest eigenvalue of -V⁻¹ div V grad [1/µm²], rounded up: the fastest relaxation rate per diffusivity."""
-        return _largest(self._relaxation, len(self.X))
+        return largest(self._relaxation, len(self.X))
 
     @property
     def _relaxation(self) -> sparse.csr_matrix:
@@ -237,38 +245,15 @@ class Template:
         n, D = self.X.shape
         scale = sparse.diags(1.0 / np.sqrt(self.mass))
         G = tuple(g @ scale for g in self.G)
-        viscous = _strain_operator(G, self.V, self.viscosity, self.damping)
-        elastic = _strain_operator(G, self.V, self.shear_modulus, self.dilation_modulus)
-        return (_largest(scale @ self.S @ scale, n), _largest(viscous, D * n), _largest(elastic, D * n),
-                _largest(scale @ self.E @ scale, n))
-
-
-def _strain_operator(G: Gradient, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
-    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y, z (D n,)."""
-    n, D = len(V), len(G)
-
-    def apply(v: np.ndarray) -> np.ndarray:
-        L = [[g @ part for g in G] for part in v.reshape(D, n)]
-        p = volumetric * sum(L[k][k] for k in range(D))
-        s = [[V * 2 * shear * (0.5 * (L[i][j] + L[j][i])) for j in range(D)] for i in range(D)]
-        for k in range(D):
-            s[k][k] = V * (2 * shear * L[k][k] + p)
-        return np.concatenate([sum(g.T @ part for g, part in zip(G, row, strict=True)) for row in s])
-
-    return LinearOperator((D * n, D * n), apply, dtype=float)
-
-
-def _largest(operator: Any, n: int) -> float:
-    """Largest eigenvalue of a symmetric operator (n, n), rounded up to three digits: its last bits do not matter."""
-    start = np.cos(np.arange(n) ** 1.5)
-    if not (operator @ start).any():  # versions of ARPACK differ in what they make of a zero matrix
-        return 0.0
-    top = eigsh(operator, 1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)[0]
-    return float(f"{max(top, 0.0) * 1.01:.2e}")
+        viscous = strain_operator(G, self.V, self.viscosity, self.damping)
+        elastic = strain_operator(G, self.V, self.shear_modulus, self.dilation_modulus)
+        return (largest(scale @ self.S @ scale, n), largest(viscous, D * n), largest(elastic, D * n),
+                largest(scale @ self.E @ scale, n))
 
 
 def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosity: float,
-             refinement: float = 1.0, solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
+             refinement: float = 1.0, solve: Callable[..., np.ndarray] = rkpm.factorised,
+             grade: float | Expression = 1.0) -> Template:
     """Discretise a shape.
 
     Parameters
@@ -280,6 +265,7 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     bulk_viscosity : float -- of the numerical damping, over ρ c h [-].
     refinement : float -- density of particles along the surface over that inside [-].
     solve : function -- as for `rkpm.consistent`.
+    grade : float or formula -- elastic moduli over those of the laws [-].
     """
     layout = shape.particles(count, refinement)
     X, D = polygons.snapped(layout.X), layout.X.shape[1]
@@ -311,11 +297,13 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     weight = missed(D, dilation) * V * square
     modulus = np.where(nucleus, inner.numerical_modulus, body.numerical_modulus)
     wave = np.where(nucleus, inner.density * inner.sound_speed, body.density * body.sound_speed)
+    relative = None if grade == 1.0 else evaluate(grade, X)
     R = recovery(X, G[0], support, nucleus)
     parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
     heaviness = np.ones(count) if D == 2 else by_area(X, V, triangles) / V
     return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
-                    weight * modulus, weight, R, spacing, laws, bulk_viscosity * spacing * wave, dilation)
+                    weight * modulus * (1.0 if relative is None else relative), weight, R, spacing, laws,
+                    bulk_viscosity * spacing * wave, dilation, relative)
 
 
 def _spacing(X: np.ndarray, layout: Any) -> float:

@@ -15,6 +15,7 @@ from ..model.protocols import LoadCurve
 from .body import Scene
 from .boundary import cells_of, facets_of, numbers_of, particles_of, points_on
 
+POSITIVE = ("relative_stiffness",)  # keys whose values are not 0 or less
 TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding
 TIMES = 1001  # number of times, from the start to the end, at which a load curve is checked
 
@@ -29,7 +30,7 @@ def check(case: Case, scene: Scene) -> None:
     for kind, item, key, cell, X in _points(case, scene):
         given = getattr(item, key)
         for value in given if isinstance(given, tuple) else (given,):
-            if isinstance(value, Expression) and (place := _undefined(value, X)) is not None:
+            if isinstance(value, Expression) and (place := _undefined(value, X, key in POSITIVE)) is not None:
                 at, found = place
                 spot = ", ".join(f"{x:.4g}" for x in at)
                 named = getattr(item, "name", "")
@@ -75,7 +76,7 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
     """Kind, item, key, cell, and the points (n, d) [µm] from its centre at which the key is evaluated."""
     seen = set()
     for number, cell in enumerate(case.cells):
-        for key in ("displacement", "velocity"):
+        for key in ("displacement", "velocity", "relative_stiffness"):
             if (one := (int(scene.kind[number]), getattr(cell, key))) not in seen:
                 seen.add(one)
                 yield "cells", cell, key, number, scene.templates[one[0]].X
@@ -97,12 +98,14 @@ def _points(case: Case, scene: Scene) -> Iterator[tuple[str, Any, str, int, np.n
                         [np.einsum("i,eid->ed", shares, corners) for shares, _ in points_on(corners)])
 
 
-def _undefined(value: Expression, X: np.ndarray) -> tuple[list[float], float] | None:
-    """The first of the points X (n, d) at which a formula has no finite value, and its value there."""
+def _undefined(value: Expression, X: np.ndarray, positive: bool) -> tuple[list[float], float] | None:
+    """The first of the points X (n, d) at which a formula has no finite value, or no positive one where it should be,
+    and its value there.
+    """
     size = np.ptp(X, axis=0).max() if len(X) else 0.0
     for points in (X, np.where(np.abs(X) < TINY * size, 0.0, X)):
         found = evaluate(value, points)
-        bad = np.flatnonzero(~(np.abs(found) <= LARGEST))
+        bad = np.flatnonzero(~(np.abs(found) <= LARGEST) | (positive & (found <= 0.0)))
         if len(bad):
             return points[bad[0]].tolist(), float(found[bad[0]])
     return None

@@ -97,6 +97,7 @@ class Terms:
     director : str -- "none", "frozen" or "relaxing".
     director_law : law or None -- that of the case.
     active : bool -- whether there is an active stress -ζ h⊗h.
+    graded : bool -- whether elastic moduli of a body vary from place to place.
     network : bool -- whether a material has a network whose bonds break and form again.
     stabilised, bulk_damped, stiffened : bool -- whether there are numerical viscosities, and a numerical stiffness.
     acceleration : tuple or None -- of the body force (2,) [µm/µs²].
@@ -126,6 +127,7 @@ class Terms:
     bulk_damped: bool = True
     stiffened: bool = False
     network: bool = False
+    graded: bool = False
     acceleration: tuple | None = None
     load_curves: tuple[LoadCurve, ...] | None = None
     single: bool = False
@@ -208,12 +210,17 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  acceleration=force, load_curves=outside, single=_single(case),
                  network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
                  inertia=not (case.overdamped or case.static), renewal=_renewal(case),
-                 guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
+                 graded=_graded(case), guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
     """The reason of the first condition that holds, None if none does."""
     return next((reason for holds, reason in conditions if holds), None)
+
+
+def _graded(case: Case) -> bool:
+    """Whether a body is not as stiff as its law."""
+    return any(cell.relative_stiffness != 1.0 for cell in case.cells)
 
 
 def _slack(case: Case) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ def energies(m: View, v: np.ndarray) -> dict[str, np.ndarray]:
     mass, V, material = m.scene.field("mass")[ids], m.scene.field("V")[ids], m.scene.material[ids]
     parts: dict[str, np.ndarray] = {"kinetic": 0.5 * mass * (v**2).sum(axis=1)}
     parts |= {name: np.zeros(m.n_owned) for name in ("elastic", "compression", "director")}
+    grades = m.grades()
     rows = {"F": m.state.tensors()[0], **m.internal_fields()}
     everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
     for i, law in enumerate(m.scene.materials):
@@ -27,7 +28,7 @@ def energies(m: View, v: np.ndarray) -> dict[str, np.ndarray]:
             if method == "energy" or (terms.director != "none" and hasattr(law, method)):
                 density = np.zeros(m.n_owned)
                 density[on] = pointwise(law, method, local)
-                parts[name] = parts[name] + V * density
+                parts[name] = parts[name] + (V if grades is None else V * grades[: m.n_owned]) * density
     parts["director"] = parts["director"] + m.missed_energy()
     for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
                             ("adhesion_cells", "contact", terms.contacts)):

@@ -92,10 +92,11 @@ class Sampler:
         F, rate = self.mechanics.state.tensors()
         J = determinant(F)
         everything = {"F": F, "Fdot": rate, **self.mechanics.internal_fields()}
-        terms, stress = self.mechanics.terms, np.zeros((len(J), 3, 3))
+        terms, stress, grades = self.mechanics.terms, np.zeros((len(J), 3, 3)), self.mechanics.grades()
         for law, on in self._some_rows():
             local = {k: v[..., on] for k, v in everything.items()}
-            P = np.array(pointwise(law, "stress", local))
+            grade = 1.0 if grades is None else grades[on]
+            P = grade * np.array(pointwise(law, "stress", local))
             if hasattr(law, "viscous_stress"):
                 P = P + np.array(pointwise(law, "viscous_stress", local))
             if terms.director != "none" and hasattr(law, "director_stress"):
@@ -105,7 +106,7 @@ class Sampler:
             d = len(F)
             stress[on, :d, :d] = np.einsum("ikn,jkn->nij", P, local["F"]) / J[on, None, None]
             if d == 2:
-                stress[on, 2, 2] = pointwise(law, "out_of_plane", local)
+                stress[on, 2, 2] = grade * pointwise(law, "out_of_plane", local)
         return stress, J
 
     def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:

@@ -135,6 +135,9 @@ class View(Protocol):
     def accounts(self) -> AccountsView:
         """Accounts of energy and impulses."""
 
+    def grades(self) -> np.ndarray | None:
+        """See `Mechanics.grades`."""
+
     def internal_fields(self) -> dict[str, np.ndarray]:
         """What laws take of the rows besides F and Ḟ, by their names there: network (d, d, n_rows) [-], gradients
         (m, d, n_rows) [1/µm] and axis (d, n_rows) [-] of the director; what the scene lacks is absent.

@@ -332,6 +332,10 @@ class Mechanics:
         """Energy of the director that nodal integrals miss (n_owned,) [pN µm], in space."""
         return self.director.missed_energy() if self.director is not None else np.zeros(self.n_owned)
 
+    def grades(self) -> np.ndarray | None:
+        """Elastic moduli of the rows over those of the laws (n_rows,) [-]; None where they are those."""
+        return self.scene.field("grades")[self.part.row_ids] if self.terms.graded else None
+
     def internal_fields(self) -> dict[str, np.ndarray]:
         """What laws take of the rows besides F and Ḟ, by their names there: those of network and director."""
         return {name: values for part in (self.network, self.director) if part is not None

@@ -42,16 +42,16 @@ def discretise(case: Case) -> Scene:
     used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
     kinds: dict = {}
     for cell in case.cells:
-        kinds.setdefault((cell.shape, cell.material, cell.nucleus), len(kinds))
+        kinds.setdefault((cell.shape, cell.material, cell.nucleus, cell.relative_stiffness), len(kinds))
     templates, material_of = [], []
-    for shape, body, nucleus in kinds:
+    for shape, body, nucleus, grade in kinds:
         pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
         try:
             count = particle_count(case, shape)
             solve = solve_positive if count > LARGE else factorised
             dilation = case.particles.dilation if case.dimension == 2 else 0.0  # averages of finite elements in space
             templates.append(template(shape, count, dilation, pair, case.numerics.bulk_viscosity,
-                                      case.particles.surface_refinement, solve))
+                                      case.particles.surface_refinement, solve, grade))
         except ValueError as error:  # the particles do not suit the shape
             name = next(c.name for c in case.cells if c.shape == shape)
             told = f"'{name}': {error}{getattr(shape, 'hint', '')}"
@@ -59,7 +59,7 @@ def discretise(case: Case) -> Scene:
         material_of.append((used.index(body), used.index(nucleus or body)))
     scene = Scene(
         templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
-        kind=np.array([kinds[c.shape, c.material, c.nucleus] for c in case.cells]),
+        kind=np.array([kinds[c.shape, c.material, c.nucleus, c.relative_stiffness] for c in case.cells]),
         centre=np.array([c.centre for c in case.cells]), time_unit=case.time_unit)
     formulas.check(case, scene)
     return scene

@@ -51,6 +51,7 @@ class State(GhostedField):
         Field("step_memory", "StepMemory *", "(n_blocks,)", "", "what the accounts of the next step need of this one"),
         # coefficients by stencil, which blocks with identical patterns share
         Field("volume", "double *", "(stencils, 4)", "µm²", "V"),
+        Field("grade", "double *", "(stencils, 4)", "", "elastic moduli over those of the laws, if any differ"),
         Field("per_mass", "double *", "(stencils, 4)", "µm/fg", "1/m"),
         Field("bulk_damping", "double *", "(stencils, 4)", "Pa µs", "bulk viscosity of the numerical damping"),
         Field("first", "long *", "(stencils + 1,)", "", "groups of neighbours of each stencil"),

@@ -65,6 +65,7 @@ class Stiffness:
                          for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
         self._material = scene.material[m.part.row_ids]
         self._modulus = np.array([law.density * law.sound_speed**2 for law in scene.materials])[self._material]
+        self._modulus = self._modulus if m.grades() is None else m.grades() * self._modulus
 
     def _wide(self, matrices: list, n_rows: int) -> sparse.csr_matrix:
         """The first `n_rows` rows of matrices, with the columns of all ranks."""
@@ -82,7 +83,7 @@ class Stiffness:
         m, terms, d = self.mechanics, self.mechanics.terms, self.dimension
         F, rate = m.state.tensors()
         given = {"F": F, "Fdot": rate, **m.internal_fields()}
-        A = np.zeros((d, d, d, d, F.shape[-1]))
+        A, grades = np.zeros((d, d, d, d, F.shape[-1])), m.grades()
         present = {"stress": True, "viscous_stress": True, "director_stress": terms.director != "none",
                    "active_stress": terms.active}
         for i, law in enumerate(m.scene.materials):
@@ -90,8 +91,9 @@ class Stiffness:
             local = {name: values[..., on] for name, values in given.items()}
             for method in present:
                 if present[method] and hasattr(law, method) and on.any():
-                    A[..., on] += _of_both(lambda l=law, k=method, q=local, **moved: pointwise(l, k, q | moved),
-                                           local, by_u, by_v)
+                    grade = 1.0 if grades is None or method != "stress" else grades[on]
+                    A[..., on] += grade * _of_both(lambda l=law, k=method, q=local, **moved: pointwise(l, k, q | moved),
+                                                   local, by_u, by_v)
         if self._damping is not None:
             A += _of_both(lambda F, Fdot: BulkDamping().stress(self._damping, F, Fdot)[0], given, by_u, by_v)
         A *= self._volume

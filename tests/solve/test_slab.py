@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, example, set_motion, smooth
+from scenes import built, case, everywhere, example, forces, set_motion, smooth
 from test_forces import NO_ETA, SOFT, approach
-from test_overdamped import BELL, at
+from test_overdamped import BELL, GEL, at
 
 from mpi4py import MPI
 
@@ -16,6 +16,7 @@ from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
+from cellmig.solve.stiffness import Stiffness
 from cellmig.verify.exact import Layer, poisson
 from cellmig.verify.specimens import RAMP, piece, rectangle
 
@@ -256,3 +257,43 @@ def test_a_body_without_a_cortex_has_no_tension() -> None:
     with built(from_dict(tree)) as sim:
         f = everywhere(sim, sim.mechanics.surface_force("cortex")[0])
         assert np.abs(f[sim.scene.cell == 1]).max() > 10.0 and not f[sim.scene.cell == 0].any()
+
+
+def test_a_layer_whose_stiffness_varies_with_the_height_shears_as_it_should() -> None:
+    """G = g G0 with g = (3 + y)/2 from y = -1 µm on, under a shear stress τ: u = 2 τ/G0 ln((3 + y)/2)."""
+    pull = {"name": "pull", "parts": ["top"], "traction": ["0.2 Pa", "0 Pa"], "load_curve": RAMP}
+    below = {"name": "below", "parts": ["bottom"], "load_curve": RAMP}
+    exact = "0.0002*log((3 + y)/2)"  # G0 is 2 kPa
+    beside = {"name": "beside", "parts": ["left", "right"], "displacement": [f"{exact} um", "0 um"], "load_curve": RAMP}
+    body = rectangle(4.0, 2.0, relative_stiffness="1.5 + 0.5*y")
+    with built(piece(body, 512, material=SOLID, supports=[below, beside], loads=[pull])) as sim:
+        sim.go(1.0)
+        y, u = sim.scene.X[:, 1], everywhere(sim, sim.mechanics.state.u)
+        right = 2e-4 * np.log((3.0 + y) / 2.0)
+        assert np.abs(u[:, 0] - right).max() < 3e-3 * right.max()
+        assert np.abs(everywhere(sim, sim.sampler.stresses()["stress"])[:, 0, 1] - 0.2).max() < 0.2 * 0.05
+        assert sim.sample()[1]["elastic_pn"] == pytest.approx(0.5 * 0.2 * 4.0 * right.max(), rel=1e-2)
+
+
+def test_one_relative_stiffness_everywhere_is_that_of_the_law() -> None:
+    """In forces, to rounding, and in the tangent."""
+    twice = {name: value.replace("1 k", "2 k") for name, value in SOLID.items()}
+    found = []
+    for body, material in (({"relative_stiffness": 2.0}, SOLID), ({}, twice)):
+        free = piece(rectangle(8.0, 2.0) | body, 256, material=material, time={"integrator": "leapfrog"})
+        with built(free) as sim:
+            set_motion(sim, smooth(sim.scene.X, 1, 0.05))
+            found.append((forces(sim), abs(Stiffness(sim.mechanics).internal()).sum()))
+    assert np.abs(found[0][0] - found[1][0]).max() < 1e-12 * np.abs(found[1][0]).max()
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-12)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("material", "factor", "message"), [
+    ("slab", "1 - x", "no value that can be computed with"), ("fluid", 2.0, "is that of a solid")])
+def test_a_relative_stiffness_is_positive_and_that_of_a_solid(material: str, factor: Any, message: str) -> None:
+    tree = on_a_slab().resolved()
+    tree["materials"]["fluid"] = GEL
+    tree["cells"][0] |= {"relative_stiffness": factor, "material": material}
+    with pytest.raises(CaseError, match=message), built(from_dict(tree)):
+        pass

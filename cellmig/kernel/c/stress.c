@@ -60,6 +60,7 @@ INLINED void elastic(const KernelData *s, long b, const int material, const v4 F
         director_stress(s, material, F, g, T);
         add_stress(P, T);
     }
+    if (GRADED) V *= load(s->grade + 4L * block_at(s, b)->stencil);
     scale(P, V);
 }
 
