@@ -44,8 +44,9 @@ def example(kind: str, name: str) -> Any:
 
 
 def case(name: str, *sets: str, per_cell: int = 150) -> Case:
-    """A case of the folder `cases`, coarse, with other values if wanted."""
-    return load(CASES[name], [f"particles.per_cell={per_cell}", *sets])
+    """A case of the folder `cases`, coarse unless it gives a spacing, with other values if wanted."""
+    coarse = [] if load(CASES[name]).particles.spacing else [f"particles.per_cell={per_cell}"]
+    return load(CASES[name], [*coarse, *sets])
 
 
 @contextlib.contextmanager

@@ -11,7 +11,11 @@ from .simplices import Gradient
 
 
 def strain_operator(G: Gradient, V: np.ndarray, shear: np.ndarray, volumetric: np.ndarray) -> LinearOperator:
-    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y, z (D n,)."""
+    """Operator v ↦ Σ_I V_I (2 shear d + volumetric tr(d) I) ∇N_J on vectors of x components, then y, z (D n,).
+
+    G : (n, n) CSR for each direction -- gradients [1/µm];  V : (n,) -- volumes [µm^D];  shear, volumetric : (n,) --
+    moduli [Pa] or viscosities [Pa µs].  Source: isotropic linear elasticity, in nodal integrals.
+    """
     n, D = len(V), len(G)
 
     def apply(v: np.ndarray) -> np.ndarray:
@@ -26,7 +30,9 @@ def strain_operator(G: Gradient, V: np.ndarray, shear: np.ndarray, volumetric: n
 
 
 def largest(operator: Any, n: int) -> float:
-    """Largest eigenvalue of a symmetric operator (n, n), rounded up to three digits: its last bits do not matter."""
+    """Largest eigenvalue of a symmetric operator (n, n), in its unit [1/µs], [1/µs²] or [1/µm²], rounded up to three
+    digits: its last bits do not matter.
+    """
     start = np.cos(np.arange(n) ** 1.5)
     if not (operator @ start).any():  # versions of ARPACK differ in what they make of a zero matrix
         return 0.0

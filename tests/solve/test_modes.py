@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from cellmig.case.load import from_dict
-from cellmig.meshfree.body import _strain_operator
+from cellmig.meshfree.operators import strain_operator
 from cellmig.simulation import Simulation
 from cellmig.solve.modes import CAUTION
 from cellmig.solve.step import NumericsError
@@ -32,7 +32,7 @@ def fastest(sim: Simulation) -> tuple[float, float]:
         def largest(shear, bulk, gx=gx, gy=gy, volume=volume):
             if not (np.any(shear) or np.any(bulk)):
                 return 0.0  # a solid has no viscosity, and ARPACK no answer
-            operator = _strain_operator((gx, gy), volume, shear, bulk)
+            operator = strain_operator((gx, gy), volume, shear, bulk)
             return eigsh(operator, 1, tol=1e-5, return_eigenvectors=False)[0]
 
         found.append((largest(t.shear_modulus, t.dilation_modulus), largest(t.viscosity, t.damping)))
