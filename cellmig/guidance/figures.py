@@ -50,7 +50,7 @@ def _points(ax: Axes, at: Sequence[float], results: Results, names: Sequence[str
              for x, name in zip(at, names, strict=True) if results.get(name)]
     for x, values in there:
         ax.plot(np.full(len(values), x), values, ".", color="0.75", markersize=4, zorder=1)
-    means = np.array([mean_and_error(values) for _, values in there]).reshape(-1, 2)
+    means = np.nan_to_num([mean_and_error(values) for _, values in there]).reshape(-1, 2)
     ax.errorbar([x for x, _ in there], means[:, 0], means[:, 1], fmt="o", markersize=4, capsize=2, zorder=2, **how)
 
 
@@ -84,8 +84,8 @@ def _gel(results: Results) -> Figure | None:
     for number, (name, label) in enumerate(list(kinds.items())[1:]):
         if runs := results.get(name):
             shares = next(iter(runs.values())).tension[0]
-            mean, error = np.transpose([mean_and_error(np.array(one)) for one in
-                                        np.transpose([walk.tension[1] for walk in runs.values()])])
+            mean, error = np.nan_to_num([mean_and_error(np.array(one)) for one in
+                                         np.transpose([walk.tension[1] for walk in runs.values()])]).T
             right.errorbar(shares, mean, error, color=COLOURS[number], capsize=2, label=label)
     right.set(xlabel="place from the softer to the stiffer end", ylabel="tension of the layer [pN/µm]")
     right.legend()

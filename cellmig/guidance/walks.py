@@ -63,11 +63,11 @@ class Walk:
 
     @cached_property
     def tension(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean tension of the layer (9,) [pN/µm] at shares of its width from left to right (9,) [-]."""
+        """Mean tension of the layer (25,) [pN/µm] at shares of its width from left to right (25,) [-]."""
         table = read_table(self.directory / "substrate.csv")
         samples = np.unique(table[time_column(table)])
         (edges,), pull = by_place(table, samples, "tangential_now_pa")
-        width, shares, found = edges[1] - edges[0], np.linspace(0.1, 0.9, 9), []
+        width, shares, found = edges[1] - edges[0], np.linspace(0.02, 0.98, 25), []
         for one in pull:
             on = np.flatnonzero(one)
             if len(on):
