@@ -57,6 +57,8 @@ class Molecules:
     ----------
     secreted, taken : (cells,) -- by each cell, and from the field by each cell [-], [1/µm].
     out, decayed : float -- what left through walls, less what came in; what decayed [-], [1/µm].
+    crossed : float -- what passed walls in either direction [-], [1/µm].
+    rounded : float -- what rounding of concentrations may have moved [-], [1/µm].
     start, inside : float -- what was there at the start, and what is there now [-], [1/µm]; 0 for a field that is
         always in equilibrium.
     """
@@ -65,6 +67,8 @@ class Molecules:
     taken: np.ndarray
     out: float = 0.0
     decayed: float = 0.0
+    crossed: float = 0.0
+    rounded: float = 0.0
     start: float = 0.0
     inside: float = 0.0
 
@@ -75,8 +79,8 @@ class Molecules:
 
     @property
     def turnover(self) -> float:
-        """Sum of the sizes of all entries [-], to which the error of the balance is compared."""
-        return (self.inside + float(self.taken.sum()) + abs(self.out) + self.decayed + float(self.secreted.sum())
+        """Sum of what is there, was there and passed in any way [-], to which the error of the balance is compared."""
+        return (self.inside + float(self.taken.sum()) + self.crossed + self.decayed + float(self.secreted.sum())
                 + self.start)
 
     def enter(self, rates: dict[str, Any], duration: float) -> None:

@@ -54,7 +54,7 @@ class Grid:
     # ------------------------------------------------------------ fluxes
 
     def fluxes(self, diffusion: float, flow: Sequence[float], walls: Sequence[Sequence[float | str]],
-               ) -> tuple[PETSc.Mat, np.ndarray, np.ndarray]:
+               ) -> tuple[PETSc.Mat, np.ndarray, np.ndarray, np.ndarray]:
         """What leaves each volume by diffusion and flow; collective.
 
         Parameters
@@ -68,13 +68,14 @@ class Grid:
         Mat -- A, so that A c is what leaves the volumes [1/µs]; c [1/µm³].
         (n,) -- of this rank's volumes, the part of the diagonal of A that leaves through walls [µm³/µs].
         (n,) -- what comes in through walls [1/µs].
+        (n,) -- sums of the rows of A without rounding [µm³/µs]: zero away from walls.
 
         Source: exponential fitting of Scharfetter & Gummel (1969), IEEE Trans. Electron Devices 16:64-77, which is
         upwind where the flow is fast: off the diagonal nothing is positive, so that no concentration becomes negative.
         """
         n = len(self.own)
         rows, columns, values = [], [], []
-        diagonal, leak, inflow = np.zeros(n), np.zeros(n), np.zeros(n)
+        diagonal, leak, inflow, carried = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
         for axis, (h, w, both) in enumerate(zip(self.size, flow, walls, strict=True)):
             area = self.volume / h
             for sign, wall in zip((-1, 1), both, strict=True):
@@ -82,6 +83,7 @@ class Grid:
                 inside = np.flatnonzero(~at_wall)
                 g, peclet = diffusion * area / h, sign * w * h / diffusion
                 diagonal[inside] += g * _bernoulli(-peclet)
+                carried[inside] += sign * area * w
                 rows.append(inside)
                 columns.append(self.own[inside] + sign * self._steps[axis])
                 values.append(np.full(len(inside), -g * _bernoulli(peclet)))
@@ -93,7 +95,8 @@ class Grid:
         rows.append(np.arange(n))
         columns.append(self.own)
         values.append(diagonal + leak)
-        return self._matrix(np.concatenate(rows), np.concatenate(columns), np.concatenate(values)), leak, inflow
+        matrix = self._matrix(np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
+        return matrix, leak, inflow, carried + leak
 
     def _matrix(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> PETSc.Mat:
         n = len(self.own)

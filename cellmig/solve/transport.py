@@ -17,6 +17,7 @@ from .step import NumericsError
 
 REUSE_ITERATIONS = {"cholesky": 4, "lu": 4, "gamg": 12}  # of a Krylov method, above which its PC is made anew
 SOLVED, PLACED = 1e-10, 1e-13  # what a solve may leave, over the molecules of a step: sum of sizes, sum [-]
+EPSILON = float(np.finfo(float).eps)  # [-]
 ITERATIONS = 50  # of Newton's method
 
 
@@ -42,8 +43,9 @@ class Transport:
         """
         self._name, self._law, self._exchanging, self._cells, self._world = name, law, exchanging, cells, comm
         self.grid = Grid(comm, law.box, law.volumes)
-        self._matrix, self._leak, self._inflow = self.grid.fluxes(law.diffusion, law.flow, law.sides)
+        self._matrix, self._leak, self._inflow, rows = self.grid.fluxes(law.diffusion, law.flow, law.sides)
         self._matrix.shift(law.decay * self.grid.volume)
+        self._rows = rows + law.decay * self.grid.volume  # sums of the rows of A
         self._diagonal = self._matrix.getDiagonal().getArray().copy()
         self._tangent = self._matrix.duplicate(copy=True)
         self._x, self._y = self._matrix.createVecs()
@@ -93,10 +95,20 @@ class Transport:
         return rate, slope
 
     def imbalance(self, c: np.ndarray) -> np.ndarray:
-        """What sources and fluxes add to each volume of this rank (n,) [1/µs] at c (n,) [1/µm³]; collective."""
-        self._x.setArray(c)
+        """What sources and fluxes add to each volume of this rank (n,) [1/µs] at c (n,) [1/µm³]; collective.
+
+        Fluxes are those of c less its mean, as rounding of a high and even concentration would hide small sources.
+        """
+        mean = self.total(c) / self.grid.total
+        self._x.setArray(c - mean)
         self._matrix.mult(self._x, self._y)
-        return self._source + self._inflow - self._y.getArray(readonly=True) - self._taken(c)[0]
+        at_mean = self._source + (self._inflow - mean * self._rows)
+        return at_mean - self._y.getArray(readonly=True) - self._taken(c)[0]
+
+    def _through_walls(self, c: np.ndarray) -> np.ndarray:
+        """What leaves each volume through walls, less what comes in [1/µs], as in `imbalance`."""
+        mean = self.total(c) / self.grid.total
+        return self._leak * (c - mean) - (self._inflow - mean * self._leak)
 
     def solved(self, base: np.ndarray, tau: float, first: np.ndarray) -> np.ndarray:
         """Concentrations c >= 0 with V (c - base)/tau = imbalance(c), by Newton's method; collective.
@@ -119,12 +131,14 @@ class Transport:
         Several Variables, chapter 13.
         """
         V, c, best = self.grid.volume, first, np.inf
-        scale = self.total(V / tau * np.abs(base) + self._source + self._inflow)
         for _ in range(ITERATIONS):
             left = V / tau * (base - c) + self.imbalance(c)
             size = self.total(np.abs(left))
+            flows = self._source + np.abs(self._through_walls(c)) + self._taken(c)[0] + self._law.decay * V * c
+            scale = self.total(V / tau * np.abs(base) + flows)
             placed = abs(self.total(left)) <= PLACED * scale
-            if size == 0.0 or (size <= SOLVED * scale and (placed or size > 0.5 * best)):
+            finest = EPSILON * self.total(self._diagonal * c)  # what the last bits of c move
+            if size == 0.0 or (size <= max(SOLVED * scale, finest) and (placed or size > 0.5 * best)):
                 return c
             best = size
             c = np.maximum(c + self._correction(left, V / tau + self._taken(c)[1]), 0.0)
@@ -168,16 +182,18 @@ class Transport:
 
         Returns
         -------
-        dict -- secreted, taken : (cells,) by each cell;  out : through walls;  decayed; all in [1/µs].
+        dict -- secreted, taken : (cells,) by each cell;  out, crossed : through walls, and sum of sizes;  decayed;
+            rounded : what the last bits of c may move; all in [1/µs].
         """
-        e = self._exchanging
+        e, through = self._exchanging, self._through_walls(c)
         on = e.uptake > 0.0
         near, half = c[self._volume[on]], e.half[on, None]
         share = (self._weight[on] * (near / (near + half))).sum(axis=1)
         taken = np.bincount(e.cell[on], (self._size * e.uptake)[on] * share, self._cells)
         return {"secreted": np.bincount(e.cell, self._size * e.secretion, self._cells),
-                "taken": self._world.allreduce(taken), "out": self.total(self._leak * c - self._inflow),
-                "decayed": self.total(self._law.decay * self.grid.volume * c)}
+                "taken": self._world.allreduce(taken), "out": self.total(through),
+                "crossed": self.total(np.abs(through)), "decayed": self.total(self._law.decay * self.grid.volume * c),
+                "rounded": 4.0 * EPSILON * np.sqrt(self.total((self._diagonal * c) ** 2))}
 
     def total(self, values: np.ndarray) -> float:
         """Sum of `values` (n,), in any unit, over the volumes of all ranks; collective."""

@@ -88,12 +88,13 @@ def test_no_flux_to_a_neighbour_grows_with_its_concentration(d: int) -> None:
     grid = Grid(PETSc.COMM_SELF, ((0.0,) * d, (6.0, 5.0, 4.0)[:d]), (6, 5, 4)[:d])
     for flow in (np.zeros(d), rng.normal(size=d), 1e4 * rng.normal(size=d)):
         walls = [(0.5, "open"), ("closed", 0.2), (0.1, "closed")][:d]
-        matrix, leak, inflow = grid.fluxes(0.7, flow, walls)
+        matrix, leak, inflow, rows = grid.fluxes(0.7, flow, walls)
         A = matrix[:, :]
         off = A - np.diag(np.diag(A))
         assert (off <= 0.0).all()
         assert (leak >= 0.0).all() and (inflow >= 0.0).all()
         assert np.abs(A.sum(axis=0) - leak).max() < 1e-12 * np.abs(A).max()  # what leaves a volume arrives in another
+        assert np.abs(A.sum(axis=1) - rows).max() < 1e-12 * np.abs(A).max()
         matrix.destroy()
     grid.close()
 
