@@ -85,7 +85,7 @@ _MOLECULES = (("time", "up to which the field is known: that of its last knot"),
               ("`out`", "molecules that left through walls, less those that came in"),
               ("`decayed`", "molecules that decayed"),
               ("`lost`", "error of the account: inside + taken_up + out + decayed - secreted - start; a run ends in "
-                         "which it is more than 1e-12 of their sum"))
+                         "which it is more than 1e-12 of their sizes, with all that passed walls"))
 
 
 _ABOUT_FIELDS = """
