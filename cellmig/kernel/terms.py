@@ -71,8 +71,8 @@ SURFACE_TERMS = (
                 POLYHEDRA, tuple(POLYHEDRA),
                 files=("polyhedra.h", "lines.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: tuple(
-        SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.contacts.frictions, t.contacts.laws, strict=True))
-        if t.contacts and t.contacts.frictions else None, {"force": ("force", "power")}),
+        SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
+        if t.sliding and t.contacts else None, {"force": ("force", "power")}),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
         _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)

@@ -139,6 +139,11 @@ class Terms:
     skipped: dict = field(default_factory=dict)
 
     @property
+    def sliding(self) -> tuple[Friction, ...] | None:
+        """Laws of friction between bodies, of each of the laws of contact; None without."""
+        return (self.contacts.frictions if self.contacts is not None else ()) or None
+
+    @property
     def has_director(self) -> bool:
         """Whether the gradient of the director or its axis matters."""
         return self.director != "none" or self.active

@@ -42,7 +42,8 @@ FIELDS = {
     "pressure": Field("p", "Pa", (), "minus a third of the trace of the stress"),
     "director": Field("h", "1", (2,), "director, of length 1", "director"),
     "adhesion_force": Field("F_cs", "pN/um", (2,), "force of the bonds to the substrate, at the instant", "substrate"),
-    "contact_force": Field("F_cc", "pN/um", (2,), "force of other cells, at the instant", "contact"),
+    "contact_force": Field("F_cc", "pN/um", (2,), "force of other cells but their drag, at the instant", "contact"),
+    "sliding_force": Field("", "pN/um", (2,), "drag of the bonds to other cells or bodies, at the instant", "sliding"),
     "friction_force": Field("", "pN/um", (2,), "drag of the bonds to the substrate, at the instant", "friction"),
     "protrusion_force": Field("F_d", "pN/um", (2,), "push of the protrusion, at the instant", "protrusion"),
 }
@@ -109,7 +110,7 @@ Units are in the names of the columns; that of times is the one in which the cas
 - `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the
   largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,
-  activity and body forces, `friction_loss` what drag on the substrate took,
+  activity and body forces, `friction_loss` what drag on the substrate and between bodies took,
   `medium_loss` what the liquid around the cells did, `network_loss` what bonds of a network lost that broke,
   `renewal_loss` the energy that was lost where neighbours were found anew (`numerics.renewal`).
 - `substrate.csv` and `neighbours.csv` have forces as means since the last sample: impulse over time, of every step that

@@ -351,6 +351,7 @@ def _frame_bytes(case: Case) -> int:
     """Size of a particle in a frame [B]."""
     present = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
+             "sliding": any(pair.friction is not None for pair in case.pairs),
              "friction": case.substrate is not None and any(map(case.friction_of, case.cells)),
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
     elements = 0 if case.dimension == 2 else 90  # four to six tetrahedra, one triangle

@@ -31,7 +31,7 @@ class Accounts:
     FIELDS = (
         Field("viscous_loss", "double *", "(n_local,)", "pN", "dissipation by viscosity, with what is restored of it"),
         Field("artificial_dissipation", "double *", "(n_local,)", "pN", "dissipation by other numerical viscosities"),
-        Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction on the substrate"),
+        Field("friction_loss", "double *", "(n_local,)", "pN", "dissipation by friction of bonds"),
         Field("medium_loss", "double *", "(n_local,)", "pN", "dissipation by drag of the liquid around"),
         Field("protrusion_impulse", "double *", "(n_local,)", "pN µs/µm", "of the push along x"),
         Field("external_work", "double *", "(n_local,)", "pN", "of push, loads, plates, supports and activity"),

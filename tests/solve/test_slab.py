@@ -100,6 +100,7 @@ def test_a_box_slides_on_a_gel_with_force_over_drag_and_the_gel_bears_the_force(
         at(sim, 60.0)
         v = 1e6 * everywhere(sim, sim.mechanics.state.v)[:, 0]
         rows, entries = sim.sample()
+        assert sim.comm.allreduce(sim.sampler.fields()["sliding_force"][:, 0].clip(0.0).sum()) > 0.9 * force
         assert rows[1]["held_force_x_pn_per_um"] == pytest.approx(-force, rel=1e-8)  # measured 2e-9, of the balance
         assert abs(rows[1]["held_force_y_pn_per_um"]) < 1e-6 * force  # measured 2e-7
         assert entries["energy_error"] < 1e-6  # measured 2e-8

@@ -1,7 +1,7 @@
 /* Drag of the closed bonds between surfaces that slide along each other, over the pieces of contact.c. */
 
-/* The piece of S beside an edge: forces; the loss of a time dt, on the ends of S. */
-static void add_sliding_piece(const KernelData *s, const Source *S, const Edge *e, double dt)
+/* The piece of S beside an edge, by a law: forces; the loss of a time dt, on the ends of S. */
+static void add_sliding_piece(const KernelData *s, const double *law, const Source *S, const Edge *e, double dt)
 {
     double range[2] = {0, 1}, v[4][D], f[4][D], power;
     if (!piece_beside(s, S, e, range)) return;
@@ -9,7 +9,6 @@ static void add_sliding_piece(const KernelData *s, const Source *S, const Edge *
     for (int i = 0; i < 4; i++)
         for (int c = 0; c < D; c++) v[i][c] = velocity(s, s->contact_node[node[i]], c);
     const double *a = s->contact_x + D * e->start, *b = s->contact_x + D * e->end;
-    const double *law = s->sliding + SLIDING_STRIDE * (S->law - 1 - s->contact) / CONTACT_STRIDE + 1;
     sliding_force(law, S->length, range[0], range[1], S->end[0], S->end[1], a, b, v[0], v[1], v[2], v[3], f, &power);
     for (int i = 0; i < 4; i++)
         for (int c = 0; c < D; c++) s->contact_force[D * node[i] + c] += f[i][c];
@@ -22,11 +21,12 @@ void add_sliding(const KernelData *s, double *force, double *energy, double acco
     place_nodes(s);
     for (long k = 0; k < s->n_contact_segments; k++) {
         const Source S = source_at(s, k);
+        const double *law = s->sliding + SLIDING_STRIDE * s->contact_law[k] + 1;
         for (long n = s->first_listed[k]; n < s->first_listed[k + 1]; n++) {
             if (!(s->listed[2 * n + 1] & EDGE)) continue;
             const int32_t *of = s->contact_edge + 3 * s->listed[2 * n];
             const Edge e = beside_edge(s, &S, of[0], of[1]);
-            add_sliding_piece(s, &S, &e, dt);
+            add_sliding_piece(s, law, &S, &e, dt);
         }
     }
     give_forces(s, force, dt);
