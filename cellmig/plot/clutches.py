@@ -57,6 +57,8 @@ def table(springs: np.ndarray, found: list[tuple[Any, np.ndarray]]) -> str:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
     register()
     at = np.array([0.1, 0.316, 1.0, 3.16, 10.0, 100.0, 1000.0])
     print(table(at, curves(SETS, at, 2000.0)))

@@ -28,8 +28,6 @@ def traction(law: Clutches, forces: np.ndarray, spring: float, duration: float, 
 
     Source: the rules of Chan & Odde (2008); that events are exact is derived in kernel/c/clutches.c.
     """
-    if duration <= 0.0:
-        return float(np.maximum(forces, 0.0).sum())
     spring = max(spring, 1e-9 * law.stiffness)  # of a substrate without stiffness: nothing loads the clutches
     advance = library(FOLDER / "clutches.c").advance_clutches
     advance.restype = ctypes.c_double

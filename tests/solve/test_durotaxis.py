@@ -11,6 +11,7 @@ from mpi4py import MPI
 import cellmig
 from cellmig.case.schema import Case
 
+SECOND = 1e6  # µs
 # Clutches a million times as fast as those of filopodia, for cells of the paper; a knot every 0.1 µs.
 FAST = ("protrusion.basal=1", 'polarity={persistence="2 us", spread=0.5}', 'substrate.stiffness="1400*exp(x/5) Pa"',
         'substrate.response={law="clutches", on="1 1/us", off="0.1 1/us", speed="0.12 m/s", force="2 pN"}')
@@ -72,6 +73,19 @@ def test_a_run_that_goes_on_from_a_checkpoint_has_the_same_clutches() -> None:
         assert too["guidance"] == about["guidance"]
         if whole.comm.rank == 0:
             assert (more["guidance clutches"] == arrays["guidance clutches"]).all()
+
+
+@pytest.mark.serial
+def test_without_inertia_too_a_run_goes_on_with_the_same_clutches() -> None:
+    found = pulled(-40.0)
+    with built(found) as whole, built(found) as second:
+        whole.go(95.0 * SECOND)
+        whole.sample()
+        second.restore(*whole.saved())
+        whole.go(190.0 * SECOND)
+        second.go(190.0 * SECOND)
+        assert second.state_hash() == whole.state_hash()
+        assert second.saved()[0]["guidance"] == whole.saved()[0]["guidance"]
 
 
 def test_without_clutches_cells_have_no_sides_and_nothing_is_stored() -> None:
