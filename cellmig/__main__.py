@@ -220,6 +220,10 @@ def bench(options: argparse.Namespace) -> int:
         if unknown := [name for name in options.problem if name not in PROBLEMS]:
             raise UsageError(f"--problem: no problem '{unknown[0]}'; there are {', '.join(PROBLEMS)}")
         return bench_error(out, options.quick, options.problem)
+    if options.cues:
+        from .bench.cues import bench_cues
+
+        return bench_cues(options.quick)
     if options.scaling:
         from .bench.scaling import bench_scaling
 

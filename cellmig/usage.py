@@ -216,6 +216,7 @@ def _checks(commands: Any) -> None:
     what.add_argument("--modulus", action="store_true", help="error of the reduced bulk modulus only, half a minute")
     what.add_argument("--scaling", action="store_true", help="cost of steps on many ranks, by a model with "
                       "constants measured here, three minutes")
+    what.add_argument("--cues", action="store_true", help="cost of polarity, fields and cues, three minutes")
     bench.add_argument("--problem", action="append", default=[], metavar="NAME", help="with --error: this problem only "
                        "(disc, drop, cell, scene, tension, twist, turn, ball); several times for several problems")
     bench.add_argument("--quick", action="store_true", help="half a minute; with --error four minutes")
