@@ -187,8 +187,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                             (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
                             (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
-    guided = unless(None if case.guided and protrusion is not None else "they are the same at all times",
-                    "changes of pushes", True, False)
+    guided = unless(None if case.guided and protrusion is not None else "pushes are the same at all times",
+                    "guidance", True, False)
     uniform = law is None or law.uniform
     director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
                       ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")

@@ -39,12 +39,18 @@ def ligand_step(size: float) -> Measured:
 
 
 @reference("ligand-force", shows="three cells on ligands that change within a cell: forces along the substrate against "
-           "differences of the energy; dimensions are the size", source="f = -∂E/∂x, by differences of five points",
-           unit="", at=(2, 3), expected={"force": exact(1e-7, "differences of the energy of all bonds")})
-def ligand_force(dimension: int) -> Measured:
+           "differences of the energy", source="f = -∂E/∂x, by differences of five points", unit="particles",
+           at=(80, 150, 300), expected={"force": exact(1e-7, "differences of the energy of all bonds"),
+                                        "force of balls": exact(1e-7, "the same")})
+def ligand_force(count: int) -> Measured:
     """The largest error at eight particles, over the largest force along the substrate."""
-    scene = "all_protrude" if dimension == 2 else "three_balls"
-    with built(case(scene, 150, f'substrate.ligand="{LIGANDS[scene]}"')) as sim:
+    return Measured(count, {"force": _of_energy("all_protrude", count),
+                            "force of balls": _of_energy("three_balls", count)})
+
+
+def _of_energy(scene: str, count: int) -> float:
+    """The largest error of the force at eight particles of a scene, over the largest force [-]."""
+    with built(case(scene, count, f'substrate.ligand="{LIGANDS[scene]}"')) as sim:
         m, X = sim.mechanics, sim.scene.X
         u = 0.004 * np.random.default_rng(1).standard_normal(X.shape)
         set_motion(sim, u)
@@ -58,7 +64,7 @@ def ligand_force(dimension: int) -> Measured:
                 energy.append(m.surface_force("substrate")[1].sum())
             slope = (8.0 * (energy[2] - energy[1]) - energy[3] + energy[0]) / (12.0 * h)
             worst = max(worst, abs(force[particle] + slope) / largest)
-    return Measured(dimension, {"force": float(worst)})
+    return float(worst)
 
 
 @reference("ligand-optimum", shows="speed of a crawling cell on a density n of ligands, in a viscous medium; size: "
@@ -99,7 +105,7 @@ def crawled(count: int, ligand: float) -> tuple[float, float, float, float]:
 @reference("durotaxis", shows="a spread cell that pushes on both sides, on 10 kPa + 200 Pa/µm x, for a quarter of an "
            "hour",
            source="[g(E(x + a)) - g(E(x - a))] F/(c L): push F of one side, at its mean place a, friction c and bonded "
-           "length L of the cell on 10 kPa", unit="particles", at=(300,),
+           "length L of the cell on 10 kPa", unit="particles", at=(100, 200, 300),
            expected={"way": exact(0.03, "the response is not linear in E over the base: measured 1.3 %")})
 def durotaxis(count: int) -> Measured:
     """E/(E + H) with H = 10 kPa; the way is 0.71 µm."""
