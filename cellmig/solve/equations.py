@@ -115,6 +115,7 @@ class Equations:
     def forget(self) -> None:
         """Assemble the next tangent anew."""
         self._by_v, self.exact = 0.0, 0
+        self.stiffness.forget()
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:

@@ -168,9 +168,13 @@ class Stiffness:
     def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
         """Allocate the entries of a pattern in a Mat; collective."""
         pattern.sort_indices()
-        self._room = _places(pattern)
+        self._room, self._outdated = _places(pattern), False
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, self.dimension, self.dimension))))
+
+    def forget(self) -> None:
+        """Allocate entries anew at the next `store`: the order of elimination goes by all that were ever allocated."""
+        self._room, self._outdated = _places(self.pattern), True
 
     def store(self, bodies: sparse.bsr_matrix, surfaces: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
         """Set a Mat to the sum of both parts, after allocation of entries for new contacts; collective.
@@ -182,7 +186,7 @@ class Stiffness:
         wanted = _places(new)
         at = np.searchsorted(self._room, wanted)
         missing = (at == len(self._room)).any() or (self._room[at] != wanted).any()
-        if self.mechanics.comm.allreduce(bool(missing), MPI.LOR):
+        if self.mechanics.comm.allreduce(bool(missing) or self._outdated, MPI.LOR):
             row, column = np.divmod(self._room, shape[1])
             old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
             self._allocate(mat, (new + old).tocsr())

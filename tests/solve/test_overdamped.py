@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, everywhere
+from scenes import built, case, everywhere
 
 from mpi4py import MPI
 
@@ -174,14 +174,18 @@ def test_any_number_of_ranks_finds_the_same() -> None:
 
 
 @pytest.mark.serial
-def test_a_resumed_run_goes_on_with_the_same_bits() -> None:
-    with built(crawler()) as sim:
-        at(sim, 0.1)
+@pytest.mark.parametrize("name", ["crawler", "row"])
+def test_a_resumed_run_goes_on_with_the_same_bits(name: str) -> None:
+    """Of cells in contact, too, of which tangents have had more entries than they have."""
+    scene, halves = (crawler(), (0.1, 0.2)) if name == "crawler" else (case("row_chemotaxis", per_cell=60), (240, 480))
+    with built(scene) as sim:
+        for part in np.linspace(0.0, halves[0], 5)[1:]:
+            at(sim, part)
         about, arrays = sim.saved()
-        expected = at(sim, 0.2)
-    with built(crawler()) as sim:
+        expected = at(sim, halves[1])
+    with built(scene) as sim:
         sim.restore(about, arrays)
-        assert np.array_equal(at(sim, 0.2), expected)
+        assert np.array_equal(at(sim, halves[1]), expected)
 
 
 def test_errors_of_steps_follow_the_tolerance() -> None:
