@@ -15,6 +15,7 @@ from .source import Source
 from .values import declared
 
 OUTLINE = 24  # points of each cell at which values are tried, at least
+MOST = 10  # of the gain of alignment, with which polarities do not yet overshoot from one knot to the next [-]
 OF_SUBSTRATE = ("stiffness", "ligand")  # names under which cues find what is given there
 
 
@@ -63,7 +64,9 @@ def exchanges(source: Source, found: dict[str, Any]) -> None:
 
 
 def cues(source: Source, found: dict[str, Any]) -> None:
-    """Note cues of cells that have no polarity, and levels of another kind than the field of a cue."""
+    """Note cues of cells that have no polarity, levels of another kind than the field of a cue, and alignment that
+    overshoots.
+    """
     if found["cues"] and "polarity" not in source.data:
         source.reject(("cues",), "turn the polarity of cells, of which there is none: add [polarity], such as "
                                  'persistence = "10 min"')
@@ -74,6 +77,13 @@ def cues(source: Source, found: dict[str, Any]) -> None:
         if level is not None and name in known and not units.same_kind(level.unit, known[name]):
             such = f"a level such as {show(units.written('1', known[name]))}" if known[name] else "a pure number"
             source.reject((*path, "affinity"), f"expects {such}, of the kind of '{name}', not {show(level.text)}")
+    aligning = [(cue, path) for cue, path in found["cues"] if getattr(cue, "law", "") == "neighbours"]
+    for name in [cell.name for cell, _ in found["cells"]]:
+        turning = [(cue.gain, path) for cue, path in aligning if not cue.cells or name in cue.cells]
+        if (total := sum(gain for gain, _ in turning)) > MOST and len(turning) > 1:
+            source.reject((*turning[-1][1], "gain"), f"with the other cues of neighbours, '{name}' has {total:g}, and "
+                                                     f"overshoots: at most {MOST:g} in all")
+            break
 
 
 def _ground(source: Source, key: str, given: Any, fields: dict[str, Any], points: np.ndarray | None) -> None:
@@ -101,7 +111,7 @@ def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple
     except ValueError as error:
         source.reject(path, str(error))
         return
-    wrong = np.flatnonzero(~((values >= 0.0) & (values <= most)))
+    wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0) & (values <= most)))
     if len(wrong):
         value, at = values[wrong[0]] / units.number(f"1 {formula.unit}", formula.unit), points[wrong[0]]
         limits = "at least 0" + (f" and at most {most:g}" if np.isfinite(most) else "")

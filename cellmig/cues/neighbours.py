@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..case.amounts import MOST
 from ..case.registry import law, quantity
 from .cue import Cue
 from .surroundings import Surroundings
@@ -20,8 +21,8 @@ class Neighbours(Cue):
     with leaders, Sepúlveda et al. (2013), PLoS Comput. Biol. 9:e1002944.
     """
 
-    gain: float = quantity("", "factor of the cue; beyond 10, polarities would overshoot from knot to knot", 1.0,
-                           maximum=10)
+    gain: float = quantity("", "factor of the cue; beyond 10, in sum over such cues, polarities would overshoot from "
+                           "knot to knot, below 0 differences would grow without end", 1.0, minimum=0, maximum=MOST)
     reach: float = quantity("um", "distance up to which surfaces are in contact: fully up to half of it", "1 um",
                             above=0)
 

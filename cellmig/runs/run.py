@@ -86,7 +86,6 @@ class Run:
         if state:
             checkpointing.check_method(state, self.simulation, options)
         self._log_scene()
-        self.manifest |= {"skipped": self.simulation.terms.skipped, "particles": self.simulation.scene.size}
         self.strain = StrainWatch(self.simulation.mechanics)
         self.worst_energy_error = self.step_seconds = self.wall_before = 0.0
         self.entries: dict[str, float] = {}
@@ -96,7 +95,7 @@ class Run:
         self._open(state.about["files"] if state else {"frames": 0})
         if state:
             self._restore(state)
-        self._save_manifest()
+        self._save_manifest(skipped=self.simulation.terms.skipped, particles=self.simulation.scene.size)
         self.schedule = CheckpointSchedule(self.directory, comm, intervals, self.begin, self.simulation.time)
         if not self._integrator.between_samples:
             self.schedule.resumable = self._state()
@@ -105,9 +104,9 @@ class Run:
         try:
             case, self.reason = choose(self.case, self.comm)
             return Simulation(case, self.comm, prune, start=origin_state.arrays if origin_state else None)
-        except CaseError as error:  # found only once there are particles
-            self.manifest |= {"exit_status": INVALID_INPUT, "cause": str(error)}
-            self._save_manifest()
+        except (CaseError, NumericsError) as error:  # found only once there are particles
+            status = FAILED if isinstance(error, NumericsError) else INVALID_INPUT
+            self._save_manifest(exit_status=status, cause=str(error))
             raise
 
     def _open(self, ends: dict[str, Any]) -> None:
@@ -337,7 +336,8 @@ class Run:
             *(("options", f"nothing has asked for {option} so far: is it misspelt?") for option in unused_options()),
         ])
 
-    def _save_manifest(self) -> None:
+    def _save_manifest(self, **more: Any) -> None:
+        self.manifest |= more
         together(self.comm, lambda: write_manifest(self.directory, self.manifest), root_only=True)
 
     def _finish(self, status: int, cause: str) -> None:

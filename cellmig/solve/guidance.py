@@ -20,6 +20,7 @@ from ..parallel.random import normal, uniform
 from .clutches import Modules, edges
 from .mechanics import Mechanics
 from .protrusion import Drives
+from .step import NumericsError
 
 # Shares of a basal push, which is the same on all sides, and of a polarity in each of the directions of a cell: the sum
 # of n unit vectors e over half a circle is n/π long, that of (p·e) e over the half around p is n p/4.
@@ -135,8 +136,10 @@ class Guidance:
         factor, pull = self._factor, self._pull
         if self._senses:
             around = self._surroundings(x)
-            parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
-            factor = push_factor(case.ground, self._fields, x, self._at, self._push)
+            with np.errstate(all="ignore"):  # what is not finite has a message of its own
+                parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
+                factor = push_factor(case.ground, self._fields, x, self._at, self._push)
+            self._finite(parts, factor)
             if self._gate is not None:
                 factor = factor * (1.0 - around.gate(self._gate))
             pull, centre = self._pulls(x) if self._modules is not None else pull, around.centre
@@ -144,6 +147,17 @@ class Guidance:
         if law is not None and not self.knot:
             self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
         return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
+
+    def _finite(self, parts: dict[str, np.ndarray], factor: np.ndarray) -> None:
+        """Raise NumericsError where a cue (cells, d - 1) [-] or a factor of the push (m,) [-] is not finite."""
+        cell = self._mechanics.surfaces.cell
+        every = [(f"the cue {name}", values, np.arange(len(values))) for name, values in parts.items()]
+        for what, values, of in [*every, ("the factor of the push", factor, cell)]:
+            wrong = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+            if len(wrong):
+                raise NumericsError(f"the simulation failed at {self._case.time_unit.text(self._at)}: {what} of "
+                                    f"'{self._names[of[wrong[0]]]}' is not finite: formulas of fields, of the "
+                                    "substrate and of cues have to be, wherever cells go and at all times")
 
     def _push(self, bonds: np.ndarray) -> np.ndarray:
         """Push of α = 1 (m,) [pN/µm] by shares of the bonds (m,) [-]."""

@@ -62,6 +62,9 @@ def test_a_case_without_cues_has_none() -> None:
     ('{law="occupancy", field="c", affinity="10 nM", receptors=0}', "cues.0.receptors: must be >= 1, not 0"),
     ('{law="contact", field="c"}', "cues.0: expects both field and affinity, or none of them"),
     ('{law="contact", cells=["Cell-2"]}', "cues.0.cells: no cell 'Cell-2'; did you mean 'Cell-1'?"),
+    ('{law="neighbours", gain=-0.5}', "cues.0.gain: must be >= 0"),
+    ('{law="neighbours", gain=6}, {law="neighbours", gain=6}', "cues.1.gain: with the other cues of neighbours, "
+     "'Cell-1' has 12, and overshoots: at most 10 in all"),
     ('{law="motion", speed=1}', 'cues.0.speed: has no unit: write "1 um/us" if that is meant'),
     ('{law="given", vector=[1, 0]}', "cues.0.vector: expects a list such as [1], not [1, 0]"),
     ('{law="given", vector=["t*x"]}', "cues.0.vector: 't*x': the time has a unit: write t_s for seconds"),

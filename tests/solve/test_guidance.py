@@ -11,6 +11,7 @@ from mpi4py import MPI
 from cellmig.case.load import change
 from cellmig.case.messages import CaseError
 from cellmig.simulation import Simulation
+from cellmig.solve.step import NumericsError
 
 POLAR = ('polarity.persistence="2 us"',)  # of three cells: a knot every 0.1 µs
 
@@ -100,6 +101,18 @@ def test_a_basal_push_spreads_a_cell_and_leaves_it_where_it_is(name: str) -> Non
 def test_what_makes_no_sense_is_refused_with_its_key(sets: list[str], key: str) -> None:
     with pytest.raises(CaseError, match=key):
         case("all_protrude", *POLAR, *sets)
+
+
+@pytest.mark.parametrize(("sets", "part"), [
+    (['cues=[{law="given", vector=["sqrt(0.25 - t_us)"]}]'], "0.3 µs: the cue 1_given of 'Cell-1' is not finite"),
+    (['fields.c={formula="sqrt(0.25 - t_us) nM"}', 'cues=[{law="occupancy", field="c", affinity="1 nM"}]'],
+     "0.3 µs: the cue 1_occupancy of 'Cell-1' is not finite"),
+    (['cues=[{law="given", vector=["1/t_us"], cells=["Cell-2"]}]'], "0 µs: the cue 1_given of 'Cell-2' is not finite"),
+    (['substrate={stiffness="1 + exp(1000 - 0*x) kPa", response={law="saturating", half="1 kPa"}}'],
+     "an amount is finite and at least 0")])
+def test_what_is_not_finite_is_told_by_its_name_and_time(sets: list[str], part: str) -> None:
+    with pytest.raises((NumericsError, CaseError), match=part), built(case("all_protrude", *POLAR, *sets)) as sim:
+        sim.go(0.5)
 
 
 def test_without_polarity_nothing_is_compiled_or_stored() -> None:
