@@ -37,6 +37,8 @@ from .solve.start import at_start, discretise
 from .solve.static import Static
 from .solve.step import StepControl, widen
 
+ROUNDING = 1.0 + 1e-12  # ratio of times up to which they are one
+
 register()
 
 
@@ -108,18 +110,22 @@ class Simulation:
         return dict(zip("uv", np.split(found.pop("state"), 2, axis=1), strict=True)) | {"begun": found}
 
     def go(self, stop: float) -> float:
-        """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective."""
+        """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective.
+
+        Times that differ by rounding alone are one: no step could be as short.
+        """
         self.integrator.forget()
         turning: list[Any] = [one for one in (self.fields, self.guidance) if one is not None]  # cues ask fields
-        while (due := min(one.due for one in turning)) <= stop:
-            if due > self.time:
-                self.time = self.integrator.advance_to(due)
+        while (due := min(one.due for one in turning)) <= stop * ROUNDING:
+            at = due if due * ROUNDING < stop else stop
+            if self.time * ROUNDING < at:
+                self.time = self.integrator.advance_to(at)
             if self.integrator.finished:
                 return self.time
             for one in turning:
                 if one.due == due:
                     one.turn()
-        if self.time < stop or math.isinf(due):
+        if self.time * ROUNDING < stop or math.isinf(due):
             self.time = self.integrator.advance_to(stop)
         return self.time
 
@@ -149,9 +155,14 @@ class Simulation:
         touches = self.terms.substrate is not None or self.terms.contacts is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
         found = self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
-        guided = self.guidance if self.case.polarity is not None else None
+        guided = self.guidance if self.polar else None
         found |= {"cues": self._cue_rows(guided)} if guided is not None else {}
         return found | ({"molecules": self.fields.rows()} if self.fields.diffusing else {})
+
+    @property
+    def polar(self) -> bool:
+        """Whether cells have polarities, and push."""
+        return self.case.polarity is not None and self.guidance is not None
 
     @property
     def cue_columns(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from .messages import show
 from .source import Source
 from .values import declared
 
+ROUNDING = 1.0 + 1e-9  # by which a formula may exceed the largest amount
 OUTLINE = 24  # points of each cell at which values are tried, at least
 MOST = 10  # of the gain of alignment, with which polarities do not yet overshoot from one knot to the next [-]
 OF_SUBSTRATE = ("stiffness", "ligand")  # names under which cues find what is given there
@@ -100,8 +101,8 @@ def _ground(source: Source, key: str, given: Any, fields: dict[str, Any], points
         source.reject(path, f"expects {kind}; '{given}' is in {law.unit or 'no unit'}")
     elif not getattr(law, "steady", False):
         source.reject(path, f"'{given}' depends on the time, but a substrate does not")
-    elif points is not None and (law.value(points, 0.0) > most).any():
-        source.reject(path, f"is at most {most:g}, but '{given}' is {law.value(points, 0.0).max():.4g} at a cell")
+    elif points is not None and (law.value(points, 0.0) > most * ROUNDING).any():
+        source.reject(path, f"is at most {most:g}, but '{given}' is {law.value(points, 0.0).max():.6g} at a cell")
 
 
 def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple, most: float = np.inf) -> None:
@@ -111,10 +112,10 @@ def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple
     except ValueError as error:
         source.reject(path, str(error))
         return
-    wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0) & (values <= most)))
+    wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0) & (values <= most * ROUNDING)))
     if len(wrong):
         value, at = values[wrong[0]] / units.number(f"1 {formula.unit}", formula.unit), points[wrong[0]]
         limits = "at least 0" + (f" and at most {most:g}" if np.isfinite(most) else "")
         where = ", ".join(f"{axis} = {x:.4g}" for axis, x in zip("xyz", at, strict=False))
-        source.reject(path, f"{show(formula.text)} is {value:.4g} {formula.unit}".rstrip()
+        source.reject(path, f"{show(formula.text)} is {value:.6g} {formula.unit}".rstrip()
                       + f" at {where} um, at a cell: an amount is finite and {limits}")

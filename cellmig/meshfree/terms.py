@@ -214,8 +214,8 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
                  director_law=law, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
                  acceleration=force, load_curves=outside, single=_single(case),
                  network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
-                 inertia=not (case.overdamped or case.static), renewal=_renewal(case),
-                 graded=_graded(case), guided=guided and protrusion is not None, sides=_sides(case), skipped=skipped)
+                 inertia=not (case.overdamped or case.static), renewal=_renewal(case), graded=_graded(case),
+                 guided=guided and protrusion is not None, sides=_sides(case, protrusion), skipped=skipped)
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
@@ -247,9 +247,9 @@ def _single(case: Case) -> bool:
     return sum(particle_count(case, shape) for shape, *_ in shapes) > SINGLE_FROM and _renewal(case) is None
 
 
-def _sides(case: Case) -> int:
-    """Directions in which each protruding cell pushes: all where each side has a push of its own."""
-    every = case.protrusion is not None and (case.protrusion.basal or case.clutches is not None)
+def _sides(case: Case, push: Any) -> int:
+    """Directions in which each protruding cell pushes: all if each side has a push of its own, one if none pushes."""
+    every = push is not None and (push.basal or case.clutches is not None)
     return SIDES[case.dimension] if every else 1
 
 

@@ -117,7 +117,7 @@ class Run:
         write_profile(self.directory, self.comm, self.case)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None,
                    "tracks": self.case.overdamped or self.case.polarity is not None,
-                   "cues": self.case.polarity is not None, "molecules": bool(self.simulation.fields.diffusing)}
+                   "cues": self.simulation.polar, "molecules": bool(self.simulation.fields.diffusing)}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
                              self.case.dimension, self.case.time_unit, self.simulation.cue_columns)
         self.frames_before = ends["frames"]

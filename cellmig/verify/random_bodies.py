@@ -47,7 +47,7 @@ def cells_in_space(rng: np.random.Generator) -> list[Tables]:
 
 def laid_out(kinds: list[Tables], row: int, along: int, gap: float, height: float) -> list[list[str]]:
     """Centres of bodies in rows of `row`, which follow each other `along` an axis, from `height` on [µm]."""
-    outlines = [_shape(kind).outline(720) for kind in kinds]
+    outlines = [outline(kind) for kind in kinds]
     start = np.zeros(outlines[0].shape[1])
     start[-1] = height
     end, centres = start.copy(), []
@@ -68,7 +68,15 @@ def body(rng: np.random.Generator, shapes: Sequence[str], size: float) -> Tables
     return {"shape": name, **{key: text(size * rng.uniform(0.5, 1.5), "um") for key in LENGTHS[name]}, **core}
 
 
-def _shape(kind: Tables) -> Any:
-    """The shape of a cell's table, without its nucleus."""
-    lengths = {key: float(value.split()[0]) for key, value in kind.items() if key not in ("shape", "nucleus_ratio")}
-    return laws("shape")[kind["shape"]](**lengths)
+def outline(kind: Tables) -> np.ndarray:
+    """Points (n, d) [µm] of the surface of a cell's table, from its centre; that of a polygon may cross itself."""
+    if kind["shape"] == "polygon":
+        return np.array([[float(x.split()[0]) for x in corner] for corner in kind["corners"]])
+    lengths = {key: float(kind[key].split()[0]) for key in LENGTHS[kind["shape"]]}
+    return laws("shape")[kind["shape"]](**lengths).outline(720)
+
+
+def extent(cells: Sequence[Tables]) -> tuple[np.ndarray, np.ndarray]:
+    """Opposite corners (d,) [µm] of the box around cells."""
+    points = np.concatenate([outline(cell) + [float(x.split()[0]) for x in cell["centre"]] for cell in cells])
+    return points.min(axis=0), points.max(axis=0)

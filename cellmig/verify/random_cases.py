@@ -10,7 +10,8 @@ import numpy as np
 
 from cellmig.case.registry import laws
 
-from .random_bodies import cells_in_space, decades, text
+from .random_bodies import cells_in_space, decades, extent, outline, text
+from .random_cues import guide
 
 Tables = dict[str, Any]
 
@@ -35,6 +36,9 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
         if pairs := _pairs(np.random.default_rng([seed, number, 2]), names):
             tables["adhesion"]["pairs"] = pairs
     _add(rng, tables)
+    cues = np.random.default_rng([seed, number, 5])
+    if tables.get("protrusion", {}).get("cells") and cues.random() < 0.4:
+        guide(cues, tables, *extent(cells))
     return tables if dimension == 2 else _in_space(tables)
 
 
@@ -63,7 +67,7 @@ def launch(seed: int, number: int, dimension: int = 2) -> tuple[int, tuple[str, 
 def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
     """Nested tables as TOML; values are text, numbers, booleans and lists of these."""
     plain = {k: v for k, v in tables.items() if not isinstance(v, Mapping) and not _is_tables(v)}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     head = [f"[{'.'.join(path)}]"] if path and lines else []
     parts = ["\n".join([*head, *lines])] if lines else []
     for key, value in tables.items():
@@ -71,8 +75,15 @@ def toml(tables: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
             parts.append(toml(value, (*path, key)))
         elif _is_tables(value):
             title = f"[[{'.'.join((*path, key))}]]\n"
-            parts += [title + "\n".join(f"{k} = {json.dumps(v)}" for k, v in item.items()) for item in value]
+            parts += [title + "\n".join(f"{k} = {_value(v)}" for k, v in item.items()) for item in value]
     return "\n\n".join(parts)
+
+
+def _value(value: Any) -> str:
+    """A value in TOML, a table in one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{k} = {_value(v)}" for k, v in value.items()) + " }"
+    return json.dumps(value)
 
 
 def _is_tables(value: Any) -> bool:
@@ -165,8 +176,8 @@ def _cells(rng: np.random.Generator) -> list[Tables]:
     for n, kind in enumerate(kinds):
         if n % row == 0:
             bottom, x = (top + gap if n else height), 0.0
-        outline = _outline(kind)
-        low, high = outline.min(axis=0), outline.max(axis=0)
+        points = outline(kind)
+        low, high = points.min(axis=0), points.max(axis=0)
         x += gap - low[0]
         nucleus = {"nucleus": "nucleus"} if "nucleus_ratio" in kind else {}
         cells.append({"name": f"Cell-{n + 1}", **kind, **nucleus, "material": "cytoplasm",
@@ -192,13 +203,6 @@ def _drawn_shape(rng: np.random.Generator, size: float) -> Tables:
     return {"shape": "polygon", "corners": [[text(x, "um") for x in corner] for corner in corners], **core}
 
 
-def _outline(kind: Tables) -> np.ndarray:
-    """Points of the outline (n, 2) [um], which may cross itself."""
-    if kind["shape"] == "polygon":
-        return np.array([[float(x.split()[0]) for x in corner] for corner in kind["corners"]])
-    return _shape(kind).outline(720)
-
-
 def _shape(kind: Tables) -> Any:
     """The shape of a cell's table; for a polygon, the ellipse in its bounding box."""
     def number(key: str) -> float:
@@ -208,5 +212,5 @@ def _shape(kind: Tables) -> Any:
         return laws("shape")["disc"](radius=number("radius"))
     if kind["shape"] == "ellipse":
         return laws("shape")["ellipse"](a=number("a"), b=number("b"))
-    low, high = _outline(kind).min(axis=0), _outline(kind).max(axis=0)
+    low, high = outline(kind).min(axis=0), outline(kind).max(axis=0)
     return laws("shape")["ellipse"](a=float(high[0] - low[0]) / 2, b=float(high[1] - low[1]) / 2)

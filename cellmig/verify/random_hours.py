@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .random_bodies import Tables, body, decades, laid_out, text
+from .random_bodies import Tables, body, decades, extent, laid_out, text
+from .random_cues import guide
 
 SHAPES = {2: ("disc", "ellipse", "segment"), 3: ("ball", "ellipsoid", "cap")}
 
@@ -38,6 +39,9 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
                                 "random": bool(rng.random() < 0.3)}
     if dimension == 2 and tables["materials"]["cytoplasm"]["law"] != "gel" and rng.random() < 0.5:
         tables["numerics"] = {"renewal": 1.3}
+    cues = np.random.default_rng([seed, number, 5])
+    if tables.get("protrusion", {}).get("cells") and cues.random() < 0.7:
+        guide(cues, tables, *extent(cells))
     for cell in cells:
         del cell["off"]
     return tables

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scenes import built, case, everywhere
@@ -10,6 +12,7 @@ from mpi4py import MPI
 
 from cellmig.case.load import change
 from cellmig.case.messages import CaseError
+from cellmig.runs.run import Run
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 
@@ -41,6 +44,16 @@ def test_polarities_do_not_depend_on_where_runs_stop() -> None:
         once.go(1.5)
         assert np.array_equal(often.guidance.p, once.guidance.p)
         assert np.array_equal(often.guidance.then, once.guidance.then)
+
+
+@pytest.mark.parametrize(("name", "persistence"), [("all_protrude", "2 us"), ("crawl_row", "20 s")])
+def test_knots_and_samples_that_differ_by_rounding_are_at_one_time(name: str, persistence: str) -> None:
+    with built(case(name, f'polarity.persistence="{persistence}"', per_cell=60)) as sim:
+        interval = sim.guidance.due
+        for knot, other in ((1, np.inf), (2, 0.0), (3, np.inf)):
+            stop = float(np.nextafter(interval * knot, other))
+            assert sim.go(stop) == stop and sim.guidance.knot == knot
+        assert sim.integrator.extremes["dt_min"] > 1e-4 * interval
 
 
 @pytest.mark.parametrize("name", ["all_protrude", "three_balls"])
@@ -113,6 +126,15 @@ def test_what_makes_no_sense_is_refused_with_its_key(sets: list[str], key: str) 
 def test_what_is_not_finite_is_told_by_its_name_and_time(sets: list[str], part: str) -> None:
     with pytest.raises((NumericsError, CaseError), match=part), built(case("all_protrude", *POLAR, *sets)) as sim:
         sim.go(0.5)
+
+
+def test_cells_whose_push_is_zero_may_have_a_polarity(tmp_path: Path) -> None:
+    idle = case("all_protrude", *POLAR, "protrusion.protrusion_ratio=0", "protrusion.basal=0.5", 'time.end="0.01 us"')
+    with built(idle) as sim:
+        assert sim.guidance is None and not sim.polar and sim.mechanics.terms.sides == 1
+    if MPI.COMM_WORLD.size == 1:
+        assert Run(idle, tmp_path / "run", MPI.COMM_SELF, quiet=True).go() == 0
+        assert not (tmp_path / "run" / "cues.csv").exists()
 
 
 def test_without_polarity_nothing_is_compiled_or_stored() -> None:

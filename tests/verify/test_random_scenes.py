@@ -6,8 +6,8 @@ import json
 import subprocess
 import sys
 import tomllib
-from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -17,12 +17,13 @@ from mpi4py import MPI
 
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
+from cellmig.case.registry import laws
 from cellmig.geometry.polygons import crossing
 from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.overlap import overlap
 from cellmig.runs.batch import Job, JobResult, run_all
 from cellmig.runs.run import Run
-from cellmig.verify import random_hours
+from cellmig.verify import random_cases, random_hours
 from cellmig.verify import random_scenes as stress
 from cellmig.verify.random_bodies import SHAPES
 from cellmig.verify.random_cases import launch, scene, toml
@@ -57,6 +58,22 @@ def test_all_that_a_case_may_have_is_drawn_and_much_of_it_left_out() -> None:
     assert any("eta" in p for p in plasm) and any("zeta" in p for p in plasm)
     assert {ranks for ranks, _ in launched} == {1, 2, 3}
     assert len({tables["time"].get("integrator") for tables in drawn} | {options for _, options in launched}) > 5
+
+
+@pytest.mark.parametrize("draw", [random_cases, random_hours], ids=["explicit", "overdamped"])
+def test_cells_that_protrude_are_guided_in_all_ways(draw: ModuleType) -> None:
+    drawn = [tables for number in range(400) if "protrusion" in (tables := draw.scene(0, number))]
+    for key in ("polarity", "cues", "fields", "exchange", "substrate"):
+        assert 10 < sum(key in tables for tables in drawn) < len(drawn) - 10
+    cues = [cue for tables in drawn for cue in tables.get("cues", ())]
+    assert {cue["law"] for cue in cues} == set(laws("cue")) and sum("receptors" in cue for cue in cues) > 3
+    assert {tables["polarity"]["law"] for tables in drawn if "polarity" in tables} == set(laws("polarity"))
+    responses = [tables["substrate"].get("response", {}).get("law") for tables in drawn if "substrate" in tables]
+    assert set(responses) - {None} == set(laws("response"))
+    for key in ("basal", "gate", "stall"):
+        assert any(key in tables["protrusion"] for tables in drawn)
+    pushes = [cell["push"] for tables in drawn for cell in tables["cells"] if "push" in cell]
+    assert {key for push in pushes for key in push} == {"strength", "direction", "begin", "end"}
 
 
 def test_scenes_are_cases_or_refused_with_a_message(tmp_path: Path) -> None:
@@ -126,7 +143,9 @@ def test_an_overdamped_scene_is_run_and_measured(tmp_path: Path) -> None:
 
 
 def test_toml_holds_what_it_was_made_from(tmp_path: Path) -> None:
-    for tables in (scene(0, 1), next(t for t in map(partial(scene, 0), range(99)) if "pairs" in t.get("adhesion", {}))):
+    many = [scene(0, number) for number in range(99)]
+    for tables in (scene(0, 1), next(t for t in many if "pairs" in t.get("adhesion", {})),
+                   next(t for t in many if any("push" in cell for cell in t["cells"]))):
         assert tomllib.loads(toml(tables)) == tables
 
 
