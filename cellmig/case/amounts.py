@@ -16,6 +16,7 @@ from .values import declared
 
 ROUNDING = 1.0 + 1e-9  # by which a formula may exceed the largest amount
 OUTLINE = 24  # points of each cell at which values are tried, at least
+INSIDE = 50  # volumes along an axis at which the start of a field that diffuses is tried, at most
 MOST = 10  # of the gain of alignment, with which polarities do not yet overshoot from one knot to the next [-]
 OF_SUBSTRATE = ("stiffness", "ligand")  # names under which cues find what is given there
 
@@ -35,6 +36,8 @@ def amounts(source: Source, found: dict[str, Any]) -> None:
                 source.reject(("fields", name, "file"), "has a column z, but the case has two dimensions, x and y")
         if points is not None and isinstance(formula := getattr(law, "formula", None), Expression):
             _values(source, formula, points, ("fields", name, "formula"))
+        if isinstance(formula := getattr(law, "start", None), Expression):
+            _values(source, formula, _inside(law.box, law.volumes), ("fields", name, "start"), where="in the box")
     if ground is None:
         return
     if found["substrate"] is None and ground.ligand is not None:
@@ -105,8 +108,16 @@ def _ground(source: Source, key: str, given: Any, fields: dict[str, Any], points
         source.reject(path, f"is at most {most:g}, but '{given}' is {law.value(points, 0.0).max():.6g} at a cell")
 
 
-def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple, most: float = np.inf) -> None:
-    """Note a formula with values that are no amounts at the `points` (n, d) [µm] of the cells."""
+def _inside(box: tuple, volumes: tuple[int, ...]) -> np.ndarray:
+    """Centres (n, d) [µm] of the volumes of a box, at most INSIDE of them along an axis."""
+    axes = [a + (b - a) * (np.linspace(0, n - 1, min(n, INSIDE)).round() + 0.5) / n
+            for a, b, n in zip(*box, volumes, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple, most: float = np.inf,
+            where: str = "at a cell") -> None:
+    """Note a formula with values that are no amounts at the `points` (n, d) [µm], of which `where` tells the user."""
     try:
         values = formula(points)
     except ValueError as error:
@@ -116,6 +127,6 @@ def _values(source: Source, formula: Expression, points: np.ndarray, path: tuple
     if len(wrong):
         value, at = values[wrong[0]] / units.number(f"1 {formula.unit}", formula.unit), points[wrong[0]]
         limits = "at least 0" + (f" and at most {most:g}" if np.isfinite(most) else "")
-        where = ", ".join(f"{axis} = {x:.4g}" for axis, x in zip("xyz", at, strict=False))
+        place = ", ".join(f"{axis} = {x:.4g}" for axis, x in zip("xyz", at, strict=False))
         source.reject(path, f"{show(formula.text)} is {value:.6g} {formula.unit}".rstrip()
-                      + f" at {where} um, at a cell: an amount is finite and {limits}")
+                      + f" at {place} um, {where}: an amount is finite and {limits}")

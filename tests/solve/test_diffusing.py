@@ -312,6 +312,7 @@ def test_molecules_and_values_are_written_beside_the_cells(shared_tmp) -> None:
     (['fields.c.quasi_steady=true', 'fields.c.decay="0 /s"', "fields.c.walls={}"], "there is no equilibrium"),
     (['fields.c.box=[["50 um", "0 um"], ["-30 um", "30 um"]]'], "two opposite corners, the lower first"),
     (['substrate.stiffness="c"'], "expects a field in a unit such as Pa"),
+    (['fields.c.start="x nM"'], "in the box: an amount is finite and at least 0"),
 ])
 def test_what_makes_no_sense_is_refused_with_what_would_be_right(sets: list[str], message: str) -> None:
     with pytest.raises(CaseError) as refused:
