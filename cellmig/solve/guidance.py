@@ -208,7 +208,7 @@ class Guidance:
         [µm], and on rank 0 the forces on clutches (cells, sides, n_c) [pN].
         """
         parts = {name: values.tolist() for name, values in self.parts.items()}
-        clutches = {} if self._modules is None else {"guidance clutches": self._modules.forces}
+        clutches = {} if self._modules is None else {"guidance clutches": self._modules.forces.copy()}
         return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts,
                  "pull": self._pull.tolist()},
                 {"guidance factor": self._factor, "guidance centre": self._centre} | clutches)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from scenes import ROOT, built, case, everywhere
@@ -86,6 +88,17 @@ def test_without_inertia_too_a_run_goes_on_with_the_same_clutches() -> None:
         second.go(190.0 * SECOND)
         assert second.state_hash() == whole.state_hash()
         assert second.saved()[0]["guidance"] == whole.saved()[0]["guidance"]
+
+
+def test_what_is_saved_stays_as_it_is_while_the_run_goes_on() -> None:
+    """Without inertia a checkpoint is that of the last sample, and may be written much later."""
+    with built(case("all_protrude", *FAST)) as sim:
+        sim.go(0.55)
+        about, arrays = sim.saved()
+        before = deepcopy((about, arrays))
+        sim.go(1.0)
+        assert about == before[0]
+        assert all(np.array_equal(values, before[1][name]) for name, values in arrays.items())
 
 
 def test_without_clutches_cells_have_no_sides_and_nothing_is_stored() -> None:
