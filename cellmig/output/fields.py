@@ -76,8 +76,8 @@ _TRACK = (("`id`, `time_us`, `x_um`, `y_um`; in 3D also `z_um`", "name of a cell
            "order of celltrackR: `read.tracks.csv(\"tracks.csv\", sep = \",\", pos.columns = 3:4)`"),)
 _CUE = (("`polarity`; in 3D `polarity_x`, `polarity_y`", "polarity of the cell"),
         ("`push_pn_per_um`; in 3D `push_x_pn`, `push_y_pn`", "push of its protrusion along the substrate"),
-        ("the name of each cue; in 3D with `_x`, `_y`", "its part in the sum towards which the polarity relaxes, at "
-         "the last knot"))
+        ("number and law of each cue, such as `0_occupancy` for `cues.0`; in 3D with `_x`, `_y`", "its part in the sum "
+         "towards which the polarity relaxes, at the last knot"))
 _MOLECULES = (("time", "up to which the field is known: that of its last knot"),
               ("`field`", "name of the field; all amounts are since the start, in 2D per µm of thickness: "
                           "`secreted_per_um`"),

@@ -99,8 +99,10 @@ def in_balance(directory: Path) -> bool:
 def pooled(directories: Sequence[Path]) -> list[Tracks]:
     """Tracks of several runs in the unit of the first, all as long as the shortest.
 
-    Raises OutputError where their intervals or numbers of dimensions differ.
+    Raises OutputError where their intervals or numbers of dimensions differ, or one is given twice.
     """
+    if len({path.resolve() for path in directories}) < len(directories):
+        raise OutputError("a directory is given twice: its cells would count twice")
     found = [read_tracks(directories[0])]
     found += [read_tracks(path, found[0].unit) for path in directories[1:]]
     first = found[0]

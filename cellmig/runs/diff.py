@@ -12,7 +12,8 @@ from cellmig.output.directory import existing_run
 from cellmig.output.tables import read_table, time_column, unit_of
 from cellmig.output.xdmf import Frame, frames
 
-_TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv", "tracks.csv", "cues.csv")
+_TABLES = ("history.csv", "ledger.csv", "substrate.csv", "neighbours.csv", "tracks.csv", "cues.csv",
+           "molecules.csv")
 
 
 def diff(a: Path, b: Path, tolerance: float = 0.0) -> tuple[bool, list[str]]:

@@ -75,7 +75,7 @@ class Guidance:
     ----------
     knot : int -- number of the last knot.
     p, then : (cells, d - 1) float -- polarities at the last and at the next knot [-].
-    parts : dict of (cells, d - 1) float -- what each cue gave at the last knot, by number and law [-].
+    parts : dict of (cells, d - 1) float -- what each cue gave at the last knot, by number, as in the case, and law [-].
     due : float -- time up to which the drives hold [µs].
     """
 
@@ -137,7 +137,7 @@ class Guidance:
         if self._senses:
             around = self._surroundings(x)
             with np.errstate(all="ignore"):  # what is not finite has a message of its own
-                parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues, 1)}
+                parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues)}
                 factor = push_factor(case.ground, self._fields, x, self._at, self._push)
             self._finite(parts, factor)
             if self._gate is not None:

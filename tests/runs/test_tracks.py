@@ -126,6 +126,11 @@ def test_what_cannot_be_measured_is_said(tmp_path, times, dimension, interval, a
         measure([one, two], interval and interval * HOUR, axis)
 
 
+def test_no_run_counts_twice(seeds):
+    with pytest.raises(OutputError, match="is given twice"):
+        measure([*seeds, seeds[0] / ".." / seeds[0].name])
+
+
 def test_a_run_that_was_stopped_between_samples_and_one_without_tracks_are_read(tmp_path):
     run = leave(tmp_path / "run", np.zeros((1, 4, 2)), np.array([0.0, 1.0, 2.0, 2.3]))
     assert read_tracks(run).time.tolist() == [0.0, 1.0, 2.0]
@@ -209,5 +214,5 @@ def test_tracks_and_cues_have_the_same_bits_on_three_ranks_and_after_resume(
     same, lines = diff(tmp_path / "one", tmp_path / "three")
     assert same and {"tracks.csv", "cues.csv"} <= {line.partition(":")[0] for line in lines}, lines
     found = read_table(tmp_path / "one/cues.csv")
-    assert list(found)[3:] == ["polarity", "push_pn_per_um", "1_contact", "2_given"]
-    assert (found["2_given"] == 0.5).all() and len(found["cell"]) == 15
+    assert list(found)[3:] == ["polarity", "push_pn_per_um", "0_contact", "1_given"]
+    assert (found["1_given"] == 0.5).all() and len(found["cell"]) == 15

@@ -117,10 +117,10 @@ def test_what_makes_no_sense_is_refused_with_its_key(sets: list[str], key: str) 
 
 
 @pytest.mark.parametrize(("sets", "part"), [
-    (['cues=[{law="given", vector=["sqrt(0.25 - t_us)"]}]'], "0.3 µs: the cue 1_given of 'Cell-1' is not finite"),
+    (['cues=[{law="given", vector=["sqrt(0.25 - t_us)"]}]'], "0.3 µs: the cue 0_given of 'Cell-1' is not finite"),
     (['fields.c={formula="sqrt(0.25 - t_us) nM"}', 'cues=[{law="occupancy", field="c", affinity="1 nM"}]'],
-     "0.3 µs: the cue 1_occupancy of 'Cell-1' is not finite"),
-    (['cues=[{law="given", vector=["1/t_us"], cells=["Cell-2"]}]'], "0 µs: the cue 1_given of 'Cell-2' is not finite"),
+     "0.3 µs: the cue 0_occupancy of 'Cell-1' is not finite"),
+    (['cues=[{law="given", vector=["1/t_us"], cells=["Cell-2"]}]'], "0 µs: the cue 0_given of 'Cell-2' is not finite"),
     (['substrate={stiffness="1 + exp(1000 - 0*x) kPa", response={law="saturating", half="1 kPa"}}'],
      "an amount is finite and at least 0")])
 def test_what_is_not_finite_is_told_by_its_name_and_time(sets: list[str], part: str) -> None:
