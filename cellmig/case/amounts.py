@@ -68,15 +68,20 @@ def exchanges(source: Source, found: dict[str, Any]) -> None:
 
 
 def cues(source: Source, found: dict[str, Any]) -> None:
-    """Note cues of cells that have no polarity, levels of another kind than the field of a cue, and alignment that
-    overshoots.
+    """Note cues of cells without a polarity to turn, levels of another kind than the field of a cue, and alignment
+    that overshoots.
     """
     if found["cues"] and "polarity" not in source.data:
         source.reject(("cues",), "turn the polarity of cells, of which there is none: add [polarity], such as "
                                  'persistence = "10 min"')
     known = {key: declared(Ground)[key].metadata["unit"] for key in OF_SUBSTRATE}
     known |= {name: law.unit for name, law in found["fields"].items() if law is not None}
+    push, polarity = found["protrusion"], found["polarity"]
+    polar = () if push is None or polarity is None else polarity.cells or push.cells
     for cue, path in found["cues"]:
+        if polar and (idle := [name for name in cue.cells if name not in polar]):
+            source.reject((*path, "cells"), f"'{idle[0]}' has no polarity to turn: name it in "
+                          + ("polarity.cells" if idle[0] in push.cells else "protrusion.cells"))
         name, level = getattr(cue, "field", None), getattr(cue, "affinity", None)
         if level is not None and name in known and not units.same_kind(level.unit, known[name]):
             such = f"a level such as {show(units.written('1', known[name]))}" if known[name] else "a pure number"

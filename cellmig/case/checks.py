@@ -108,7 +108,11 @@ def _pushes(source: Source, found: dict[str, Any]) -> None:
         if given and (len(given) != n or not any(given)):
             source.reject((*path, key), "has a component for each direction along the substrate and is not zero, such "
                           f"as {example}")
-    if polarity is not None and not (push is not None and push.cells):
+    if polarity is not None and found["substrate"] is None and "substrate" not in source.data.get("adhesion", {}):
+        source.reject(("polarity",), "cells push off [adhesion.substrate], of which there is none")
+    if push is None and "protrusion" in source.data:
+        pass  # its own mistakes are noted
+    elif polarity is not None and not (push is not None and push.cells):
         source.reject(("polarity",), "no cell protrudes: name those that do in protrusion.cells")
     elif polarity is not None and (idle := [name for name in polarity.cells if name not in push.cells]):
         source.reject(("polarity", "cells"), f"'{idle[0]}' does not protrude: name it in protrusion.cells, too")

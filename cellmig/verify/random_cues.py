@@ -31,7 +31,8 @@ def guide(rng: np.random.Generator, tables: Tables, low: np.ndarray, high: np.nd
             tables["fields"]["made"] = _diffusing(rng, about)
             tables["exchange"] = _exchange(rng, about, [cell["name"] for cell in tables["cells"]])
         known = [*tables["fields"], *(key for key in ("ligand", "stiffness") if key in tables.get("substrate", {}))]
-        tables["cues"] = [_cue(rng, about, known, push["cells"]) for _ in range(rng.integers(0, 4))]
+        polar = tables["polarity"].get("cells", push["cells"])
+        tables["cues"] = [_cue(rng, about, known, polar) for _ in range(rng.integers(0, 4))]
         if not tables["cues"]:
             del tables["cues"]
     elif rng.random() < 0.5:

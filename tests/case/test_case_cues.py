@@ -88,6 +88,25 @@ def test_cues_without_a_polarity_are_refused() -> None:
         load(CASES["crawl"], ['cues={law="contact"}', *POLAR])
 
 
+def test_a_cue_of_a_cell_that_has_no_polarity_is_refused() -> None:
+    leader = ('cues=[{law="given", vector=[1], cells=["Cell-1"]}]', 'polarity.persistence="10 min"')
+    for sets, what in ((['polarity.cells=["Cell-2"]'], "polarity"), (['protrusion.cells=["Cell-2"]'], "protrusion")):
+        with pytest.raises(CaseError) as error:
+            load(CASES["crawl_row"], [*leader, *sets])
+        assert f"cues.0.cells: 'Cell-1' has no polarity to turn: name it in {what}.cells" in str(error.value)
+
+
+def test_a_polarity_needs_what_cells_push_off() -> None:
+    with pytest.raises(CaseError, match=r"polarity: cells push off \[adhesion.substrate\], of which there is none"):
+        load(CASES["slab"], ['polarity.persistence="10 min"', 'protrusion.cells=["Cell-1"]'])
+
+
+def test_a_mistake_in_the_protrusion_is_told_alone() -> None:
+    with pytest.raises(CaseError) as error:
+        load(CASES["crawl"], [*POLAR, "protrusion.basal=-1"])
+    assert [m.key for m in error.value.mistakes] == ["protrusion.basal"]
+
+
 def test_the_schema_of_cues_lists_their_laws() -> None:
     items = json_schema()["properties"]["cues"]["items"]
     assert {"occupancy", "contact", "neighbours", "motion", "given"} <= set(items["properties"]["law"]["enum"])
