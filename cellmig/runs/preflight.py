@@ -231,9 +231,12 @@ def _overdamped_time(case: Case) -> tuple[str, str]:
     if trial.reached < case.time.end:
         decade = trial.steps / math.log10(trial.reached / (trial.reached - trial.simulated))
         gone = expected(case, arrangement(case), case.time.end).distance
-        wall += trial.wall / trial.steps * (decade * math.log10(case.time.end / trial.reached) + gone / margin)
-        told += (f" to {duration(1e-6 * trial.reached)}, if each tenfold time takes as many as the last, {decade:.0f}, "
-                 "and cells crawl as above")
+        steps = decade * math.log10(case.time.end / trial.reached) + gone / margin
+        knots = (case.time.end - trial.reached) / case.polarity.interval if case.polarity is not None else 0.0
+        wall += trial.wall / trial.steps * max(steps, knots)
+        told += f" to {duration(1e-6 * trial.reached)}, if " + (
+            f"each of {knots:.2g} knots of the polarity takes one step" if knots > steps else
+            f"each tenfold time takes as many as the last, {decade:.0f}, and cells crawl as above")
     return solver, f"{duration(wall)} to {duration(times * wall)} on one core, {told}"
 
 

@@ -52,6 +52,8 @@ def test_validate_tells_what_motion_without_inertia_takes(monkeypatch: pytest.Mo
     assert "on one core, as a trial of 60 particles took" in told
     assert "leapfrog takes" in told
     assert '"overdamped" takes' in explicit
+    often = change(CRAWL, {"protrusion": {"cells": ["Cell-1"]}, "polarity": {"persistence": "1 ms"}})
+    assert "knots of the polarity takes one step" in report(often)
 
 
 @pytest.mark.parametrize(("changes", "message"), [
