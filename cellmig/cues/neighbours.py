@@ -15,7 +15,7 @@ class Neighbours(Cue):
     r"""Mean of p_j - p_i over the cells j in contact with the cell i.
 
     A cell counts fully if its surface comes as near as half the reach, and gradually less up to the reach.  Leaders are
-    cells that this cue does not turn.
+    cells that this cue does not turn; a cell that does not push has no polarity, p_j = 0.
 
     Source: alignment with neighbours, Vicsek et al. (1995), Phys. Rev. Lett. 75:1226-1229; of cells in an epithelium,
     with leaders, Sepúlveda et al. (2013), PLoS Comput. Biol. 9:e1002944.

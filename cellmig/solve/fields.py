@@ -14,6 +14,7 @@ from ..output.grids import OnGrid
 from .diffusing import DiffusingField
 from .exchange import Exchanging
 from .mechanics import Mechanics
+from .step import NumericsError
 
 BOTH = "field {} {}"  # name of an array of a checkpoint, by field and array
 
@@ -53,8 +54,13 @@ class Fields:
     def _advance(self) -> None:
         if self.diffusing:
             x = self._mechanics.segments.everywhere()
+            time = self._interval * self.knot
             for field in self.diffusing.values():
-                field.advance(self._interval * self.knot, x)
+                try:
+                    field.advance(time, x)
+                except NumericsError as error:
+                    when = self._mechanics.scene.time_unit.text(time)
+                    raise NumericsError(f"the simulation failed at {when}: {error}") from None
 
     def rows(self) -> list[dict[str, Any]]:
         """Molecules of each field up to the last knot, for all cells, and for each: rows of a table; on rank 0."""

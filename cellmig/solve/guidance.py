@@ -92,7 +92,7 @@ class Guidance:
         self._factor, self._pull = np.ones(len(mechanics.surfaces.ids)), np.ones((len(names), mechanics.terms.sides))
         pushing = [name for name in names if name in push]
         self._modules = case.clutches and Modules(case.clutches, case.seed, self._names, pushing, mechanics.terms.sides)
-        self.p = self.then = towards(case)
+        self.p = self.then = np.where([[name in push] for name in names], towards(case), 0.0)
         self._centre = np.zeros((len(names), mechanics.scene.dimension))
         self._gate = case.protrusion.gate if case.protrusion is not None else None
         self._senses = bool(case.cues) or self._gate is not None or case.ground is not None

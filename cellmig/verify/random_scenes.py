@@ -42,8 +42,9 @@ DEPTH = 0.02  # largest depth of a cell within another, over its size
 # a cap under tension have 2.2, 1.0, 0.7 %.
 AREA = {2: 0.1, 3: 0.4}
 STEPS, LIMIT = {False: 3000, True: 500}, 240.0  # limits of a run: steps, of an overdamped one fewer, wall time [s]
-# A clear message names time, cause, particle and remedy.
-CLEAN = re.compile(r"failed at [\d.e+-]+ (µs|ms|s|min|h): .+; particle \d+ of cell \d+ has .+; .*(try|take) ")
+# A clear message names time, cause, particle and remedy, or the cell that has left the box of a field.
+CLEAN = re.compile(r"failed at [\d.e+-]+ (µs|ms|s|min|h): "
+                   r"(.+; particle \d+ of cell \d+ has .+; .*(try|take) |cell \d+, .+ has left its box .+; make )")
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,14 @@ A_BATCH = ("--wall-time", "1 s")  # less than is kept back for the end: it stops
 
 
 BASES = {(False, 2): ("all_protrude", "1 us"), (False, 3): ("three_balls", "0.5 us"),
-         (True, 2): ("crawl_row", "5 min"), (True, 3): ("crawl_cap", "2 min")}
+         (True, 2): ("crawl_row", "1 min"), (True, 3): ("crawl_cap", "20 s")}
 
 
 def drawn(folder: Path, seed: int, hours: bool) -> Path:
     """Three cells that protrude, a single one for hours in space, with what chance adds; seeds 3, 7 in space."""
     name, end = BASES[hours, 3 if seed % 4 == 3 else 2]
     tables, rng = load(CASES[name]).resolved(), np.random.default_rng(seed)
-    tables["time"] |= {"end": end, "samples": 8, "frames": 1}
+    tables["time"] |= {"end": end, "samples": 5, "frames": 1}
     tables["particles"] = {"per_cell": 60 if tables["dimension"] == 2 else 100}
     if hours:
         tables["protrusion"]["protrusion_ratio"] = 0.03  # polarities multiply it, and bonds bear it still
@@ -52,7 +52,7 @@ def run(cellmig: Callable[..., Any], tmp_path: Path) -> Callable[..., Path]:
         out = tmp_path / f"on-{ranks}-{then}"
         words: list[tuple[int, tuple]] = [(ranks, ("run", case, "--out", out, *(A_BATCH if then else ())))]
         for on, given in [*words, *([(then, ("resume", out))] if then else [])]:
-            done = cellmig(on, *given, "--quiet")
+            done = cellmig(on, *given, "--quiet", timeout=600)
             expected = 75 if A_BATCH[0] in given else 0
             assert done.returncode == expected, done.stderr
         return out
@@ -76,6 +76,7 @@ def test_explicit_steps_come_to_the_same_bits_on_any_ranks_and_after_a_resume(ru
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(10))
 def test_tracks_without_inertia_are_the_same_on_any_ranks_and_have_the_same_bits_after_a_resume(run, tmp_path, seed):
     case = drawn(tmp_path, seed, True)
@@ -86,4 +87,4 @@ def test_tracks_without_inertia_are_the_same_on_any_ranks_and_have_the_same_bits
         other = run(ranks, case)
         found = apart(whole, other, "tracks.csv", ("x", "y", "z")), apart(whole, other, "cues.csv", "polarity")
         print(f"seed {seed} on {ranks} ranks: tracks differ by {found[0]:.1g} µm, polarities by {found[1]:.1g}")
-        assert found[0] < 1e-4 and found[1] < 1e-4, found
+        assert found[0] < 1e-8 and found[1] < 1e-8, found  # measured 1e-12 and 1e-15

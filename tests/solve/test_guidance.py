@@ -86,6 +86,13 @@ def test_cells_push_where_they_are_told_and_when() -> None:
         assert push(sim)[2, 0] == 0.0
 
 
+def test_neighbours_that_do_not_push_have_no_polarity() -> None:
+    given = ('protrusion.cells=["Cell-2"]', "polarity.spread=0", "polarity.start=[1]", 'cues=[{law="neighbours"}]')
+    with built(case("all_protrude", *POLAR, *given)) as sim:
+        assert sim.guidance.p[:, 0].tolist() == [0.0, 1.0, 0.0]
+        assert sim.guidance.parts["1_neighbours"][1, 0] == pytest.approx(-1.0)  # of two at rest on either side
+
+
 def test_in_space_the_push_is_along_the_polarity() -> None:
     with built(case("three_balls", "protrusion.direction=[3, 4]")) as sim:
         sim.go(1.0)

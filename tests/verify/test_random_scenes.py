@@ -160,6 +160,8 @@ def test_a_change_is_made_to_every_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("code", "message", "ended"), [
     (0, "", "stable"), (4, CLEAN, "stopped"), (4, "the simulation failed", "bad"), (4, CLEAN.split("; the")[0], "bad"),
+    (4, "the simulation failed at 2 h: cell 1, which exchanges with the field c, has left its box at x = 3; make "
+        "fields.c.box larger", "stopped"),
     (2, "case.toml:3: cells.0: 'B' overlaps 'A' by 0.1 um", "refused"), (2, "", "bad"),
     (1, "Traceback", "bad"), (-11, "killed by signal 11", "bad"), (-9, "no end within 240 s", "bad"), (75, "", "bad"),
 ])
