@@ -90,7 +90,8 @@ def test_neighbours_that_do_not_push_have_no_polarity() -> None:
     given = ('protrusion.cells=["Cell-2"]', "polarity.spread=0", "polarity.start=[1]", 'cues=[{law="neighbours"}]')
     with built(case("all_protrude", *POLAR, *given)) as sim:
         assert sim.guidance.p[:, 0].tolist() == [0.0, 1.0, 0.0]
-        assert sim.guidance.parts["1_neighbours"][1, 0] == pytest.approx(-1.0)  # of two at rest on either side
+        cue, = sim.guidance.parts.values()
+        assert cue[1, 0] == pytest.approx(-1.0)  # of two at rest on either side
 
 
 def test_in_space_the_push_is_along_the_polarity() -> None:
