@@ -23,10 +23,10 @@ BOX = {"law": "diffusing", "diffusion": "100 um^2/s", "decay": "0.01 /s", "spaci
 SECRETION = [{"field": "signal", "cells": ["Cell-1", "Cell-2", "Cell-3"], "secretion": "5 /um^2/s"}]
 GRADED = {"stiffness": "20 + 0.01*x kPa"}
 
-# What is added to the scene with a polarity: tables of the case.
+GIVEN = {"law": "given", "vector": [1.0]}  # so that the polarity stays, and the push is that of the bare scene
+# What is added to the scene with a polarity and that cue: tables of the case.
 ADDED: dict[str, dict[str, Any]] = {
-    "polarity alone": {},
-    "cue given": {"cues": [{"law": "given", "vector": [0.0]}]},
+    "polarity and a given cue": {},
     "cue occupancy of a formula": {"fields": SIGNAL, "cues": [OCCUPANCY]},
     "cue occupancy with receptors": {"fields": SIGNAL, "cues": [OCCUPANCY | {"receptors": 50000}]},
     "cue contact": {"cues": [{"law": "contact", "gain": 1e-6}]},
@@ -61,8 +61,8 @@ def _tree(quick: bool) -> dict[str, Any]:
 
 def _with(bare: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
     """The scene with a polarity and what is added."""
-    protrusion = bare["protrusion"] | tables.get("protrusion", {})
-    return {**bare, "polarity": {"law": "relaxing", **KNOTS}, **tables, "protrusion": protrusion}
+    protrusion, cues = bare["protrusion"] | tables.get("protrusion", {}), [GIVEN, *tables.get("cues", [])]
+    return {**bare, "polarity": {"law": "relaxing", **KNOTS}, **tables, "protrusion": protrusion, "cues": cues}
 
 
 def _seconds(tree: dict[str, Any]) -> float:
