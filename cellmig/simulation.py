@@ -114,7 +114,6 @@ class Simulation:
 
         Times that differ by rounding alone are one: no step could be as short.
         """
-        self.integrator.forget()
         turning: list[Any] = [one for one in (self.fields, self.guidance) if one is not None]  # cues ask fields
         while (due := min(one.due for one in turning)) <= stop * ROUNDING:
             at = due if due * ROUNDING < stop else stop
@@ -182,7 +181,7 @@ class Simulation:
         """
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
-            arrays["X"], arrays["surface"] = self.scene.X, self.mechanics.surfaces.ids
+            arrays |= {"X": self.scene.X, "surface": self.mechanics.surfaces.ids, **self.integrator.arrays()}
         found = {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                  "interval": self.interval.saved()}
         if self.fields.diffusing:
@@ -200,7 +199,7 @@ class Simulation:
             self.fields.restore(about["fields"], arrays)
         if self.guidance is not None:
             self.guidance.restore(about["guidance"], arrays)
-        self.integrator.restore(about["integrator"])
+        self.integrator.restore(about["integrator"], arrays)
         self.sampler.start = about["ledger"]
         self.interval.restore(about["interval"])
         self.time = self.integrator.time

@@ -46,7 +46,7 @@ class Equations:
         self.free[m.loads.held] = 0.0
         self.inertia = holding * (1.0 - self.free) if holding else self.mass * np.ones_like(self.free)
         self.matrix_free = PETSc.Options().getBool("matrix_free", holding > 0.0 or m.scene.size > MATRIX_FREE_FROM)
-        self.exact = 0
+        self.exact = self._solves = self._iterations = 0
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
         self._begun = 0.0  # time of that start [µs]
@@ -112,10 +112,20 @@ class Equations:
         of_second_order = contracted(last, cofactors(change)) if len(F) == 3 else 0.0
         return of_second_order + determinant(change)
 
-    def forget(self) -> None:
-        """Assemble the next tangent anew."""
-        self._by_v, self.exact = 0.0, 0
-        self.stiffness.forget()
+    def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """The tangent that is reused, for a checkpoint: numbers and, on one rank, arrays as `Stiffness.saved` has them.
+
+        On several ranks none, as what they sum has no fixed order in any case.
+        """
+        if not self.matrix_free or not self._by_v or self.mechanics.comm.size > 1:
+            return {}, {}
+        return {"by_v": self._by_v, "exact": self.exact, "iterations": self._iterations}, self.stiffness.saved()
+
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Set the tangent from the results of `saved`, arrays (nnz, …) [Pa], int; without them it is made anew."""
+        if about and self.matrix_free and self.mechanics.comm.size == 1:
+            self._by_v, self.exact, self._iterations = about["by_v"], about["exact"], about["iterations"]
+            self.stiffness.restore(self.matrix, arrays)
 
     def linearise(self, t: float, u: np.ndarray, v: np.ndarray, by_v: float, by_a: float, ksp: PETSc.KSP,
                   pc: PETSc.PC, first: bool) -> None:
@@ -144,7 +154,10 @@ class Equations:
         geometric.data *= self.free[np.repeat(np.arange(n), np.diff(geometric.indptr)), :, None]
         if self.geometric is not None:
             fill(self.geometric, geometric)
-        if self.matrix_free and not self.exact and self._by_v and ksp.getIterationNumber() <= REUSE_ITERATIONS:
+        if self._solves:
+            self._iterations = ksp.getIterationNumber()
+        self._solves += 1
+        if self.matrix_free and not self.exact and self._by_v and self._iterations <= REUSE_ITERATIONS:
             self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
             if self._by_v:
                 return

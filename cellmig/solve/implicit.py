@@ -278,10 +278,6 @@ class Implicit(Integrator):
         self._checked_limits()
         return ts.getTime()
 
-    def forget(self) -> None:
-        """Begin with a new tangent."""
-        self.equations.forget()
-
     def _choose_step(self, stop: float) -> None:
         """Set the next step: that of PETSc's error control, else equal ones to `stop` [µs], at most the fixed one."""
         left = stop - self.ts.getTime()

@@ -140,8 +140,11 @@ class Integrator:
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
         return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
 
-    def restore(self, about: dict[str, Any]) -> None:
-        """Set the state from `about`, which `saved` returned; call it after the state of the mechanics was restored."""
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint, of any shape and unit.
+
+        Call it after the state of the mechanics was restored.
+        """
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
         self.gaps = np.array(about["gaps"])
@@ -154,8 +157,9 @@ class Integrator:
         """(v, a) of the owned particles (n_owned, 4) [µm/µs], [µm/µs²]; updates F and the reactions; collective."""
         return self.mechanics.rate()
 
-    def forget(self) -> None:
-        """Forget what steps reuse and a checkpoint does not hold, so that a run which goes on has the same bits."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Further arrays of a checkpoint, of any shape and unit, on rank 0."""
+        return {}
 
     @property
     def finished(self) -> bool:

@@ -223,12 +223,18 @@ class Overdamped(Implicit):
 
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint, with the last step, from which the next error follows."""
-        return super().saved() | {"descends": self._descends, "last": self.last, "least": self.least}
+        return super().saved() | {"descends": self._descends, "last": self.last, "least": self.least,
+                                  "tangent": self.equations.saved()[0]}
 
-    def restore(self, about: dict[str, Any]) -> None:
-        """Set the state from `about`, which `saved` returned."""
-        super().restore(about)
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The tangent that is reused (nnz, …) [Pa]."""
+        return self.equations.saved()[1]
+
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint (nnz, …) [Pa]."""
+        super().restore(about, arrays)
         self.last, self.least, self._descends = about["last"], about["least"], about["descends"]
+        self.equations.restore(about["tangent"], arrays)
 
     @property
     def closing(self) -> str:

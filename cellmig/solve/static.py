@@ -99,8 +99,9 @@ class Static:
         """Whether `halt` was called."""
         return self.halted
 
-    def forget(self) -> None:
-        """Nothing is reused from one equilibrium to the next."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Further arrays of a checkpoint: none."""
+        return {}
 
     def halt(self) -> None:
         """End `advance_to` after the current load step."""
@@ -114,8 +115,11 @@ class Static:
         """State for a checkpoint at a sample: time, last load step and all counts."""
         return deepcopy({name: getattr(self, name) for name in _COUNTED})
 
-    def restore(self, about: dict[str, Any]) -> None:
-        """Set the state from `about`, which `saved` returned, after that of the mechanics was restored; collective."""
+    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Set the state from `about`, which `saved` returned, after that of the mechanics was restored; collective.
+
+        arrays : those of the checkpoint, of any shape and unit.
+        """
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
         self.plates.store(self._forces())

@@ -63,6 +63,7 @@ class Stiffness:
         self._damping = scene.field("damping")[m.part.row_ids] if m.terms.bulk_damped else None
         self._bending = [there * scene.field(f"bending_{kind}")[m.part.row_ids]
                          for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
+        self._stored: tuple[sparse.bsr_matrix, ...] = ()
         self._material = scene.material[m.part.row_ids]
         self._modulus = np.array([law.density * law.sound_speed**2 for law in scene.materials])[self._material]
         self._modulus = self._modulus if m.grades() is None else m.grades() * self._modulus
@@ -168,13 +169,9 @@ class Stiffness:
     def _allocate(self, mat: PETSc.Mat, pattern: sparse.csr_matrix) -> None:
         """Allocate the entries of a pattern in a Mat; collective."""
         pattern.sort_indices()
-        self._room, self._outdated = _places(pattern), False
+        self._room = _places(pattern)
         mat.setPreallocationCSR((pattern.indptr.astype(PETSc.IntType), pattern.indices.astype(PETSc.IntType),
                                  np.zeros((pattern.nnz, self.dimension, self.dimension))))
-
-    def forget(self) -> None:
-        """Allocate entries anew at the next `store`: the order of elimination goes by all that were ever allocated."""
-        self._room, self._outdated = _places(self.pattern), True
 
     def store(self, bodies: sparse.bsr_matrix, surfaces: sparse.bsr_matrix, mat: PETSc.Mat, pc: PETSc.PC) -> None:
         """Set a Mat to the sum of both parts, after allocation of entries for new contacts; collective.
@@ -186,12 +183,31 @@ class Stiffness:
         wanted = _places(new)
         at = np.searchsorted(self._room, wanted)
         missing = (at == len(self._room)).any() or (self._room[at] != wanted).any()
-        if self.mechanics.comm.allreduce(bool(missing) or self._outdated, MPI.LOR):
+        if self.mechanics.comm.allreduce(bool(missing), MPI.LOR):
             row, column = np.divmod(self._room, shape[1])
             old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
             self._allocate(mat, (new + old).tocsr())
             pc.reset()
         fill(mat, bodies, surfaces)
+        self._stored = bodies, surfaces
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """What is in the Mat, on one rank, with the room in it, by which the order of elimination goes.
+
+        Arrays of CSR, values (nnz, d, d) [Pa], and numbers (nnz,) int of the entries that there is room for.
+        """
+        parts = {f"tangent {k} {name}": getattr(part, name) for k, part in enumerate(self._stored)
+                 for name in ("data", "indices", "indptr")}
+        return parts | {"tangent room": self._room}
+
+    def restore(self, mat: PETSc.Mat, arrays: dict[str, np.ndarray]) -> None:
+        """Set a Mat as `saved` found it, from arrays (nnz, …) [Pa], int."""
+        size = self.mechanics.scene.size
+        row, column = np.divmod(arrays["tangent room"], size)
+        self._allocate(mat, sparse.csr_matrix((np.ones(len(row)), (row, column)), (self.mechanics.n_owned, size)))
+        self._stored = tuple(sparse.bsr_matrix(tuple(arrays[f"tangent {k} {name}"] for name in (
+            "data", "indices", "indptr")), self.shape) for k in range(2))
+        fill(mat, *self._stored)
 
 
 def _pattern(K: Any, shape: tuple[int, int]) -> sparse.csr_matrix:

@@ -210,7 +210,7 @@ def test_a_ball_goes_on_with_the_same_bits_after_a_checkpoint(comm: MPI.Comm) ->
     with Space(cells(2), ALL, comm) as space:
         (about, arrays), integrator = kept
         restore(space.mechanics, about, arrays)
-        space.integrator.restore(integrator)
+        space.integrator.restore(integrator, {})
         space.integrator.advance_to(0.4)
         assert space.state() == right
 

@@ -261,7 +261,7 @@ def test_a_director_goes_on_with_the_same_bits_after_a_checkpoint_and_a_look(com
         looked = ends(space)
     with Space(scene, terms, comm) as space:
         restore(space.mechanics, about, arrays)
-        space.integrator.restore(integrator)
+        space.integrator.restore(integrator, {})
         space.integrator.advance_to(0.1)
         assert ends(space) == looked
 
