@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,6 +25,7 @@ from .estimates import LASTING, SMALL, Expected, expected
 
 FLOATING = 5  # largest number of cells that a warning names
 LISTED = 4  # the same of a pair, and of kinds of cells in space
+WIDE = 104  # largest number of letters in a row of absent terms
 COARSE = 0.05  # share of a body's volume that its particles may leave out
 CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
@@ -48,7 +50,8 @@ def describe_load_steps(case: Case) -> str:
 def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
     """Rows of absent terms by their reasons."""
     names = {why: [name for name, reason in skipped.items() if reason == why] for why in skipped.values()}
-    rows = [f"{', '.join(those)}: {why}" for why, those in names.items()] or ["nothing"]
+    texts = [f"{', '.join(those)}: {why}" for why, those in names.items()] or ["nothing"]
+    rows = [line for text in texts for line in textwrap.wrap(text, WIDE, subsequent_indent="  ")]
     return [("" if number else "skipped", row) for number, row in enumerate(rows)]
 
 
