@@ -20,10 +20,11 @@ class Occupancy(Cue):
     of the plane, which fits Θ(r) best, times L.  It is bounded, and largest at c = K where ΔC/C is the same, where
     HL60 cells orient best, too (Herzmark et al. 2007, PNAS).
 
-    N `receptors`, evenly on the surface, are occupied or not by chance: at each knot of the polarity ΔΘ then has normal
-    noise of covariance (L²/N) M⁻¹ <Θ (1 - Θ) r rᵀ> M⁻¹, which is that of the fit.  In a weak gradient the variance of
-    ΔC/C, as the cell finds it, is L² (c + K)²/(N c K) M⁻¹: 8 (c + K)²/(N c K) for a ring or for a disc seen from the
-    side, 12 (c + K)²/(N c K) for a ball, 4 (c + K)²/(N c K) for receptors at two ends.
+    N `receptors`, 30 at least and evenly on the surface, are occupied or not by chance: at each knot of the
+    polarity ΔΘ then has normal noise of covariance (L²/N) M⁻¹ <Θ (1 - Θ) r rᵀ> M⁻¹, which is that of the fit. In a
+    weak gradient the variance of ΔC/C, as the cell finds it, is L² (c + K)²/(N c K) M⁻¹: 8 (c + K)²/(N c K) for a
+    ring or for a disc seen from the side, 12 (c + K)²/(N c K) for a ball, 4 (c + K)²/(N c K) for receptors at two
+    ends.
 
     Source: occupied receptors and their noise: Tranquillo, Lauffenburger & Zigmond (1988), J. Cell Biol. 106:303-309;
     the limit for cells of any shape: Hu, Chen, Rappel & Levine (2011), Phys. Rev. E 83:021917; the fit: derived here.
@@ -33,7 +34,7 @@ class Occupancy(Cue):
     field: str = parameter("name of the field, of a chemical or of ligand", refers="field")
     affinity: Level = level("level K of the field at which half of the receptors are occupied, such as \"10 nM\"")
     receptors: float | None = quantity("", "number N of receptors of a cell; by default so many that chance does not "
-                                       "count", None, minimum=1)
+                                       "count", None, minimum=30)
 
     def sensed(self, around: Surroundings) -> np.ndarray:
         """ΔΘ of all cells, with the noise of finite receptors (cells, d - 1) [-]."""
@@ -46,6 +47,6 @@ class Occupancy(Cue):
             variance = inverse @ spread @ inverse / self.receptors
             size, axes = np.linalg.eigh(variance)
             root = axes * np.sqrt(np.maximum(size, 0.0))[:, None, :]
-            chance = np.einsum("kij,klj,kl->ki", root, axes, around.normal(f"occupancy of {self.field}"))
-            slope = slope + chance
+            drawn = around.normal(f"occupancy of {self.field} at {self.affinity.value!r}")
+            slope = slope + np.einsum("kij,klj,kl->ki", root, axes, drawn)
         return around.length[:, None] * slope

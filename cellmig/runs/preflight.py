@@ -25,6 +25,7 @@ from .estimates import expected, inertia_is_gone
 from .summary import (
     describe_bodies,
     describe_contacts,
+    describe_guidance,
     describe_load_steps,
     describe_scene,
     describe_skipped,
@@ -347,7 +348,7 @@ def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     if "protrusion" not in c.skipped:
         rows.append(("protrusion", f"height {case.protrusion.height:g} µm is {case.protrusion.height / c.spacing:.2g} "
                                    "spacings"))
-    return rows
+    return rows + describe_guidance(case)
 
 
 def _frame_bytes(case: Case) -> int:

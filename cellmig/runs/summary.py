@@ -227,6 +227,20 @@ def describe_laws(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     if t.protrusion is not None and case.protrusion:
         rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; ratio {t.protrusion.protrusion_ratio:g}, "
                                    f"height {t.protrusion.height:g} µm"))
+    return rows + describe_guidance(case)
+
+
+def describe_guidance(case: Case) -> list[tuple[str, str]]:
+    """Rows of the polarity of cells and of the cues that turn it."""
+    if case.polarity is None:
+        return []
+    law = case.polarity
+    rows = [("polarity", f"{law.law}, persistence {duration(1e-6 * law.persistence, 3)}, spread {law.spread:g}; a knot every "
+                         f"{duration(1e-6 * law.interval, 3)}, {case.time.end / law.interval:.0f} in all")]
+    for number, cue in enumerate(case.cues):
+        of = f" of {cue.field}" if getattr(cue, "field", None) else ""
+        who = f"; {', '.join(cue.cells[:LISTED])}{' …' * (len(cue.cells) > LISTED)}" if cue.cells else ""
+        rows.append(("cues" if not number else "", f"{number} {cue.law}{of}, gain {cue.gain:g}{who}"))
     return rows
 
 

@@ -59,7 +59,7 @@ def test_a_case_without_cues_has_none() -> None:
     ('{law="occupancy", field="c", affinity="10 nMol"}',
      "cues.0.affinity: expects a level of the field, such as \"10 nM\", not '10 nMol'"),
     ('{law="occupancy", field="c", affinity="-1 nM"}', "cues.0.affinity: must be > 0, not '-1 nM'"),
-    ('{law="occupancy", field="c", affinity="10 nM", receptors=0}', "cues.0.receptors: must be >= 1, not 0"),
+    ('{law="occupancy", field="c", affinity="10 nM", receptors=0}', "cues.0.receptors: must be >= 30, not 0"),
     ('{law="contact", field="c"}', "cues.0: expects both field and affinity, or none of them"),
     ('{law="contact", cells=["Cell-2"]}', "cues.0.cells: no cell 'Cell-2'; did you mean 'Cell-1'?"),
     ('{law="neighbours", gain=-0.5}', "cues.0.gain: must be >= 0"),
