@@ -47,6 +47,6 @@ class Occupancy(Cue):
             variance = inverse @ spread @ inverse / self.receptors
             size, axes = np.linalg.eigh(variance)
             root = axes * np.sqrt(np.maximum(size, 0.0))[:, None, :]
-            drawn = around.normal(f"occupancy of {self.field} at {self.affinity.value!r}")
+            drawn = around.normal(f"occupancy of {self.field} at {self.affinity.value:.17g}")
             slope = slope + np.einsum("kij,klj,kl->ki", root, axes, drawn)
         return around.length[:, None] * slope

@@ -235,8 +235,9 @@ def describe_guidance(case: Case) -> list[tuple[str, str]]:
     if case.polarity is None:
         return []
     law = case.polarity
-    rows = [("polarity", f"{law.law}, persistence {duration(1e-6 * law.persistence, 3)}, spread {law.spread:g}; a knot every "
-                         f"{duration(1e-6 * law.interval, 3)}, {case.time.end / law.interval:.0f} in all")]
+    persistence, interval = (duration(1e-6 * time, 3) for time in (law.persistence, law.interval))
+    rows = [("polarity", f"{law.law}, persistence {persistence}, spread {law.spread:g}; a knot every {interval}, "
+                         f"{case.time.end / law.interval:.0f} in all")]
     for number, cue in enumerate(case.cues):
         of = f" of {cue.field}" if getattr(cue, "field", None) else ""
         who = f"; {', '.join(cue.cells[:LISTED])}{' …' * (len(cue.cells) > LISTED)}" if cue.cells else ""
