@@ -33,7 +33,7 @@ ADDED: dict[str, dict[str, Any]] = {
     "cue neighbours": {"cues": [{"law": "neighbours", "gain": 1e-6}]},
     "cue motion": {"cues": [{"law": "motion", "gain": 1e-6, "speed": "1 um/min"}]},
     "gate at contacts": {"protrusion": {"gate": "1 um"}},
-    "ligand": {"substrate": {"ligand": "0.9 + 0.0001*x"}},
+    "ligand": {"substrate": {"ligand": "0.999 + 1e-9*x"}},  # so little that the cells do the same
     "response to stiffness": {"substrate": GRADED | {"response": {"law": "saturating", "half": "1 Pa"}}},
     "field that diffuses, 20,000 volumes": {"fields": {"signal": BOX}, "exchange": SECRETION, "cues": [OCCUPANCY]},
 }
