@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cellmig.output.motion import mean_and_error
-from cellmig.plot.style import COLOURS, STYLE, save
+from cellmig.plot.style import COLOURS, STYLE, save_all
 
 from .claims import Results, expected, foreseen
 from .experiments import DOSE_STEP, DOSES, PLACES, ROWS, STEPS
@@ -32,11 +32,10 @@ def draw(results: Results, out: Path) -> list[Path]:
     -------
     list of Path -- the files.
     """
-    out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         figures = {"g1_rows": _rows(results), "g2_gel": _gel(results), "g3_doses": _doses(results),
                    "g4_clutches": _clutches(results)}
-        return [path for name, figure in figures.items() if figure for path in save(figure, out, name, ("png", "pdf"))]
+        return save_all(figures, out)
 
 
 def _axes(columns: int = 1) -> tuple[Figure, Any]:

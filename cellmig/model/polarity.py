@@ -7,6 +7,7 @@ which are fixed in time, and is linear in between.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,10 +16,14 @@ from ..case.registry import law, parameter, quantity
 KNOTS = 20  # in a persistence time
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Polarity:
     """What laws of polarity have in common."""
 
     persistence: float
+    start: tuple = quantity("", "p at the start: [1] or [-1], in space [x, y]; by default drawn at random", (),
+                            shape=(None,))
+    cells: tuple = parameter("names of cells that have a polarity; by default all that protrude", (), items="cell")
 
     @property
     def interval(self) -> float:
@@ -45,9 +50,6 @@ class RelaxingPolarity(_Polarity):
 
     persistence: float = quantity("s", "persistence time τ", above=0)
     spread: float = quantity("", "root mean square of p without cues", 1.0, minimum=0)
-    start: tuple = quantity("", "p at the start: [1] or [-1], in space [x, y]; by default drawn at random", (),
-                            shape=(None,))
-    cells: tuple = parameter("names of cells that have a polarity; by default all that protrude", (), items="cell")
 
     def drawn(self, towards, noise):
         """Polarities (…, n) [-] in the steady state, for cues `towards` and normal numbers `noise` (…, n) [-]."""
@@ -76,9 +78,6 @@ class SwitchingPolarity(_Polarity):
 
     persistence: float = quantity("s", "mean time τ between new directions", above=0)
     spread: float = quantity("", "size of p", 1.0, minimum=0)
-    start: tuple = quantity("", "p at the start: [1] or [-1], in space [x, y]; by default drawn at random", (),
-                            shape=(None,))
-    cells: tuple = parameter("names of cells that have a polarity; by default all that protrude", (), items="cell")
 
     def drawn(self, towards, noise):
         """Polarities (…, n) [-] in a new direction, for cues `towards` and normal numbers `noise` (…, n) [-]."""

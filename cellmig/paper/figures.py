@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cellmig.plot.snapshots import shapes
-from cellmig.plot.style import COLOURS, STYLE, save
+from cellmig.plot.style import COLOURS, STYLE, save_all
 
 from .claims import ADHESION, CASES, PROTRUSION, Results, about, study, times
 
@@ -30,7 +30,6 @@ def draw(results: Results, out: Path) -> list[Path]:
     -------
     list of Path -- the files.
     """
-    out.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         dimension, end = about(results)
         figures = {"fig2": _snapshots(results, "all_protrude", times(end)), "fig4": _who(results),
@@ -38,7 +37,7 @@ def draw(results: Results, out: Path) -> list[Path]:
                    "protrusion": _strengths(results, "protrusion", PROTRUSION, "protrusion")}
         if dimension == 2:  # figures of claims that are not judged in space
             figures |= {"fig3": _stress(results), "fig5": _snapshots(results, "one_three", (24.0, 292.0, 388.0))}
-        return [path for name, figure in figures.items() if figure for path in save(figure, out, name, ("png", "pdf"))]
+        return save_all(figures, out)
 
 
 def _snapshots(results: Results, name: str, times: Sequence[float]) -> Figure | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -25,6 +25,12 @@ def in_print(unit: str) -> str:
 def legend_above(ax: Axes, columns: int = 4, height: float = 1.0) -> None:
     """Put the legend above the axes, where it covers nothing; `height` : of its lower edge, over that of the axes."""
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, height), borderaxespad=0.2, ncol=columns, columnspacing=1.2)
+
+
+def save_all(figures: Mapping[str, Figure | None], out: Path) -> list[Path]:
+    """Write those figures that there are, by their names, as PNG and PDF; returns the paths."""
+    out.mkdir(parents=True, exist_ok=True)
+    return [path for name, figure in figures.items() if figure for path in save(figure, out, name, ("png", "pdf"))]
 
 
 def save(figure: Figure, out: Path, name: str, formats: Sequence[str]) -> list[Path]:

@@ -184,9 +184,7 @@ class Stiffness:
         at = np.searchsorted(self._room, wanted)
         missing = (at == len(self._room)).any() or (self._room[at] != wanted).any()
         if self.mechanics.comm.allreduce(bool(missing), MPI.LOR):
-            row, column = np.divmod(self._room, shape[1])
-            old = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape)
-            self._allocate(mat, (new + old).tocsr())
+            self._allocate(mat, (new + _of_places(self._room, shape)).tocsr())
             pc.reset()
         fill(mat, bodies, surfaces)
         self._stored = bodies, surfaces
@@ -202,9 +200,8 @@ class Stiffness:
 
     def restore(self, mat: PETSc.Mat, arrays: dict[str, np.ndarray]) -> None:
         """Set a Mat as `saved` found it, from arrays (nnz, …) [Pa], int."""
-        size = self.mechanics.scene.size
-        row, column = np.divmod(arrays["tangent room"], size)
-        self._allocate(mat, sparse.csr_matrix((np.ones(len(row)), (row, column)), (self.mechanics.n_owned, size)))
+        shape = self.mechanics.n_owned, self.mechanics.scene.size
+        self._allocate(mat, _of_places(arrays["tangent room"], shape))
         self._stored = tuple(sparse.bsr_matrix(tuple(arrays[f"tangent {k} {name}"] for name in (
             "data", "indices", "indptr")), self.shape) for k in range(2))
         fill(mat, *self._stored)
@@ -219,6 +216,11 @@ def _places(pattern: sparse.csr_matrix) -> np.ndarray:
     """A number for the row and column of each entry (nnz,) int."""
     row = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
     return row * pattern.shape[1] + pattern.indices
+
+
+def _of_places(places: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
+    """The pattern with entries at these `_places` (nnz,) int."""
+    return sparse.csr_matrix((np.ones(len(places)), np.divmod(places, shape[1])), shape)
 
 
 def _of_both(stress: Any, given: dict[str, np.ndarray], by_u: float, by_v: float) -> np.ndarray:
