@@ -184,7 +184,7 @@ def pixels(path: str) -> Pixels:
 
     Raises ValueError for any other file; the message is for the user.
     """
-    from PIL.Image import DecompressionBombError  # type: ignore[import-untyped] # comes with matplotlib
+    from PIL.Image import DecompressionBombError  # comes with matplotlib
     from PIL.Image import open as opened
 
     _check_file(path)

@@ -95,4 +95,5 @@ class Molecules:
     @classmethod
     def restored(cls, entries: dict[str, Any]) -> Molecules:
         """The account that `saved` returned."""
-        return cls(**entries | {name: np.array(entries[name]) for name in ("secreted", "taken")})
+        arrays: dict[str, Any] = {name: np.array(entries[name]) for name in ("secreted", "taken")}
+        return cls(**entries | arrays)
