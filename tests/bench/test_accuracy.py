@@ -9,7 +9,6 @@ import pytest
 from scenes import CASES
 
 from cellmig import usage
-from cellmig.__main__ import bench
 from cellmig.bench import modulus, space
 from cellmig.bench.accuracy import accuracy_table, plan, report
 from cellmig.bench.pareto import Broken, Point, gain, gains, pareto, time_at, verdict, with_median_times
@@ -18,6 +17,7 @@ from cellmig.case import accuracy
 from cellmig.case.load import load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Numerics
+from cellmig.commands import bench
 from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import cellmig.paper.paper as study_paper
-from cellmig.__main__ import paper as command
 from cellmig.case.load import load
 from cellmig.case.units import number
+from cellmig.commands import paper as command
 from cellmig.output.manifest import read_manifest
 from cellmig.paper.claims import CASES, CLAIMS
 from cellmig.paper.paper import CONFIGURATIONS, paper, plan

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from scenes import CASES
 
-from cellmig.__main__ import sweep as command
-from cellmig.__main__ import validate
 from cellmig.case.messages import CaseError
+from cellmig.commands import sweep as command
+from cellmig.commands import validate
 from cellmig.output.manifest import read_manifest
 from cellmig.parallel.options import options_given
 from cellmig.runs.sweep import Sweep, _column, _in_a_name, _toml, array_script, sweep, variation

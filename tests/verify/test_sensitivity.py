@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cellmig.verify.sensitivity as study
-from cellmig.__main__ import verify as command
+from cellmig.commands import verify as command
 from cellmig.runs import batch
 from cellmig.runs.outcome import Outcome
 from cellmig.usage import UsageError, parse

@@ -8,8 +8,8 @@ import math
 
 import pytest
 
-from cellmig.__main__ import DONE
-from cellmig.__main__ import verify as command
+from cellmig.commands import verify as command
+from cellmig.exits import DONE
 from cellmig.usage import parse
 from cellmig.verify import verify as study
 from cellmig.verify.reference import FAILS, HOLDS, Expected, Measured, Reference, converges, exact, judge, orders
