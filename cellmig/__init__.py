@@ -1,22 +1,27 @@
 """cellmig: collective cell migration by a meshfree particle method (Bai, Lin & Zeng 2019).
 
 From Python: `load` a case, `change` it, `run` it and use the `Record` of its results; `open` gives the record of any
-run, `build` the simulation itself, to advance it step by step.
+run, `build` the simulation itself, to advance it step by step.  `CASES` is the folder of the cases that come with it.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping, Sequence
+from glob import glob
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from .case.shipped import FOLDER as CASES
 from .version import __version__
 
+# Debian's petsc4py, last in the path: its own petsc4py.pth finds it only with PETSC_DIR or libpetsc-dev.
+sys.path += sorted(glob("/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages"))[-1:]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: the ranks are the threads
 
-__all__ = ["__version__", "build", "change", "load", "open", "run", "sweep"]
+__all__ = ["CASES", "__version__", "build", "change", "load", "open", "run", "sweep"]
 
 
 def load(path: str | PathLike, sets: Sequence[str] = ()) -> Any:

@@ -144,8 +144,9 @@ def failure(error: Exception, comm: Any) -> int:
              **dict.fromkeys(("CompilerError", "InsufficientResources", "LaunchError"), ENVIRONMENT),
              "OutputError": INPUT_OUTPUT, "NumericsError": FAILED}
     code, message = codes.get(type(error).__name__), str(error)
-    if isinstance(error, ImportError) and not (error.name or "").startswith("cellmig"):
-        code, message = ENVIRONMENT, f"{error}; './run' installs what is needed, 'cellmig doctor' tells what is missing"
+    foreign = isinstance(error, ImportError) and not (error.name or "").startswith("cellmig")
+    if foreign or "binary incompatibility" in message:  # of NumPy and a module that was compiled for another one
+        code, message = ENVIRONMENT, f"{error}; 'cellmig doctor' tells what is missing, and how to install it"
     elif code is None and isinstance(error, OSError) and RANKS == 1:
         code, message = INPUT_OUTPUT, f"{error.filename}: {error.strerror}" if error.filename else message
     if code is not None:

@@ -170,6 +170,21 @@ def bench(options: argparse.Namespace) -> int:
     return bench_speed(out, options.quick)
 
 
+def cases(options: argparse.Namespace) -> int:
+    """List or copy the cases and examples that come with cellmig."""
+    from .case.shipped import Different, NotShipped, copy, listing, names
+
+    if not options.names and not options.all:
+        print(listing())
+        return DONE
+    try:
+        copies = copy(names() if options.all else options.names, options.to)
+    except (NotShipped, Different) as error:
+        raise UsageError(str(error)) from error
+    print("\n".join(map(str, copies)))
+    return DONE
+
+
 def doctor(options: argparse.Namespace) -> int:
     """Tell what this machine has and lacks."""
     from .doctor import examine
@@ -259,5 +274,5 @@ def load_case(path: Path, sets: list[str]) -> Any:
     return load(path, sets)
 
 COMMANDS = {command.__name__: command for command in (
-    validate, sweep, paper, guidance, verify, bench, doctor, schema, plot, tracks, info, diff)}
+    validate, sweep, paper, guidance, verify, bench, cases, doctor, schema, plot, tracks, info, diff)}
 PARALLEL = ("validate", "sweep", "paper", "guidance", "verify", "bench")  # those that build a scene, and need PETSc

@@ -22,7 +22,7 @@ MODULES = {"numpy": "1.24, 2.2", "scipy": "1.10, 1.15", "pint": "0.19, 0.24", "t
            "h5py": "3.7, 3.13", "meshio": "5.0, 5.3", "matplotlib": "3.6, 3.10", "mpi4py": "3.1, 4.0"}
 TESTED = {**MODULES, "system": "Debian 12, 13", "Python": "3.11, 3.13", "PETSc": "3.18, 3.22",
           "MPI": "Open MPI 4.1, 5.0"}
-PETSC = "from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
+PETSC = "import cellmig; from petsc4py import PETSc; PETSc.DMSwarm; print(*PETSc.Sys.getVersion(), sep='.')"
 MPI = "from mpi4py import MPI; print(MPI.Get_library_version().split(', package')[0].split('\\n')[0])"
 RANKS = "from mpi4py import MPI; MPI.COMM_WORLD.rank == 0 and print(MPI.COMM_WORLD.size)"
 # Optional programs and modules: their use and package.
@@ -49,7 +49,7 @@ def examine() -> tuple[bool, str]:
     packages = sorted(remedy.removeprefix("apt install ") for remedy in remedies if remedy.startswith("apt install "))
     others = [remedy for remedy in remedies if not remedy.startswith("apt install ")]
     if packages:
-        others.insert(0, f"apt install {' '.join(packages)}    (Debian, as root; or ./run, which sets all up)")
+        others.insert(0, f"apt install {' '.join(packages)}    (Debian, as root)")
     lines += ["", "to mend it:", *(f"  {remedy}" for remedy in others)] if remedies else ["", "nothing is missing"]
     return not remedies, "\n".join(lines)
 
@@ -72,7 +72,7 @@ def _findings() -> Iterator[Finding]:
     yield Finding("Python", f"{platform.python_version()} ({sys.executable})", python)
     for name in MODULES:
         yield _checked(name, lambda name=name: _version(name), f"apt install python3-{name}")
-    yield _checked("PETSc", lambda: _output(*PYTHON, "-c", PETSC), "apt install python3-petsc4py")
+    yield _checked("PETSc", lambda: _output(*PYTHON, "-c", PETSC), _petsc_remedy())
     yield from _mpi()
     yield _checked("C compiler", _compiler, "apt install gcc libc6-dev")
     yield _checked("kernel cache", _cache, "set CELLMIG_CACHE to a directory that can be written")
@@ -82,6 +82,14 @@ def _findings() -> Iterator[Finding]:
     for name, (use, package) in OPTIONAL.items():
         installed = shutil.which(name) or importlib.util.find_spec(name)
         yield Finding(name, "there" if installed else f"not here, and not needed; for {use}: apt install {package}")
+
+
+def _petsc_remedy() -> str:
+    """What to do where PETSc cannot be used: install it or, where it is there, a Python that it goes with."""
+    if not importlib.util.find_spec("petsc4py"):
+        return "apt install python3-petsc4py"
+    return ("install cellmig in an environment of Debian's Python, for which Debian's petsc4py is: "
+            "/usr/bin/python3 -m venv --system-site-packages DIR")
 
 
 def _checked(name: str, probe: Callable[[], str], remedy: str) -> Finding:

@@ -225,6 +225,13 @@ def _checks(commands: Any) -> None:
     schema = commands.add_parser("schema", help="JSON schema of a case file, for editors")
     schema.add_argument("--markdown", action="store_true", help="a page of all keys and laws instead")
     _laws(schema)
+    cases = commands.add_parser("cases", help="list the cases and examples that come with cellmig, or copy some here",
+                                description="List the cases and examples that come with cellmig, or copy some of them "
+                                "here, each with the files that it needs.  Nothing is overwritten.")
+    cases.add_argument("names", nargs="*", metavar="NAME", help="of a case or an example to be copied")
+    cases.add_argument("--all", action="store_true", help="copy all of them")
+    cases.add_argument("--to", type=Path, metavar="DIR", default=Path("."),
+                       help="folder of the copies (default: this one)")
     commands.add_parser("doctor", help="check this machine for what cellmig needs")
 
 
@@ -264,7 +271,7 @@ def _laws(command: argparse.ArgumentParser) -> None:
                          help="a file of your own laws, which the case may name; repeat for others")
 
 
-COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "schema", "doctor",
+COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "schema", "cases", "doctor",
             "paper", "guidance", "verify", "bench")
 
 

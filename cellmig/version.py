@@ -1,3 +1,3 @@
 """The version of cellmig."""
 
-__version__ = "0.1.0.dev3"
+__version__ = "0.1.0"

@@ -60,7 +60,7 @@ class Spring:
         return where(s < 1.0, self.well_depth * self.width * (8.0 / 15.0 - area), 0.0)
 
 
-case = cellmig.load("cases/one_cell.toml")
+case = cellmig.load(cellmig.CASES / "one_cell.toml")
 coarse = cellmig.change(case, {"particles.per_cell": 300, "time.end": "40 us", "time.frames": 4, "time.samples": 40})
 bonds = {"bond_density": "8000 /um^2", "well_depth": "0.03 pN um", "equilibrium_distance": "10 nm"}
 

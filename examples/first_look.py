@@ -7,7 +7,7 @@ import numpy as np
 
 import cellmig
 
-case = cellmig.load("cases/one_cell.toml")
+case = cellmig.load(cellmig.CASES / "one_cell.toml")
 coarse = cellmig.change(case, {"particles.per_cell": 300, "time.end": "20 us", "time.frames": 4, "time.samples": 40})
 record = cellmig.run(coarse, out="output/first_look")
 

@@ -21,7 +21,7 @@ np.savetxt(out / "outline.csv", outline, "%.4f", ",", header="x_um,y_um", commen
 rest = 0.01 - outline[:, 1].min()  # height of the centre: the lowest point is 10 nm above the substrate
 cell = {"name": "Cell-1", "shape": "polygon", "corners": str(out / "outline.csv"), "nucleus_ratio": 0.283,
         "material": "cytoplasm", "nucleus": "nucleus", "centre": ["0 um", f"{rest:.6f} um"]}
-case = cellmig.load("cases/one_cell.toml")
+case = cellmig.load(cellmig.CASES / "one_cell.toml")
 case = cellmig.change(case, {"cells": [cell], "protrusion.cells": ["Cell-1"], "particles.per_cell": 400,
                              "time.end": "40 us", "time.frames": 4, "time.samples": 40})
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import cellmig
 
 rows = cellmig.sweep(
-    "cases/one_cell.toml",
+    cellmig.CASES / "one_cell.toml",
     {"adhesion.substrate.bond_density": ["4000 /um^2", "8000 /um^2", "16000 /um^2"],
      "cortex.line_tension": ["20 pN/um", "80 pN/um"]},
     out="output/example_sweep", sets=["particles.per_cell=150", "time.end=20 us", "time.samples=20", "time.frames=1"])

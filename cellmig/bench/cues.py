@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from cellmig.case.load import from_dict, load
+from cellmig.case.shipped import FOLDER
 from cellmig.laws import register
 from cellmig.output.log import table
-from cellmig.runs.cases import FOLDER
 from cellmig.simulation import Simulation
 
 PER_CELL, QUICK = 331, 100  # particles of each of three cells

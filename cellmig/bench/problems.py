@@ -15,9 +15,10 @@ from mpi4py import MPI
 from cellmig.case.load import from_dict, load
 from cellmig.case.registry import laws
 from cellmig.case.schema import Case
+from cellmig.case.shipped import FOLDER
 from cellmig.case.values import declared
 from cellmig.laws import register
-from cellmig.runs.cases import FOLDER, fluid_drop
+from cellmig.runs.cases import fluid_drop
 from cellmig.runs.run import ENERGY_ERROR
 from cellmig.simulation import Simulation
 

@@ -9,8 +9,9 @@ from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
 from cellmig.case.load import load
+from cellmig.case.shipped import FOLDER
 from cellmig.laws import register
-from cellmig.runs.cases import FOLDER, lone_body
+from cellmig.runs.cases import lone_body
 from cellmig.simulation import Simulation
 
 RADIUS = 5.0  # of the balls [µm]

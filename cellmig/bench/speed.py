@@ -15,12 +15,12 @@ from typing import Any
 
 from mpi4py import MPI
 
+from cellmig.case.shipped import FOLDER
 from cellmig.exits import DONE
 from cellmig.output.directory import replace
 from cellmig.output.log import table
 from cellmig.output.manifest import environment, page, processor
 from cellmig.parallel.launch import PYTHON, on_ranks, outside_mpi
-from cellmig.runs.cases import FOLDER
 from cellmig.solve.start import discretise
 
 from .baseline import Baseline

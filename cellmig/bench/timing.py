@@ -20,12 +20,12 @@ from mpi4py import MPI
 
 from cellmig.case.load import from_dict, load
 from cellmig.case.schema import Case
+from cellmig.case.shipped import FOLDER
 from cellmig.laws import register
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import memory_sizes
 from cellmig.output.xdmf import Frames
-from cellmig.runs.cases import FOLDER
 from cellmig.simulation import Simulation
 from cellmig.solve.start import discretise
 from cellmig.solve.step import binding

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from .copies import cell_names, copy_names
 from .lines import key_lines
 from .messages import Mistake, nearest, show, suggest
+from .shipped import FOLDER
 
 LARGEST = 64 << 20  # largest case file [B]: one that lists 100,000 cells has a quarter of this
 
@@ -156,6 +157,8 @@ def _near_file(file: str) -> str:
         return ""
     if not near and os.path.isfile(os.path.join(folder, "cases", name)):
         near = os.path.join("cases", name)
+    if not near and (FOLDER / name).is_file():
+        return f"; 'cellmig cases {os.path.splitext(name)[0]}' copies it to here"
     return f"; did you mean '{os.path.join(folder, near)}'?" if near else ""
 
 

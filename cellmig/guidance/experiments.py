@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from cellmig.case.shipped import FOLDER
 from cellmig.runs.batch import Job
-from cellmig.runs.cases import FOLDER
 
 ROWS, GEL = (1, 2, 3, 5, 10), 8  # numbers of cells in rows in a gradient, of the row on a gel
 PITCH, GRADIENT, LEVEL, AFFINITY = 20.05, 0.25, 30.0, 50.0  # of rows [µm], of their signal [nM/µm], [nM], [nM]

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from cellmig.case.schema import Case
+from cellmig.case.shipped import FOLDER
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.tables import IMPULSE
 from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
-from cellmig.runs.cases import FOLDER
 from cellmig.runs.claims import Claim, table, text_of, write_claims
 from cellmig.runs.collect import collect, source
 from cellmig.runs.outcome import CELLS, Outcome

@@ -1,11 +1,8 @@
-"""The case files of the project."""
+"""Simple bodies from the tables of a case."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
-
-FOLDER = Path(__file__).parents[2] / "cases"
 
 
 def lone_body(tree: dict[str, Any], material: str) -> dict[str, Any]:

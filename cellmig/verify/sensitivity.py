@@ -12,13 +12,13 @@ import numpy as np
 from mpi4py import MPI
 
 from cellmig.case.schema import Case
+from cellmig.case.shipped import FOLDER
 from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import table
 from cellmig.output.manifest import environment, page
 from cellmig.output.sample import TOUCHING
 from cellmig.runs.batch import Job, run_missing, sound_and_unsound, write_rows
-from cellmig.runs.cases import FOLDER
 from cellmig.runs.collect import collect
 from cellmig.runs.outcome import Outcome
 

@@ -11,13 +11,13 @@ import pytest
 
 import cellmig.paper.paper as study_paper
 from cellmig.case.load import load
+from cellmig.case.shipped import FOLDER
 from cellmig.case.units import number
 from cellmig.commands import paper as command
 from cellmig.output.manifest import read_manifest
 from cellmig.paper.claims import CASES, CLAIMS
 from cellmig.paper.paper import CONFIGURATIONS, paper, plan
 from cellmig.runs import batch
-from cellmig.runs.cases import FOLDER
 from cellmig.runs.claims import AVERAGE, FAILS, HOLDS, UNKNOWN, Part, table
 from cellmig.runs.outcome import Outcome, gap
 from cellmig.usage import TENSION, UsageError, parse

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from cellmig.case.shipped import FOLDER
 from cellmig.runs.batch import Job, run_all, unsound
-from cellmig.runs.cases import FOLDER
 
 pytestmark = pytest.mark.serial
 

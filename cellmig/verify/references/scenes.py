@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 from cellmig.case.load import from_dict, load
 from cellmig.case.schema import Case
-from cellmig.runs.cases import FOLDER, fluid_drop
+from cellmig.case.shipped import FOLDER
+from cellmig.runs.cases import fluid_drop
 from cellmig.simulation import Simulation
 
 # The default damping of solids, which nucleus.toml sets to zero.
