@@ -354,7 +354,7 @@ def test_the_doctor_finds_nothing_missing_here_and_says_what_mends_what_is(alone
 def test_a_missing_module_is_named_with_what_installs_it(alone, tmp_path):
     (tmp_path / "h5py.py").write_text("raise ModuleNotFoundError('No module named h5py', name='h5py')\n")
     done = alone(PAPER, *SHORT, "--out", tmp_path / "run", env={"PYTHONPATH": str(tmp_path)})
-    refused(done, 3, "h5py", "./run", "cellmig doctor")
+    refused(done, 3, "h5py", "cellmig doctor")
 
 
 # ------------------------------------------------------------------------------------------------------- how a run ends
