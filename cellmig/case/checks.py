@@ -41,7 +41,8 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     _walls(source, found)
     _equilibria(source, found)
     _without_inertia(source, found)
-    _reach_of_push(source, found["protrusion"], found["substrate"])
+    _reach_of_push(source, found)
+    _pushes_off(source, found)
     _renewal(source, found)
     amounts(source, found)
     _pushes(source, found)
@@ -108,8 +109,11 @@ def _pushes(source: Source, found: dict[str, Any]) -> None:
         if given and (len(given) != n or not any(given)):
             source.reject((*path, key), "has a component for each direction along the substrate and is not zero, such "
                           f"as {example}")
-    if polarity is not None and found["substrate"] is None and "substrate" not in source.data.get("adhesion", {}):
-        source.reject(("polarity",), "cells push off [adhesion.substrate], of which there is none")
+    grounds = {"substrate", "pairs"} & source.data.get("adhesion", {}).keys()
+    if polarity is not None and found["substrate"] is None and "substrate" not in grounds and not (
+            "pairs" in grounds and (not found["pairs"] or any(pair.push for pair, _ in found["pairs"]))):
+        source.reject(("polarity",), "cells push off [adhesion.substrate], of which there is none, or off a gel, by "
+                                     "push = true in [[adhesion.pairs]]")
     if push is None and "protrusion" in source.data:
         pass  # its own mistakes are noted
     elif polarity is not None and not (push is not None and push.cells):
@@ -146,13 +150,34 @@ def _solids(source: Source, found: dict[str, Any]) -> None:
                           f"{cell.name}' is made of has a viscosity")
 
 
-def _reach_of_push(source: Source, push: Any, substrate: Any) -> None:
-    """Note a pushing edge that is higher than the reach of the bonds to the substrate."""
-    reach = getattr(substrate, "cutoff", math.inf)
-    if push is not None and push.cells and push.height > reach:
-        height, reach = (units.text(v, "um") for v in (push.height, reach))
-        source.reject(("protrusion", "height"), f"{height} is beyond the reach of the bonds to the substrate, "
-                     f"adhesion.substrate.cutoff = {reach}: take at most that, or a longer cutoff")
+def _reach_of_push(source: Source, found: dict[str, Any]) -> None:
+    """Note a pushing edge that is higher than the reach of the bonds to what it pushes off."""
+    push = found["protrusion"]
+    bonds = [(found["substrate"], "the substrate, adhesion.substrate.cutoff"),
+             *((pair.law, f"a body, {'.'.join(map(str, path))}.cutoff") for pair, path in found["pairs"] if pair.push)]
+    for law, whose in bonds:
+        reach = getattr(law, "cutoff", math.inf)
+        if push is not None and push.cells and push.height > reach:
+            height, reach = (units.text(v, "um") for v in (push.height, reach))
+            source.reject(("protrusion", "height"), f"{height} is beyond the reach of the bonds to {whose} = {reach}: "
+                                                    "take at most that, or a longer cutoff")
+
+
+def _pushes_off(source: Source, found: dict[str, Any]) -> None:
+    """Note pairs that are to push off each other and cannot."""
+    push = found["protrusion"]
+    for pair, path in found["pairs"]:
+        names = {*pair.cells[0], *pair.cells[1]}
+        if not pair.push:
+            continue
+        if found["dimension"] == 3:
+            source.reject((*path, "push"), "cells push off other bodies in two dimensions only, so far; leave it out")
+        elif pair.itself:
+            source.reject((*path, "push"), "a body cannot push off itself")
+        elif not pair.law.work:
+            source.reject((*path, "push"), "there are no bonds to push off by: give bond_density and well_depth")
+        elif (push is not None or "protrusion" not in source.data) and not names & set(getattr(push, "cells", ())):
+            source.reject((*path, "push"), "none of these protrudes: name those that push in protrusion.cells")
 
 
 def _count(source: Source, particles: Particles, cells: list[tuple[Cell, tuple]]) -> None:

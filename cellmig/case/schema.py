@@ -118,6 +118,8 @@ class Pair:
                          inline=True)
     friction: Any = parameter("friction of the bonds between them, such as { coefficient = \"3 kPa s/um\" }; in two "
                               "dimensions", None, kind="friction", default_law="bonds", optional=True)
+    push: bool = parameter("whether the cells of [protrusion] push off the others by the bonds between them, as off "
+                           "the substrate, such as a gel; in two dimensions", False)
 
     @property
     def itself(self) -> bool:
@@ -313,6 +315,13 @@ class Case:
         """Law of the clutches by which cells pull on the substrate; None if none do."""
         response = self.ground.response if self.ground is not None else None
         return response if hasattr(response, "spring") else None
+
+    @property
+    def gels(self) -> frozenset[str]:
+        """Names of the bodies that are no cells: without a cortex, or off which others push and which do not push."""
+        push = self.protrusion.cells if self.protrusion is not None else ()
+        off = {name for pair in self.pairs if pair.push for side in pair.cells for name in side}
+        return frozenset(cell.name for cell in self.cells if not cell.cortex) | (off - set(push))
 
     def friction_of(self, cell: Cell) -> Any:
         """Law of friction of a cell, None without."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,9 +38,12 @@ class Contacts:
     distance: np.ndarray
 
     @classmethod
-    def of(cls, surfaces: Surfaces, x: np.ndarray, reach: float) -> Contacts:
-        """Contacts of `surfaces`, whose particles are at x (m, d) [µm], within a `reach` [µm]."""
-        on = surfaces.facets[surfaces.outer]
+    def of(cls, surfaces: Surfaces, x: np.ndarray, reach: float, gels: Iterable[int] = ()) -> Contacts:
+        """Contacts of `surfaces`, whose particles are at x (m, d) [µm], within a `reach` [µm].
+
+        gels : numbers of the bodies that are no cells, and nobody's neighbours.
+        """
+        on = surfaces.facets[surfaces.outer & ~np.isin(surfaces.cell[surfaces.facets[:, 0]], list(gels))]
         corners, cell, number = x[on], surfaces.cell[on[:, 0]], int(surfaces.cell[-1]) + 1
         i, j = _near(corners, cell, reach)
         away = np.full(len(x), np.inf)

@@ -31,6 +31,7 @@ class Surroundings:
     polarity : (cells, d - 1) -- polarity along the substrate [-].
     velocity : (cells, d - 1) -- mean velocity along the substrate since the last knot [µm/µs].
     fields : by name, what has `value(x, time)`, (n,) in the code's units at points x (n, d) [µm].
+    gels : names of the bodies that are no cells, which do not count as neighbours.
     """
 
     time: float
@@ -42,6 +43,7 @@ class Surroundings:
     polarity: np.ndarray
     velocity: np.ndarray
     fields: Mapping[str, Any] = field(default_factory=dict)
+    gels: frozenset[str] = frozenset()
     _contacts: dict[float, Contacts] = field(default_factory=dict, init=False, repr=False)
 
     def concerned(self, cells: tuple[str, ...]) -> np.ndarray:
@@ -91,7 +93,8 @@ class Surroundings:
     def near(self, reach: float) -> Contacts:
         """Contacts of cells: parts of their outer surfaces within `reach` [µm] of that of another cell."""
         if reach not in self._contacts:
-            self._contacts[reach] = Contacts.of(self.surfaces, self.x, reach)
+            gels = [number for number, name in enumerate(self.names) if name in self.gels]
+            self._contacts[reach] = Contacts.of(self.surfaces, self.x, reach, gels)
         return self._contacts[reach]
 
     def gate(self, reach: float) -> np.ndarray:

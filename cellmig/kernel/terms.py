@@ -16,7 +16,7 @@ from ..model.friction import FrictionForce, SurfaceFriction
 from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
 from ..model.polyhedra import PolyhedronAdhesion
 from ..model.pressure import Pressure, TrianglePressure
-from ..model.protrusion import ProtrusionForce
+from ..model.protrusion import ProtrusionForce, PushOff
 from ..model.triangles import TriangleBonds
 
 
@@ -73,6 +73,8 @@ SURFACE_TERMS = (
     SurfaceTerm("sliding", lambda t: tuple(
         SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
         if t.sliding and t.contacts else None, {"force": ("force", "power")}),
+    SurfaceTerm("push_off", lambda t: tuple(PushOff(t.protrusion, bonds_of(bonds)) for bonds in t.contacts.laws)
+                if t.pushes_off and t.contacts and t.protrusion else None, {"grip": (), "hold": (), "force": ()}),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
         _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)
@@ -86,6 +88,13 @@ SURFACE_TERMS = (
     SurfaceTerm("loads", lambda t: None if t.load_curves is None else Pressure() if t.dimension == 2 else
                 TrianglePressure(), {"force": ()}),
 )
+
+
+def present(name: str, terms: Terms) -> bool:
+    """Whether a scene has the surface term of a name."""
+    return any(term.name == name and term.formula(terms) is not None for term in SURFACE_TERMS)
+
+
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
@@ -134,6 +143,7 @@ PARTS = (
     *_of_dimensions("{}.h", _always),
     *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
                                        "divergence.c", "modes.c", "surface.h", "ligand.h")),
+    Part("aim.h", lambda t: t.protrusion is not None),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
     Part("drives.c", lambda t: t.guided, {"after_forces": "turn_drives(s, dt);"}),
     Part("boundary.c", lambda t: t.load_curves is not None, {

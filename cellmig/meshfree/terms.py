@@ -33,12 +33,14 @@ class Contacts:
     pairing : Pairing -- for each two cells, the number of their law.
     own : bool -- whether any cell can meet itself; its law is repulsion alone.
     frictions : tuple of Friction -- that of the bonds of each of the laws; none if no bonds drag.
+    pushes : tuple of bool -- whether cells push off each other by the bonds of each of the laws; none if none do.
     """
 
     laws: tuple[Adhesion, ...]
     pairing: Pairing
     own: bool
     frictions: tuple[Friction, ...] = ()
+    pushes: tuple[bool, ...] = ()
 
     @property
     def reach(self) -> np.ndarray:
@@ -144,6 +146,11 @@ class Terms:
         return (self.contacts.frictions if self.contacts is not None else ()) or None
 
     @property
+    def pushes_off(self) -> tuple[bool, ...] | None:
+        """Whether cells push off other bodies by the bonds of each of the laws of contact; None if none do."""
+        return (self.contacts.pushes if self.contacts is not None and self.protrusion is not None else ()) or None
+
+    @property
     def has_director(self) -> bool:
         """Whether the gradient of the director or its axis matters."""
         return self.director != "none" or self.active
@@ -185,7 +192,7 @@ def find_terms(case: Case, prune: bool = True) -> Terms:
     protrusion = unless(why((push is None, "the case has none"),
                             (push is not None and not push.cells, "no cell protrudes"),
                             (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
-                            (case.substrate is None or case.substrate.work == 0, "no adhesion to the substrate")),
+                            (not _pushes_off(case), "no adhesion to the substrate")),
                         "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
     guided = unless(None if case.guided and protrusion is not None else "pushes are the same at all times",
                     "guidance", True, False)
@@ -233,6 +240,11 @@ def _slack(case: Case) -> tuple[int, ...]:
     return tuple(n for n, cell in enumerate(case.cells) if not cell.cortex)
 
 
+def _pushes_off(case: Case) -> bool:
+    """Whether there are bonds that cells push off by, to the substrate or to other bodies."""
+    return bool(case.substrate is not None and case.substrate.work) or any(pair.push for pair in case.pairs)
+
+
 def _frictions(case: Case) -> Frictions:
     """Laws of friction of all cells, one without drag for those that have none."""
     known: dict[Any, int] = {}
@@ -267,20 +279,21 @@ def _contacts(case: Case, contact: Adhesion | None, between: Adhesion, own: bool
     """
     pairing, _ = paired([cell.name for cell in case.cells], case.pairs)
     given = [*(pair.law for pair in case.pairs), between]  # the last for number -1
-    known: dict[tuple[Adhesion, Friction], int] = {}
+    known: dict[tuple[Adhesion, Friction, bool], int] = {}
     none = laws("friction")["bonds"](coefficient=0.0)
 
-    def number(law: Adhesion, friction: Friction | None = None) -> int:
-        return known.setdefault((law, friction or none), len(known))
+    def number(law: Adhesion, friction: Friction | None = None, push: bool = False) -> int:
+        return known.setdefault((law, friction or none, push), len(known))
 
     first = number(contact) if contact is not None else 0
-    others = [number(BetweenCells.of(solid(pair.law)), pair.friction) if contact is not None else 0
+    others = [number(BetweenCells.of(solid(pair.law)), pair.friction, pair.push) if contact is not None else 0
               for pair in case.pairs]
     between_kinds = np.array([*others, first])[pairing.between]
     of_own = [number(_repulsion(given[n], case.substrate, repels[n])) if own else 0 for n in pairing.own]
-    bonds, frictions = zip(*known, strict=True)
+    bonds, frictions, pushes = zip(*known, strict=True)
     rubs = any(law.coefficient for law in frictions)
-    return Contacts(bonds, Pairing(pairing.kind, between_kinds, np.array(of_own)), own, frictions if rubs else ())
+    return Contacts(bonds, Pairing(pairing.kind, between_kinds, np.array(of_own)), own, frictions if rubs else (),
+                    pushes if any(pushes) else ())
 
 
 def _repulsion(law: Adhesion, substrate: Adhesion | None, repels: bool) -> Adhesion:

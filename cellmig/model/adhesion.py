@@ -182,6 +182,35 @@ class Pieces:
             low, high = self.part(low, high, value1, value2)
         return low, high
 
+    def limits(self, low, high, ends: tuple, edge: tuple):
+        """Both limits of a piece of S beside an edge: the places on S and on the edge [-], and the gap [µm].
+
+        ends, edge : places of both ends of S and of the edge, two vectors each [µm].
+        """
+        ex, ey = between(*edge)
+        span, found = 1.0 / sqrt(ex * ex + ey * ey), []
+        of_ends = [self.beside(x, *edge) for x in ends]
+        for xi in (low, high):
+            along, across = ((1.0 - xi) * a + xi * b for a, b in zip(*of_ends, strict=True))
+            found.append((xi, along * span * span, across * span))
+        return found
+
+    def opposed(self, limits: list, forces: list, edge: tuple):
+        """Forces on both ends of S and of an edge [pN/µm] of two `forces` [pN/µm] along the edge at the `limits` on S.
+
+        The edge has the opposite, with a couple, so that they have neither a sum nor a moment.
+        """
+        ex, ey = between(*edge)
+        span = 1.0 / sqrt(ex * ex + ey * ey)
+        tx, ty = ex * span, ey * span
+        first = second = tail = head = couple = 0.0
+        for (xi, at, gap), f in zip(limits, forces, strict=True):
+            first, second = first + (1.0 - xi) * f, second + xi * f
+            tail, head, couple = tail - (1.0 - at) * f, head - at * f, couple - gap * span * f
+        across = couple * ty, -(couple * tx)
+        return ((first * tx, first * ty), (second * tx, second * ty),
+                (tail * tx + across[0], tail * ty + across[1]), (head * tx - across[0], head * ty - across[1]))
+
     def foot(self, end1: Vector, end2: Vector, vertex: Vector):
         """Place ξ on the line of S nearest to a vertex, and its distance over the length of S [-]."""
         dx, dy = between(end1, end2)

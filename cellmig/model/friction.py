@@ -70,23 +70,15 @@ class SurfaceFriction(Pieces):
         ex, ey = between(start, end)
         span = 1.0 / sqrt(ex * ex + ey * ey)
         tx, ty = ex * span, ey * span
-        of_ends = [self.beside(x, start, end) for x in (end1, end2)]
-        limits = []
-        for xi in (low, high):
-            along, across = ((1.0 - xi) * a + xi * b for a, b in zip(*of_ends, strict=True))
-            limits.append((xi, along * span * span, across * span))
+        limits = self.limits(low, high, (end1, end2), (start, end))
         share = minimum(maximum(self.bonds.closed(limits[0][2], limits[1][2]), 0.0), 1.0)
         size, turn = 0.25 * length * (high - low), between(start_velocity, end_velocity)
-        first = second = tail = head = couple = loss = 0.0
+        forces: list = []
+        loss = 0.0
         for xi, at, gap in limits:
             wx, wy = (u + xi * (w - u) - s - at * r for u, w, s, r in
                       zip(velocity1, velocity2, start_velocity, turn, strict=True))
-            lever = gap * span
-            speed = tx * wx + ty * wy + lever * (ty * turn[0] - tx * turn[1])
+            speed = tx * wx + ty * wy + gap * span * (ty * turn[0] - tx * turn[1])
             drag = size * self.law.drag(share, speed)
-            first, second = first - (1.0 - xi) * drag, second - xi * drag
-            tail, head, couple = tail + (1.0 - at) * drag, head + at * drag, couple + lever * drag
-            loss = loss + drag * speed
-        across = couple * ty, -(couple * tx)
-        return ((first * tx, first * ty), (second * tx, second * ty),
-                (tail * tx + across[0], tail * ty + across[1]), (head * tx - across[0], head * ty - across[1])), loss
+            forces, loss = [*forces, -drag], loss + drag * speed
+        return self.opposed(limits, forces, (start, end)), loss

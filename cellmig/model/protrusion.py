@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numpy import maximum, minimum, where
+from numpy import maximum, minimum, sqrt, where
 
-from ..case.pointwise import Vector
+from ..case.pointwise import Vector, between
 from ..case.registry import law, parameter, quantity
-from .adhesion import SegmentBonds
+from .adhesion import Pieces, SegmentBonds
 from .protocols import ProtrusionLaw
 
 LEVEL = 1e-6  # of the height of the pushing edge: segments less inclined are level
@@ -83,6 +83,14 @@ class EdgeProtrusion:
         return self.height * u * u * u * (1.0 - 0.5 * u) + maximum(g - self.height, 0.0)
 
 
+def mean_slope(law: ProtrusionLaw, gap1, gap2):
+    """Mean of S' [1/µm] along a straight piece from one gap to the other [µm]."""
+    rise = gap2 - gap1
+    inclined = abs(rise) > LEVEL * law.height
+    return where(inclined, (law.ramp(gap2) - law.ramp(gap1)) / where(inclined, rise, 1.0),
+                 law.ramp_slope(0.5 * (gap1 + gap2)))
+
+
 @dataclass(frozen=True)
 class ProtrusionForce:
     """Push of a cell on a segment of its surface along one direction, which is x in what follows.
@@ -103,10 +111,50 @@ class ProtrusionForce:
 
     def force(self, size: Vector, hold, length, ahead: Vector, gap: Vector):
         """Forces on both ends [pN/µm]; `size` : β α N σ/2 [pN/µm]; `hold` : see there; lengths in µm."""
-        (size1, size2), (ahead1, ahead2), (gap1, gap2) = size, ahead, gap
-        share, rise = hold * length, gap2 - gap1
-        inclined = abs(rise) > LEVEL * self.law.height
-        edge = where(inclined, (self.law.ramp(gap2) - self.law.ramp(gap1)) / where(inclined, rise, 1.0),
-                     self.law.ramp_slope(0.5 * (gap1 + gap2)))
+        (size1, size2), (ahead1, ahead2) = size, ahead
+        share, edge = hold * length, mean_slope(self.law, *gap)
         return ((size1 * share * self.law.front(ahead1) * edge, 0.0),
                 (size2 * share * self.law.front(ahead2) * edge, 0.0))
+
+
+@dataclass(frozen=True)
+class PushOff(Pieces):
+    """Push of a cell off another body, such as a gel: of a segment S of its surface beside an edge of that.
+
+    It is the push off the substrate, with the gap to the edge as the height, and the bonds between both bodies.  On the
+    cell it acts along the edge, as much as that is along p̂; on the edge it is opposite, with a couple, so that forces
+    and moments are in balance to rounding.  Membrane beside a vertex does not push.
+
+    Source: derived here.
+
+    law : of protrusion, as EdgeProtrusion is;  bonds : SegmentBonds of the two bodies.
+    """
+
+    law: ProtrusionLaw
+    bonds: SegmentBonds
+
+    def grip(self, length, low, high, ahead: Vector, end1: Vector, end2: Vector, start: Vector, end: Vector):
+        """Length of closed bonds [µm] of the piece that counts to the front half; `ahead` as in `force`."""
+        limits = self.limits(low, high, (end1, end2), (start, end))
+        middle, (ahead1, ahead2) = 0.5 * (low + high), ahead
+        closed = maximum(self.bonds.closed(limits[0][2], limits[1][2]), 0.0)
+        return closed * length * (high - low) * self.law.front((1.0 - middle) * ahead1 + middle * ahead2)
+
+    def hold(self, bonded):
+        """Share of the push [-] for a length of closed bonds [µm] under the front half."""
+        return self.law.hold(bonded)
+
+    def force(self, size: Vector, hold, way, length, low, high, ahead: Vector,
+              end1: Vector, end2: Vector, start: Vector, end: Vector):
+        """Forces on both ends of S and of the edge [pN/µm] of the piece from ξ = low to high, half of it at either.
+
+        size : β α N σ/2 at both ends of S [pN/µm];  hold : see there;  way : p along x [-];  length : of S at rest
+        [µm];  ahead : of both ends of S, along p̂ from the middle of the cell [µm];  places of S and of the edge [µm].
+        """
+        limits = self.limits(low, high, (end1, end2), (start, end))
+        (size1, size2), (ahead1, ahead2), (ex, ey) = size, ahead, between(start, end)
+        share = hold * length * (high - low) * mean_slope(self.law, limits[0][2], limits[1][2])
+        along = way * ex / sqrt(ex * ex + ey * ey)
+        forces = [share * along * ((1.0 - xi) * size1 + xi * size2)
+                  * self.law.front((1.0 - xi) * ahead1 + xi * ahead2) for xi, *_ in limits]
+        return self.opposed(limits, forces, (start, end))

@@ -44,6 +44,8 @@ FIELDS = {
     "adhesion_force": Field("F_cs", "pN/um", (2,), "force of the bonds to the substrate, at the instant", "substrate"),
     "contact_force": Field("F_cc", "pN/um", (2,), "force of other cells but their drag, at the instant", "contact"),
     "sliding_force": Field("", "pN/um", (2,), "drag of the bonds to other cells or bodies, at the instant", "sliding"),
+    "push_off_force": Field("", "pN/um", (2,), "push of cells off other bodies, and its reaction, at the instant",
+                            "push_off"),
     "friction_force": Field("", "pN/um", (2,), "drag of the bonds to the substrate, at the instant", "friction"),
     "protrusion_force": Field("F_d", "pN/um", (2,), "push of the protrusion, at the instant", "protrusion"),
 }

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..case.pointwise import pointwise
+from ..kernel.terms import present
 from ..meshfree.body import Scene, Template
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
@@ -123,7 +124,7 @@ class Sampler:
                "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.u.copy(),
                "v": m.state.v.copy(), **self.stresses()}
         for name, field in FIELDS.items():
-            if name.endswith("_force") and getattr(terms, field.term) is not None:
+            if name.endswith("_force") and present(field.term, terms):
                 out[name] = m.surface_force(field.term)[0]
         if "director" in (internal := m.internal_fields()):
             out["director"] = internal["director"].T[: m.n_owned]
@@ -166,8 +167,16 @@ class Sampler:
         return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension)
 
     def push(self) -> np.ndarray:
-        """Push of the protrusion along the substrate on each cell (cells, d - 1) [pN/µm, in space pN]; collective."""
-        return self._sum(self.mechanics.surface_force("protrusion")[0][:, :-1])
+        """Push of the protrusion along the substrate on each cell (cells, d - 1) [pN/µm, in space pN]; collective.
+
+        What gels bear of it does not count: it is the opposite of the push on the cells.
+        """
+        m = self.mechanics
+        push = np.zeros((self.n_cells, m.scene.dimension - 1))
+        for term in ("protrusion", "push_off"):
+            if present(term, m.terms):
+                push += self._sum(m.surface_force(term)[0][:, :-1])
+        return push * m.protruding[:, None]
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""

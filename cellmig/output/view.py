@@ -135,6 +135,10 @@ class View(Protocol):
     def accounts(self) -> AccountsView:
         """Accounts of energy and impulses."""
 
+    @property
+    def protruding(self) -> np.ndarray:
+        """Which cells protrude (cells,) bool."""
+
     def grades(self) -> np.ndarray | None:
         """See `Mechanics.grades`."""
 

@@ -356,6 +356,7 @@ def _frame_bytes(case: Case) -> int:
     present = {"": True, "director": case.director is not None, "substrate": case.substrate is not None,
              "contact": len(case.cells) > 1 and not (case.static and case.contact is None),
              "sliding": any(pair.friction is not None for pair in case.pairs),
+             "push_off": any(pair.push for pair in case.pairs),
              "friction": case.substrate is not None and any(map(case.friction_of, case.cells)),
              "protrusion": case.protrusion is not None and bool(case.protrusion.cells)}
     elements = 0 if case.dimension == 2 else 90  # four to six tetrahedra, one triangle

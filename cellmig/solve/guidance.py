@@ -176,7 +176,7 @@ class Guidance:
     def _surroundings(self, x: np.ndarray) -> Surroundings:
         """What is around the cells at this knot, for surface particles at x (m, d) [µm]."""
         around = Surroundings(self._at, self.knot, self._case.seed, self._names, self._mechanics.surfaces, x, self.p,
-                              np.zeros_like(self.p), self._fields)
+                              np.zeros_like(self.p), self._fields, self._case.gels)
         if not self.knot:
             return around
         return replace(around, velocity=(around.centre - self._centre)[:, :-1] / self._interval)

@@ -163,6 +163,11 @@ class Mechanics:
         if self.protrusion is not None:
             self.protrusion.set_clock(time)
 
+    @property
+    def protruding(self) -> np.ndarray:
+        """Which cells protrude (cells,) bool."""
+        return self._protruding.cells
+
     def drive(self, drives: Drives) -> None:
         """Push as `drives` say from their time on."""
         self._protruding = self._protruding._replace(drives=drives)

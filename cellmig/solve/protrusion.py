@@ -60,17 +60,25 @@ class Protrusion:
         Field("drive_now", "double *", "(n_movers, sides, d)", "-", "factors and directions at the time of the clock"),
         Field("middle", "double *", "(n_movers, sides)", "µm", "mean of the surface in each direction"),
         Field("hold", "double *", "(n_movers, sides)", "-", "share of the push that the bonds hold"),
+        # off other bodies
+        Field("hold_off", "double *", "(n_movers, sides)", "-", "the same for bonds to these"),
+        Field("contact_mover", "int32_t *", "(n_contact_segments,)", "", "protruding cells of the segments, or -1"),
+        Field("contact_push", "double *", "(n_contact_segments, 2)", "pN/µm", "β α N σ/2 at their ends"),
+        Field("n_own_surface", "long", doc="surface particles of this rank"),
+        Field("own_surface", "int32_t *", "(n_own_surface,)", "", "these"),
+        Field("contact_own", "int32_t *", "(n_contact_nodes,)", "", "nodes among these, or -1"),
+        Field("pushed_off", "double *", "(n_own_surface, 2)", "pN/µm", "forces of the last kick on these"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments, protruding: Protruding):
         """Nothing holds or pushes before the first `renew`."""
         law, bonds = part.terms.protrusion, part.terms.substrate
-        assert law is not None and bonds is not None  # without bonds nothing protrudes
+        assert law is not None  # else nothing protrudes
         self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
         d, sides = part.scene.dimension, part.terms.sides
-        size = law.push(bonds.work) / d
-        alpha = carried(part.scene, protruding.alpha)[segments.ends]
-        self._push = np.where(segments.acts[:, None], size * alpha, 0.0)
+        size = law.push(bonds.work) / d if bonds is not None else 0.0
+        self._alpha = carried(part.scene, protruding.alpha)[segments.ends]
+        self._push = np.where(segments.acts[:, None], size * self._alpha, 0.0)
         k["pushed"] = np.zeros((*segments.ends.shape, d - 1))
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
         share = s.shares[part.pushed]
@@ -80,7 +88,9 @@ class Protrusion:
         k["mover_of"] = np.searchsorted(cells, s.cell[segments.ends[:, 0]])
         k["firm"], k["drive_now"] = law.height, np.zeros((len(cells), sides, d))
         k["middle"], k["hold"] = np.zeros((len(cells), sides)), np.zeros((len(cells), sides))
-        self._cells, self._time = cells, 0.0
+        self._cells, self._time, self._part, self._factor = cells, 0.0, part, np.ones(len(s.ids))
+        k["hold_off"], k["pushed_off"] = np.zeros((len(cells), sides)), np.zeros((len(part.own_surface), d))
+        k["n_own_surface"], k["own_surface"] = len(part.own_surface), part.at_surface
         self.drive(protruding.drives)
         self._on = protruding.cells[s.cell[segments.ends[:, 0]]] & s.outer[segments.number]
 
@@ -90,6 +100,9 @@ class Protrusion:
         k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
         k["push"] = self._push * drives.factor[self._segments.ends]
         k["drive_clock"] = np.zeros(1)
+        self._factor = drives.factor
+        if self._segments.lists is not None:
+            self._renew_off()
 
     def set_clock(self, time: float) -> None:
         """Push as in the Drives at a time [µs]."""
@@ -105,8 +118,26 @@ class Protrusion:
         k = self._kernel
         k["grip"] = np.flatnonzero(self._segments.low & self._on)
         k["first_grip"] = np.searchsorted(k["mover_of"][k["grip"]], np.arange(len(k["hold"]) + 1))
+        self._renew_off()
+
+    def _renew_off(self) -> None:
+        """Select the segments that push off other bodies, from the current search lists, and their pushes."""
+        k, part, lists, law = self._kernel, self._part, self._segments.lists, self._part.terms.protrusion
+        if part.terms.pushes_off is None or lists is None:
+            return
+        assert law is not None and part.terms.contacts is not None
+        at = self._segments.pushing()
+        size = np.array([0.5 * law.push(bonds.work) for bonds in part.terms.contacts.laws])[k["contact_law"]]
+        ends = self._segments.ends[at]
+        k["contact_push"] = size[:, None] * self._alpha[at] * self._factor[ends]
+        k["contact_mover"] = np.where(at < 0, -1, k["mover_of"][at])
+        own = np.full(len(part.surfaces.ids), -1)
+        own[part.own_surface] = np.arange(len(part.own_surface))
+        k["contact_own"] = own[lists.node]
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: the push of the last kick (n_facets, d, d - 1) [pN/µm], and the clock (1,) [µs]."""
-        return {name: self._kernel[name] for name in ("pushed", "drive_clock")}
+        """Arrays that steps change: the pushes of the last kick [pN/µm], off the substrate (n_facets, d, d - 1) and off
+        other bodies (k, 2), and the clock (1,) [µs].
+        """
+        return {name: self._kernel[name] for name in ("pushed", "pushed_off", "drive_clock")}

@@ -141,6 +141,7 @@ def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
     """
     found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
     found |= m.immersed.changing if m.immersed is not None else {}
+    found |= {"pushed_off": m.protrusion.changing["pushed_off"]} if m.terms.pushes_off and m.protrusion else {}
     return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
 
 

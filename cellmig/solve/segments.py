@@ -205,7 +205,7 @@ class Segments:
             farthest = self._contacts.reach.max() + self.skin
             if part.scene.dimension == 2:
                 pairs = contact_pairs(part.surfaces, x, farthest, self._within, self.turn, around)
-                self._set_contact(ContactLists.of(part.surfaces, acting(part.surfaces, pairs, part.on_surface)))
+                self._set_contact(ContactLists.of(part.surfaces, self._needed(pairs)))
             else:
                 near = triangle_pairs(part.surfaces, self._features, x, farthest, self._within, around)
                 near = acting_triangles(part.surfaces, self._features, near, part.on_surface)
@@ -215,6 +215,27 @@ class Segments:
         """Distance (k,) [µm] up to which surfaces of the cells a and b (k,) int are paired; -1 if they never meet."""
         within = self._contacts.reach[self._contacts.of_pair(a, b)] + self.skin
         return within if self._contacts.own else np.where(a == b, -1.0, within)
+
+    def _needed(self, pairs: np.ndarray) -> np.ndarray:
+        """Those of `pairs` (p, 2) int that act on this rank's particles, or hold cells that push (q, 2) int."""
+        s, own = self._part.surfaces, self._part.on_surface
+        if self._part.terms.pushes_off is None:
+            return acting(s, pairs, own)
+        return pairs[(own[pairs] | own[s.after[pairs]]).any(axis=1) | self._push_off(*pairs.T)]
+
+    def _push_off(self, source: np.ndarray, edge: np.ndarray) -> np.ndarray:
+        """Whether segments push off edges, both by their first ends (k,) int; (k,) bool."""
+        s = self._part.surfaces
+        pushes = np.array(self._part.terms.pushes_off)[self._contacts.of_pair(s.cell[source], s.cell[edge])]
+        return pushes & np.isin(source, self._part.pushed)
+
+    def pushing(self) -> np.ndarray:
+        """The segments near other cells that push off them, as places in `number`; -1 for the others (s,) int."""
+        lists = self.lists
+        assert isinstance(lists, ContactLists)
+        first = lists.node[lists.edge[lists.first[:-1], 0]]
+        found = np.searchsorted(self.number, lists.source)
+        return np.where(self._push_off(lists.source, first), found, -1)
 
     def _set_nodes(self, lists: NodeLists) -> None:
         """Set the kernel's nodes and sources of contact, and the ghosts that they need; collective."""

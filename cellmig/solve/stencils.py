@@ -18,7 +18,8 @@ from ..model.director import Couple
 from ..model.ligand import LigandTable
 from .contact_tangent import ContactDifferences
 from .mechanics import Mechanics
-from .tangent import derivative, mixed
+from .push_tangent import Push, PushesOff, pushes, pushes_off
+from .tangent import mixed
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Stencil:
         return rows.ravel(), columns.ravel(), blocks.reshape(-1, d, d)
 
 
-def stencils(m: Mechanics) -> Iterator[Stencil | Push | ContactDifferences]:
+def stencils(m: Mechanics) -> Iterator[Stencil | Push | PushesOff | ContactDifferences]:
     """The surface terms of a scene, for its current search lists, clock and closest points."""
     k = m.kernel
     for term in SURFACE_TERMS:
@@ -135,83 +136,6 @@ def _medium(m: Mechanics, formula: Any) -> Iterator[Stencil]:
         yield Stencil("medium", nodes[None], lambda x, v: (formula.force(size, v[0]),))
 
 
-def _protrusion(m: Mechanics, formula: Any) -> Iterator[Push]:
-    """A stencil for each protruding cell, as its push depends on its whole surface."""
-    assert m.protrusion is not None
-    k, vectors = m.kernel, m.protrusion.now()
-    for c, side in np.ndindex(k["hold"].shape):
-        on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
-        strength = np.linalg.norm(vectors[c, side])
-        if not len(grip) or not strength:
-            continue
-        nodes = k["mover"][on]
-        order = np.argsort(nodes)
-        ends = order[np.searchsorted(nodes, k["facet"][grip], sorter=order)]
-        yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["facet_size"][grip],
-                   strength * k["push"][grip].T, vectors[c, side] / strength)
-
-
-@dataclass(frozen=True)
-class Push:
-    """The push of a cell in a direction, whose derivatives go by the mean of its surface and by its closed bonds.
-
-    name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce or ProtrusionPush;
-    weight : (k,) float -- of the particles in the mean [-];  ends : (d, n) int -- corners of the facets near the
-    substrate, among the nodes;  size : (n,) float -- of these [µm, µm²];  push : (d, n) float -- on their corners
-    [pN/µm];  direction : (d - 1,) float -- along the substrate [-].
-    """
-
-    name: str
-    nodes: np.ndarray
-    formula: Any
-    weight: np.ndarray
-    ends: np.ndarray
-    size: np.ndarray
-    push: np.ndarray
-    direction: np.ndarray
-
-    def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Forces (k, d, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
-        ahead, gaps = self._places(x[..., 0])
-        bonded, out = self._closed(ahead[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
-        for end, along in zip(self.ends, self._along(bonded, *ahead[self.ends], *gaps), strict=True):
-            np.add.at(out[:, :-1, 0], end, along[:, None] * self.direction)
-        return out
-
-    def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
-        ahead, gaps = self._places(m.state.x(self.nodes[:, 0]))
-        d, k, unit = len(gaps), len(ahead), np.eye(len(ahead))
-        by_x = unit - self.weight  # of `ahead`, by x of all
-        closed, slope = derivative(self._closed, ahead[self.ends].mean(axis=0), *gaps)
-        by_all = (slope[0] @ by_x[self.ends].mean(axis=0),
-                  sum(by_gap @ unit[end] for by_gap, end in zip(slope[1:], self.ends, strict=True)))
-        slopes = derivative(self._along, np.full(len(closed), closed.sum()), *ahead[self.ends], *gaps)[1]
-        row, at = np.unique(self.ends, return_inverse=True)
-        blocks = np.zeros((len(row), k, d, d))
-        for on, (bonded, *by) in zip(at.reshape(self.ends.shape), slopes[..., None], strict=True):
-            of_x, of_gap = (bonded * mean + sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
-                            for mean, part, place in zip(by_all, (by[:d], by[d:]), (by_x, unit), strict=True))
-            both = self.direction[:, None] * self.direction
-            np.subtract.at(blocks[..., :-1, :-1], on, by_u * of_x[..., None, None] * both)
-            np.subtract.at(blocks[..., :-1, -1], on, by_u * of_gap[..., None] * self.direction)
-        node = self.nodes[:, 0]
-        return np.repeat(node[row], k), np.tile(node, len(row)), blocks.reshape(-1, d, d)
-
-    def _places(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the nodes at x (k, d) [µm] what they are ahead of the mean (k,), of the ends the gaps (d, n) [µm]."""
-        place = x[:, :-1] @ self.direction
-        return place - self.weight @ place, x[self.ends, -1]
-
-    def _closed(self, ahead: Any, *gaps: Any) -> Any:
-        return self.formula.grip(self.size, ahead, *gaps)
-
-    def _along(self, bonded: Any, *places: Any) -> tuple:
-        d = len(self.ends)
-        ends = self.formula.force(self.push, self.formula.hold(bonded), self.size, places[:d], places[d:])
-        return tuple(along for along, *_ in ends)
-
-
 def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil | ContactDifferences]:
     """Pieces of segments beside edges and vertices; their limits are constants, whose derivatives cancel."""
     k, lists = m.kernel, m.segments.lists
@@ -286,4 +210,4 @@ def _short(formula: Any, first: np.ndarray, last: np.ndarray, foot: np.ndarray, 
 # Others have stencils of facets.
 OWN_STENCILS: dict[str, Callable[..., Iterator]] = {
     "substrate": _substrate, "contact": _contact, "sliding": _sliding, "friction": _friction, "medium": _medium,
-    "protrusion": _protrusion, "loads": _loads}
+    "protrusion": pushes, "push_off": pushes_off, "loads": _loads}

@@ -23,7 +23,8 @@ class Subdomain:
     ----------
     scene, terms, surfaces : the same on all ranks.
     owner : (size,) int -- ranks of all particles.
-    pushed : (k,) int -- all surface particles, ascending, of the protruding cells of which the rank has a part.
+    pushed : (k,) int -- all surface particles, ascending, of the protruding cells of which the rank has a part, or of
+        all of them where they push off other bodies.
     numbering : Numbering -- local numbers of owned particles and ghosts, but for those of contacts.
     blocks : Blocks -- the rows that the kernel computes, in fours.
     """
@@ -43,7 +44,8 @@ class Subdomain:
         """The subdomain of this rank; `owner` (size,) int : ranks of the particles, `protruding` (cells,) bool."""
         s = Surfaces.of(scene)
         mine = owner[s.ids] == comm.rank
-        pushed = np.flatnonzero(protruding[s.cell] & s.on_outside & np.isin(s.cell, s.cell[mine]))
+        near = np.isin(s.cell, s.cell[mine]) | (terms.pushes_off is not None)  # what they push off may be here
+        pushed = np.flatnonzero(protruding[s.cell] & s.on_outside & near)
         around = np.concatenate([s.facets[s.touching(mine)].ravel(), pushed])
         numbering = number(scene, np.flatnonzero(owner == comm.rank), s.ids[around])
         return cls(comm, scene, terms, s, owner, pushed, numbering, make_blocks(scene, numbering))

@@ -19,10 +19,12 @@ WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
         "load_curve": {"law": "sine", "period": "1 us"}}
 PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "load_curve": {"law": "ramp", "duration": "1 us"}}
 POLAR = ('polarity.persistence="4 us"', "protrusion.basal=0.5", 'cells.Cell-2.push={begin="0.5 us", end="1.7 us"}')
+OFF_OTHERS = "adhesion.pairs=[{cells=[['Cell-1', 'Cell-2'], 'Cell-3'], push=true, cutoff='1 um'}]"
 SCENES = {
     "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
     "protrusion": lambda: case("all_protrude", FAST),
     "polarity": lambda: case("all_protrude", FAST, *POLAR),
+    "push off neighbours": lambda: case("all_protrude", FAST, *POLAR, OFF_OTHERS),
     "uniform, active": lambda: case("two_three", TURNING[0]),
     "frozen director": lambda: case("one_cell", *TURNING, 'director.law="frozen"',
                                        'director.start="radial"', FAST),

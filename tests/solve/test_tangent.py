@@ -221,10 +221,11 @@ def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: fl
         assert_close(applied(sim, d, by_u, by_v), expected, 1e-7)  # measured 1e-9
 
 
-KIND_OF = {term.name: {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction"}.get(term.name, term.name)
-           for term in SURFACE_TERMS if term.name != "loads"}
+KINDS = {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction", "push_off": "protrusion"}
+KIND_OF = {term.name: KINDS.get(term.name, term.name) for term in SURFACE_TERMS if term.name != "loads"}
+PLANE = ("sliding", "push_off")  # in two dimensions only
 SURFACE_LAWS = [(scene, part, name) for scene in ("all_protrude", "three_balls") for part, kind in KIND_OF.items()
-                for name in laws(kind) if (scene, part) != ("three_balls", "sliding")]
+                for name in laws(kind) if scene != "three_balls" or part not in PLANE]
 
 
 FOUND_BY_DIFFERENCES = ("three_balls", "contact")
@@ -233,9 +234,12 @@ FOUND_BY_DIFFERENCES = ("three_balls", "contact")
 def three_cells(scene: str, part: str, name: str) -> Any:
     """A case of three cells with a law of surfaces."""
     scene, law = case(scene, *SOFT, NO_ETA), example(KIND_OF[part], name)
-    law = dataclasses.replace(law, cells=scene.protrusion.cells) if part == "protrusion" else law
+    names = tuple(cell.name for cell in scene.cells)
+    law = dataclasses.replace(law, cells=names) if KIND_OF[part] == "protrusion" else law
+    if part == "push_off":
+        pairs = Pair(cells=(names[:1], names[1:]), law=scene.contact, push=True),
+        return dataclasses.replace(scene, pairs=pairs, protrusion=law)
     if part == "sliding":
-        names = tuple(cell.name for cell in scene.cells)
         return dataclasses.replace(scene, pairs=(Pair(cells=(names, names), law=scene.contact, friction=law),))
     return dataclasses.replace(scene, **{part: law})
 
