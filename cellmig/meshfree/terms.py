@@ -151,6 +151,11 @@ class Terms:
         return (self.contacts.pushes if self.contacts is not None and self.protrusion is not None else ()) or None
 
     @property
+    def on_gels(self) -> bool:
+        """Whether bodies rub or push off each other."""
+        return self.sliding is not None or self.pushes_off is not None
+
+    @property
     def has_director(self) -> bool:
         """Whether the gradient of the director or its axis matters."""
         return self.director != "none" or self.active

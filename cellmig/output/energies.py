@@ -15,10 +15,29 @@ def energies(m: View, v: np.ndarray) -> dict[str, np.ndarray]:
     They are those of the state for which F is current, and do not include that of the elastic stabilisation.
     """
     terms, ids = m.terms, m.ids
-    mass, V, material = m.scene.field("mass")[ids], m.scene.field("V")[ids], m.scene.material[ids]
+    mass = m.scene.field("mass")[ids]
     parts: dict[str, np.ndarray] = {"kinetic": 0.5 * mass * (v**2).sum(axis=1)}
-    parts |= {name: np.zeros(m.n_owned) for name in ("elastic", "compression", "director")}
-    grades = m.grades()
+    parts |= _stored(m)
+    parts["director"] = parts["director"] + m.missed_energy()
+    for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
+                            ("adhesion_cells", "contact", terms.contacts)):
+        parts[name] = m.surface_force(term)[1] if law is not None else np.zeros(m.n_owned)
+    if terms.cortex is not None:
+        parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
+    return parts
+
+
+def strain_energy(m: View) -> np.ndarray:
+    """Energy of the strain of the owned particles (n_owned,) [pN], of what they are made of alone."""
+    parts = _stored(m)
+    return parts["elastic"] + parts["compression"]
+
+
+def _stored(m: View) -> dict[str, np.ndarray]:
+    """Energies of the materials (n_owned,) [pN] by their names in the ledger."""
+    terms, ids, grades = m.terms, m.ids, m.grades()
+    V, material = m.scene.field("V")[ids], m.scene.material[ids]
+    parts = {name: np.zeros(m.n_owned) for name in ("elastic", "compression", "director")}
     rows = {"F": m.state.tensors()[0], **m.internal_fields()}
     everything = {name: values[..., : m.n_owned] for name, values in rows.items()}
     for i, law in enumerate(m.scene.materials):
@@ -29,10 +48,4 @@ def energies(m: View, v: np.ndarray) -> dict[str, np.ndarray]:
                 density = np.zeros(m.n_owned)
                 density[on] = pointwise(law, method, local)
                 parts[name] = parts[name] + (V if grades is None else V * grades[: m.n_owned]) * density
-    parts["director"] = parts["director"] + m.missed_energy()
-    for name, term, law in (("adhesion_substrate", "substrate", terms.substrate),
-                            ("adhesion_cells", "contact", terms.contacts)):
-        parts[name] = m.surface_force(term)[1] if law is not None else np.zeros(m.n_owned)
-    if terms.cortex is not None:
-        parts["elastic"] = parts["elastic"] + m.surface_force("cortex")[1]
     return parts

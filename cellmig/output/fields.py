@@ -109,6 +109,9 @@ Units are in the names of the columns; that of times is the one in which the cas
 `time_h` and `vx_um_per_h`.  `name` is the cell's, `all` that of the aggregate.
 
 - `history.csv`: `vx_um_per_us`, `vy_um_per_us`, `speed_um_per_us`: mean since the last sample, displacement over time.
+- `history.csv` where bodies drag on each other, or push off each other, such as cells and a gel: `strain_energy_pn` is
+  the energy of the strain of a body, `dipole_pn` is ∫ (x - x̄) T dx, T the drag and push of others on it along x, at the
+  sample; that of a gel is below zero where cells contract it. A rigid substrate is not displaced: it has none of both.
 - `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the
   largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,

@@ -15,9 +15,9 @@ from ..meshfree.recovery import Recovery
 from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
 from ..parallel.reduce import exact_sum, global_maximum
-from .energies import energies
+from .energies import energies, strain_energy
 from .fields import FIELDS
-from .tables import ENERGY, HELD, MEASURES, PROBED, further_columns
+from .tables import ENERGY, HELD, MEASURES, ON_GELS, PROBED, further_columns
 from .view import View
 
 STRAIN = 1e-8  # volumetric strain of all cells whose energy is the smallest scale of the energy error
@@ -157,14 +157,16 @@ class Sampler:
         if d == 3:
             whole["height_um"] = float(columns["height_um"].max())
         rows = [whole, *rows]
+        self._add_strains(rows)
         self._add_probes(rows)
         self._add_reactions(rows)
         return rows
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Further columns of history: of probes, then of supports and plates."""
-        return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension)
+        """Further columns of history: of gels, of probes, then of supports and plates."""
+        return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension,
+                               self.mechanics.terms.on_gels)
 
     def push(self) -> np.ndarray:
         """Push of the protrusion along the substrate on each cell (cells, d - 1) [pN/µm, in space pN]; collective.
@@ -177,6 +179,22 @@ class Sampler:
             if present(term, m.terms):
                 push += self._sum(m.surface_force(term)[0][:, :-1])
         return push * m.protruding[:, None]
+
+    def _add_strains(self, rows: list[dict[str, float]]) -> None:
+        """Add what bodies do to each other that rub or push off each other, to the rows of all; collective.
+
+        It is the energy of their strain [pN], and the dipole Σ (x - x̄) f of drag and push by others along x [pN].
+        """
+        m = self.mechanics
+        if not m.terms.on_gels:
+            return
+        f = np.sum([m.surface_force(term)[0][:, 0] for term in ("sliding", "push_off")
+                    if present(term, m.terms)], axis=0)
+        x = m.scene.X[m.ids, 0] + m.state.u[:, 0]
+        energy, force, moment, place = self._sum(np.column_stack([strain_energy(m), f, x * f, self.mass * x])).T
+        dipole = moment - place / self.cell_mass * force
+        for row, *values in zip(rows, [energy.sum(), *energy], [dipole.sum(), *dipole], strict=True):
+            row |= dict(zip(ON_GELS, map(float, values), strict=True))
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""

@@ -24,6 +24,7 @@ MEASURES = {2: ("substrate_contact_um", "cell_contact_um", "area_um2", "perimete
 FORM = {2: (), 3: ("height_um", "sphericity")}  # height of the top over the substrate; that of Wadell (1935)
 HISTORY = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xyz"[:d]), *(f"u{axis}_um" for axis in "xyz"[:d]),
                *MEASURES[d], *FORM[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
+ON_GELS = ("strain_energy_pn", "dipole_pn")  # of bodies that drag each other
 MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") for d in (2, 3)}  # means
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "network_loss", "friction_loss", "medium_loss", "artificial_dissipation",
@@ -58,9 +59,13 @@ _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "ex
              "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
 
 
-def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2) -> tuple[str, ...]:
-    """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell."""
-    return (*MOTION[dimension], *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
+def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2, gels: bool = False
+                    ) -> tuple[str, ...]:
+    """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell; with `gels`
+    what bodies do to each other that rub or push off each other.
+    """
+    return (*MOTION[dimension], *(ON_GELS if gels else ()),
+            *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
             *(f"{name}_force_{c}" for name in holders for c in HELD[dimension]), "name")
 
 

@@ -182,8 +182,8 @@ def test_cells_move_by_their_mean_velocity_from_row_to_row() -> None:
 
 
 def test_the_fields_of_a_frame_are_those_declared_whose_terms_the_scene_has() -> None:
-    for name, sets, absent in (("all_protrude", (DRAG,), {"director", "sliding"}), ("nucleus", (), {
-            "director", "substrate", "contact", "friction", "protrusion", "sliding"})):
+    for name, sets, absent in (("all_protrude", (DRAG,), {"director", "sliding", "push_off"}), ("nucleus", (), {
+            "director", "substrate", "contact", "friction", "protrusion", "sliding", "push_off"})):
         with built(case(name, *sets, per_cell=60)) as sim:
             fields = sim.sampler.fields()
             assert set(fields) == {name for name, field in FIELDS.items() if field.term not in absent}

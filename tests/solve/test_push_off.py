@@ -71,6 +71,8 @@ def test_a_cell_crawls_on_a_gel_and_what_holds_the_gel_bears_nothing(way: float)
         assert way * push[1, 0] > 30.0 and push[0, 0] == 0.0
         assert way * v > 1e-3  # measured 1.8e-3 µm/s
         assert abs(rows[1]["held_force_x_pn_per_um"]) < 1e-8 * abs(push[1, 0])  # measured 6e-12, of the balance
+        assert rows[1]["dipole_pn"] < -50.0  # measured -105 pN
+        assert rows[0]["strain_energy_pn"] == rows[1]["strain_energy_pn"] + rows[2]["strain_energy_pn"] > 0.0
         assert entries["energy_error"] < 1e-5  # measured 4e-7, 1.3e-6
         assert entries["friction_loss_pn"] > 0.8 * entries["external_work_pn"] > 0.0
 
