@@ -37,8 +37,8 @@ class Checklist:
     def step(self, title: str, *command: str | Path, cwd: Path, expected: int = 0) -> bool:
         """Run a command in a folder; whether it ended with the expected exit code."""
         begin = time.monotonic()
-        done = subprocess.run(list(map(str, command)), cwd=cwd, env=self.environment, text=True, errors="replace",
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        done = subprocess.run(list(map(str, command)), cwd=cwd, env=self.environment, encoding="utf-8",
+                              errors="replace", stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         right, wall = done.returncode == expected, time.monotonic() - begin
         print(f"{'ok' if right else 'FAILED':<7}{wall:7.1f} s  exit {done.returncode:<3}  {title}", flush=True)
         if not right:
