@@ -244,6 +244,22 @@ def info(options: argparse.Namespace) -> int:
     return DONE
 
 
+def report(options: argparse.Namespace) -> int:
+    """Write the page of a run."""
+    from .runs.report import report
+
+    print(report(options.directory, options.out))
+    return DONE
+
+
+def watch(options: argparse.Namespace) -> int:
+    """Serve the page of a run that goes on."""
+    from .runs.report import watch
+
+    watch(options.directory, options.port)
+    return DONE
+
+
 def diff(options: argparse.Namespace) -> int:
     """Compare two runs."""
     from .runs.diff import diff
@@ -274,5 +290,5 @@ def load_case(path: Path, sets: list[str]) -> Any:
     return load(path, sets)
 
 COMMANDS = {command.__name__: command for command in (
-    validate, sweep, paper, guidance, verify, bench, cases, doctor, schema, plot, tracks, info, diff)}
+    validate, sweep, paper, guidance, verify, bench, cases, doctor, schema, plot, report, watch, tracks, info, diff)}
 PARALLEL = ("validate", "sweep", "paper", "guidance", "verify", "bench")  # those that build a scene, and need PETSc

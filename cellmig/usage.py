@@ -161,6 +161,17 @@ def _about_runs(commands: Any) -> None:
     plot.add_argument("--film", action="store_true", help="also a film of all frames: mp4 with ffmpeg, else gif")
     plot.add_argument("--format", default="png,pdf", metavar="png,pdf,svg", help="file formats (default: png,pdf)")
     plot.add_argument("--out", type=Path, metavar="DIR", help="directory of the pictures (default: that of the run)")
+    report = commands.add_parser("report", help="one page of a run for a browser: its frames to play, its curves",
+                                 description="Write one HTML file that needs nothing else: the frames of a run to play "
+                                 "and ask for values, curves of its tables, what it was, cost and did.")
+    report.add_argument("directory", type=Path, help="of a run, complete or not")
+    report.add_argument("--out", type=Path, metavar="FILE.html", help="the file (default: report.html in that of "
+                        "the run)")
+    watch = commands.add_parser("watch", help="the same page of a run that goes on, served to this machine",
+                                description="Serve the page of a run to browsers on this machine; it renews itself as "
+                                "frames come.  Ctrl-C ends it; it leaves nothing behind.")
+    watch.add_argument("directory", type=Path, help="of a run")
+    watch.add_argument("--port", type=_port, default=0, help="of 127.0.0.1 (default: a free one)")
 
 
 def _studies(commands: Any) -> None:
@@ -271,8 +282,8 @@ def _laws(command: argparse.ArgumentParser) -> None:
                          help="a file of your own laws, which the case may name; repeat for others")
 
 
-COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "schema", "cases", "doctor",
-            "paper", "guidance", "verify", "bench")
+COMMANDS = ("run", "resume", "sweep", "validate", "info", "tracks", "diff", "plot", "report", "watch", "schema",
+            "cases", "doctor", "paper", "guidance", "verify", "bench")
 
 
 def what_first(words: list[str]) -> list[str]:
@@ -319,4 +330,10 @@ def _not_known(word: str, words: Sequence[str], options: Iterable[str]) -> str:
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expects a number from 1 on, not '{text}'")
+    return int(text)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"expects a number from 0 to 65535, not '{text}'")
     return int(text)

@@ -29,8 +29,8 @@ pytestmark = pytest.mark.serial
 ROOT = docstrings.PACKAGE.parent
 # From the ground up; each imports only from its own floor and those below.  `cellmig` is the package's own front door.
 FLOORS = ["exits", "version", "case", "model", "geometry", "meshfree", "kernel", "parallel", "cues", "laws", "output",
-          "solve", "plot", "simulation", "runs", "paper", "guidance", "bench", "verify", "doctor", "cellmig", "usage",
-          "commands", "__main__"]
+          "solve", "plot", "report", "simulation", "runs", "paper", "guidance", "bench", "verify", "doctor", "cellmig",
+          "usage", "commands", "__main__"]
 SIBLINGS = {"paper", "guidance", "bench", "verify"}  # beside each other: none imports another
 PETSC_ROOMS = {"parallel", "solve", "__main__"}
 LONGEST, LONGEST_FUNCTION = {".py": 400, ".c": 300, ".h": 300}, 60

@@ -29,6 +29,11 @@ _ROUNDING = 1e-9  # smaller lengths [µm] and momenta [pN µs/µm] count as zero
 
 def info(directory: Path) -> str:
     """Text of the summary."""
+    return two_columns(about(directory))
+
+
+def about(directory: Path) -> list[tuple[str, Any]]:
+    """Rows of key and value of the summary; an empty key continues the row above."""
     directory = existing_run(directory)
     manifest = read_manifest(directory)
     rows: list[tuple[str, Any]] = [("directory", directory)]
@@ -41,7 +46,7 @@ def info(directory: Path) -> str:
     found = frames(directory)
     span = f" from {found[0].time:g} to {found[-1].time:g} {found[-1].unit.label}" if found else ""
     rows += [("frames", f"{len(found)}{span}"), *_made_with(manifest), *_rest(manifest, unit)]
-    return two_columns(rows)
+    return rows
 
 
 def _was(m: dict[str, Any], unit: TimeUnit) -> Rows:

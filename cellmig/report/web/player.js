@@ -1,0 +1,399 @@
+/* Plays the frames of a run: cells filled with a field, outlines, arrows, tracks; values of what is pointed at. */
+"use strict";
+
+const SECONDS = 12;  // that all frames take
+const SAMPLED = 40000;  // values from which the range of colours is taken
+const LIGHT = [-0.35, 0.55, 0.75];  // direction to the light: to the right, up, to the eye
+const byId = id => document.getElementById(id);
+
+class Player {
+    constructor(movie, tracks) {
+        Object.assign(this, { movie, tracks, frame: 0, playing: false, cache: new Map(), listeners: [] });
+        this.canvas = byId("stage");
+        this.context = this.canvas.getContext("2d");
+        this.raster = new Raster(movie.colours);
+    }
+
+    static async of(movie, trackData) {
+        const tracks = trackData && { time: await unpacked(trackData.time), shape: trackData.x.shape,
+                                      x: await unpacked(trackData.x) };
+        const player = new Player(movie, tracks);
+        await player.read();
+        return player;
+    }
+
+    /* Arrays that every frame needs. */
+    async read() {
+        const m = this.movie;
+        this.x = await Promise.all(m.x.map(unrounded));  // by axis and frame
+        this.start = await Promise.all(m.start.map(unpacked));
+        [this.triangles, this.borders, this.ids, this.cell, this.material] =
+            await Promise.all([m.triangles, m.borders, m.ids, m.cell, m.material].map(unpacked));
+        this.behind = m.behind && await unrounded(m.behind.values);
+        const n = this.ids.length;
+        this.on = { x: new Float32Array(n), y: new Float32Array(n), z: new Float32Array(n) };
+        this.light = m.dimension === 3 ? new Float32Array(n) : null;
+        this.view = new View(m.dimension, ...this.corners());
+    }
+
+    corners() {
+        const low = this.x.map(frames => Math.min(...frames.map(values => least(values))));
+        const high = this.x.map(frames => Math.max(...frames.map(values => -least(values.map(v => -v)))));
+        if (this.movie.substrate) low[low.length - 1] = Math.min(0, low.at(-1)) - (this.movie.dimension === 2 ? 0.04 * high.at(-1) : 0);
+        if (this.behind) {
+            low[0] = this.movie.behind.low[0];
+            [high[0], high[1]] = this.movie.behind.high;
+        }
+        return [low, high];
+    }
+
+    get times() { return this.movie.times; }
+    get time() { return this.times[this.frame]; }
+
+    /* ------------------------------------------------------------------------------------------------- fields */
+
+    /* All fields that can be shown: those of the frames, and the displacement. */
+    get fields() {
+        const parts = ["x", "y", "z"].slice(0, this.movie.dimension);
+        return { ...this.movie.fields, displacement: { label: "displacement", unit: "µm", parts,
+                                                       meaning: "from the position at the start" } };
+    }
+
+    /* Parts of a field that are offered: a vector has a magnitude, too. */
+    partsOf(name) {
+        const { parts } = this.fields[name];
+        return isVector(parts) ? ["magnitude", ...parts] : parts;
+    }
+
+    /* Values of a part of a field in all frames. */
+    async values(name, part) {
+        const key = `${name}/${part}`;
+        if (!this.cache.has(key)) this.cache.set(key, this.make(name, part));
+        return this.cache.get(key);
+    }
+
+    async make(name, part) {
+        const { parts } = this.fields[name];
+        if (part === "magnitude") {
+            const all = await Promise.all(parts.map(one => this.values(name, one)));
+            return all[0].map((_, f) => all[0][f].map((__, i) => Math.hypot(...all.map(one => one[f][i]))));
+        }
+        const at = parts.indexOf(part);
+        if (name === "displacement")
+            return this.x[at].map(values => values.map((value, i) => value - this.start[at][i]));
+        return unrounded(this.movie.values[name][at]);
+    }
+
+    async choose(name, part) {
+        const values = await this.values(name, part);
+        const every = Math.max(1, Math.floor(values.length * values[0].length / SAMPLED)), some = [];
+        for (let k = 0, n = values[0].length; k < values.length * n; k += every) {
+            const value = values[Math.floor(k / n)][k % n];
+            if (Number.isFinite(value)) some.push(value);
+        }
+        some.sort((a, b) => a - b);
+        let [low, high] = [0.01, 0.99].map(share => some[Math.round(share * (some.length - 1))] ?? 0);
+        if (!(high > low)) [low, high] = [some[0] ?? 0, some.at(-1) ?? 1];
+        if (!(high > low)) [low, high] = [low - 0.5, low + 0.5];
+        Object.assign(this, { name, part, low, high, shownValues: values, beyond: [some[0] < low, some.at(-1) > high] });
+        this.draw();
+    }
+
+    get label() {
+        const { label, unit } = this.fields[this.name];
+        return `${label}${this.part ? `, ${this.part}` : ""}${unit ? ` [${unit}]` : ""}`;
+    }
+
+    async arrowsOf(name) {
+        this.arrows = name && await Promise.all(this.fields[name].parts.map(part => this.values(name, part)));
+        this.longest = 0;
+        for (const frame of this.arrows ? this.times.keys() : [])
+            for (let i = 0; i < this.ids.length; i++)
+                this.longest = Math.max(this.longest, Math.hypot(...this.arrows.map(a => a[frame][i] || 0)));
+        this.arrowName = name;
+        this.draw();
+    }
+
+    /* ------------------------------------------------------------------------------------------------ drawing */
+
+    resize() {
+        const { dimension } = this.movie, { low, high } = this.view, width = this.canvas.clientWidth;
+        const share = dimension === 2 ? (high[1] - low[1]) / (high[0] - low[0] || 1) : 0.5;
+        const height = Math.round(Math.min(560, Math.max(220, share * (width - 56) + 40)));
+        this.canvas.style.height = `${height}px`;
+        this.ratio = Math.min(2, window.devicePixelRatio || 1);
+        const size = { width: Math.round(width * this.ratio), height: Math.round(height * this.ratio) };
+        if (size.width !== this.canvas.width || size.height !== this.canvas.height) Object.assign(this.canvas, size);
+        this.raster.resize(size.width, size.height);
+        this.view.resize(width, height);
+        this.paint();  // now: a new size has emptied the canvas
+    }
+
+    /* Draw soon, once, however often it is asked for. */
+    draw() {
+        if (this.due) return;
+        this.due = requestAnimationFrame(() => { this.due = 0; this.paint(); });
+    }
+
+    paint() {
+        if (!this.shownValues || !this.ratio) return;
+        const { context: g, view, raster, options } = this, x = this.x.map(frames => frames[this.frame]);
+        const values = this.shownValues[this.frame], scaled = this.scaled ??= new Float32Array(values.length);
+        for (let i = 0; i < values.length; i++) scaled[i] = (values[i] - this.low) / (this.high - this.low);
+        view.project(x, this.ratio, this.on);
+        if (this.light) this.shine(x);
+        raster.fill(this.triangles, this.on.x, this.on.y, this.on.z, scaled, this.light, options.levels);
+        g.setTransform(1, 0, 0, 1, 0, 0);
+        g.fillStyle = "#fff";
+        g.fillRect(0, 0, this.canvas.width, this.canvas.height);
+        g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+        if (this.behind && options.behind) this.paintBehind(g);
+        drawGround(g, view, this.movie.substrate);
+        g.drawImage(raster.canvas, 0, 0, view.width, view.height);
+        g.setTransform(1, 0, 0, 1, 0, 0);
+        if (options.outlines && view.dimension === 2) this.paintOutlines(g);
+        g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+        if (options.tracks && this.tracks) this.paintTracks(g);
+        if (this.arrows && this.longest) this.paintArrows(g, x);
+        drawAxes(g, view);
+        this.listeners.forEach(tell => tell(this));
+    }
+
+    /* Light on the corners of a surface, from the triangles around each. */
+    shine(x) {
+        const { triangles: t, light } = this, normals = x.map(axis => new Float32Array(axis.length));
+        for (let k = 0; k < t.length; k += 3) {
+            const [a, b, c] = [t[k], t[k + 1], t[k + 2]], p = x.map(v => v[b] - v[a]), q = x.map(v => v[c] - v[a]);
+            const n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+            for (const i of [a, b, c]) n.forEach((value, axis) => { normals[axis][i] += value; });
+        }
+        const axes = this.view.axes(), direction = [0, 1, 2].map(c => axes.reduce((s, axis, k) => s + LIGHT[k] * axis[c], 0));
+        for (let i = 0; i < light.length; i++) {
+            const n = normals.map(axis => axis[i]), size = Math.hypot(...n) || 1, facing = dot(n, axes[2]) < 0 ? -1 : 1;
+            light[i] = 0.5 + 0.5 * Math.min(1, Math.max(0, facing * dot(n, direction) / size));
+        }
+    }
+
+    paintBehind(g) {
+        const { low, high, counts } = this.movie.behind, values = this.behind[Math.min(this.frame, this.behind.length - 1)];
+        const small = document.createElement("canvas");
+        [small.width, small.height] = counts;
+        const image = small.getContext("2d").createImageData(...counts);
+        const all = this.behindRange ??= [Math.min(...this.behind.map(least)), Math.max(...this.behind.map(v => -least(v.map(w => -w))))];
+        values.forEach((value, k) => {
+            const at = 4 * ((counts[1] - 1 - Math.floor(k / counts[0])) * counts[0] + k % counts[0]);
+            const share = (value - all[0]) / (all[1] - all[0] || 1);
+            image.data.set([255 - 12 * share, 255 - 70 * share, 255 - 117 * share, Number.isFinite(value) ? 255 : 0], at);
+        });
+        small.getContext("2d").putImageData(image, 0, 0);
+        const [x0, y0] = this.view.at([low[0], high[1]]), [x1, y1] = this.view.at([high[0], low[1]]);
+        g.drawImage(small, x0, y0, x1 - x0, y1 - y0);
+    }
+
+    paintOutlines(g) {
+        const { x, y } = this.on, middle = (p, q) => [(x[p] + x[q]) / 2, (y[p] + y[q]) / 2], b = this.borders;
+        g.lineWidth = this.ratio;
+        g.strokeStyle = "#fff";
+        g.beginPath();
+        for (let k = 0; k < b.length; k += 3) {
+            g.moveTo(...middle(b[k], b[k + 1]));
+            g.lineTo(...middle(b[k], b[k + 2]));
+        }
+        g.stroke();
+        g.strokeStyle = "#111";
+        g.beginPath();
+        for (const loop of this.movie.loops) loop.forEach((i, k) => (k ? g.lineTo(x[i], y[i]) : g.moveTo(x[i], y[i])));
+        g.stroke();
+    }
+
+    paintTracks(g) {
+        const { time, shape: [cells, samples, d], x } = this.tracks;
+        g.lineWidth = 1.6;
+        for (let cell = 0; cell < cells; cell++) {
+            let last = null;
+            g.beginPath();
+            for (let s = 0; s < samples && time[s] <= this.time * (1 + 1e-6); s++) {
+                const from = (cell * samples + s) * d;
+                last = this.view.at(Array.from(x.subarray(from, from + d)));
+                if (s) g.lineTo(...last); else g.moveTo(...last);
+            }
+            g.strokeStyle = "#fff"; g.lineWidth = 3.4; g.stroke();
+            g.strokeStyle = "#d1246b"; g.lineWidth = 1.6; g.stroke();
+            if (!last) continue;
+            g.beginPath();
+            g.arc(...last, 2.6, 0, 7);
+            g.fillStyle = "#d1246b"; g.fill();
+        }
+    }
+
+    paintArrows(g, x) {
+        const length = Math.max(24, 0.09 * Math.min(this.view.width, 900)), [right, up] = this.view.axes();
+        g.strokeStyle = g.fillStyle = "#000";
+        g.lineWidth = 1.1;
+        const arrows = this.arrows.map(part => part[this.frame]);
+        for (let i = 0; i < this.ids.length; i++) {
+            const f = arrows.map(part => part[i]), size = Math.hypot(...f);
+            if (!(size > 0.02 * this.longest) || this.hidden(i)) continue;
+            const [ax, ay] = [this.on.x[i] / this.ratio, this.on.y[i] / this.ratio];
+            drawArrow(g, ax, ay, ax + dot(right, f) / this.longest * length, ay - dot(up, f) / this.longest * length);
+        }
+        const { label, unit } = this.fields[this.arrowName], text = `${label} ${shown(this.longest, 3)} ${unit}`;
+        g.font = "12px system-ui, sans-serif";
+        const y = 16, left = this.view.width - g.measureText(text).width - 14;
+        g.fillText(text, left, y + 4);
+        drawArrow(g, left - length - 8, y, left - 8, y);
+    }
+
+    /* Whether a particle in three dimensions is behind something. */
+    hidden(i) {
+        if (this.movie.dimension === 2) return false;
+        const column = Math.round(this.on.x[i]), row = Math.round(this.on.y[i]);
+        if (column < 0 || row < 0 || column >= this.canvas.width || row >= this.canvas.height) return true;
+        return this.raster.depth[row * this.canvas.width + column] > this.on.z[i] + 0.05 * (this.view.high[0] - this.view.low[0]);
+    }
+
+    /* ------------------------------------------------------------------------------------------------- values */
+
+    /* The particle nearest to a point of the picture [CSS pixels], -1 if none is near. */
+    nearest(px, py) {
+        let found = -1, best = (16 * this.ratio) ** 2;
+        for (let i = 0; i < this.ids.length; i++) {
+            const far = (this.on.x[i] - px * this.ratio) ** 2 + (this.on.y[i] - py * this.ratio) ** 2;
+            if (far < best && !this.hidden(i)) [found, best] = [i, far];
+        }
+        return found;
+    }
+
+    /* Rows of name and text about a particle in the frame. */
+    async about(i) {
+        const rows = [["at", this.x.map(axis => shown(axis[this.frame][i])).join(", ") + " µm"]];
+        for (const [name, { label, unit, parts }] of Object.entries(this.fields)) {
+            const values = await Promise.all(parts.map(part => this.values(name, part)));
+            const texts = values.map((one, k) => (parts.length > 2 && !isVector(parts) ? `${parts[k]} ` : "") + shown(one[this.frame][i]));
+            rows.push([label, `${texts.join(", ")} ${unit}`]);
+        }
+        return rows;
+    }
+
+    seek(frame) {
+        this.frame = Math.min(this.times.length - 1, Math.max(0, frame));
+        this.draw();
+    }
+
+    /* To the frame nearest to a time. */
+    seekTime(time) {
+        const away = this.times.map(one => Math.abs(one - time));
+        this.seek(away.indexOf(Math.min(...away)));
+    }
+
+    play(on = !this.playing) {
+        this.playing = on && this.times.length > 1;
+        if (this.playing) {
+            const first = this.frame === this.times.length - 1 ? 0 : this.frame, begun = performance.now();
+            const each = Math.max(40, Math.min(250, 1000 * SECONDS / this.times.length));
+            const next = now => {
+                if (!this.playing) return;
+                const frame = first + Math.floor(Math.max(0, now - begun) / each);
+                if (frame !== this.frame) this.seek(frame);
+                if (frame >= this.times.length - 1) this.play(false); else requestAnimationFrame(next);
+            };
+            requestAnimationFrame(next);
+        }
+        this.draw();
+    }
+}
+
+function least(values) {
+    let found = Infinity;
+    for (const value of values) if (value < found) found = value;
+    return found;
+}
+
+const dot = (a, b) => a.reduce((sum, value, k) => sum + value * (b[k] ?? 0), 0);
+const isVector = parts => parts.length > 1 && parts[0] === "x";
+
+function drawArrow(g, ax, ay, bx, by) {
+    const size = Math.hypot(bx - ax, by - ay), head = Math.min(6, 0.5 * size), turn = Math.PI * 0.85;
+    const angle = [bx - ax, by - ay].map(one => one / (size || 1));
+    const side = sign => [bx + head * (angle[0] * Math.cos(turn) - sign * angle[1] * Math.sin(turn)),
+                          by + head * (sign * angle[0] * Math.sin(turn) + angle[1] * Math.cos(turn))];
+    g.beginPath();
+    g.moveTo(ax, ay);
+    g.lineTo(bx, by);
+    g.moveTo(...side(1));
+    g.lineTo(bx, by);
+    g.lineTo(...side(-1));
+    g.stroke();
+}
+
+/* The substrate: a line with hatches, or a grid in three dimensions. */
+function drawGround(g, view, substrate) {
+    g.lineWidth = 1;
+    if (view.dimension === 2) {
+        if (!substrate) return;
+        const [left, y] = view.at([view.low[0], 0]);
+        g.strokeStyle = "#555";
+        g.beginPath();
+        g.moveTo(0, y);
+        g.lineTo(view.width, y);
+        for (let x = left % 9; x < view.width + 6; x += 9) { g.moveTo(x, y); g.lineTo(x - 5, y + 5); }
+        g.stroke();
+        return;
+    }
+    const { low, high } = view, z = substrate ? 0 : low[2], step = ticks(low[0], high[0], 6);
+    const apart = step[1] - step[0] || 1, [x0, y0] = [0, 1].map(c => Math.floor(low[c] / apart) * apart);
+    const [x1, y1] = [0, 1].map(c => Math.ceil(high[c] / apart) * apart);
+    const line = (a, b) => { g.moveTo(...view.at(a)); g.lineTo(...view.at(b)); };
+    g.fillStyle = "#f1f1f1";
+    g.beginPath();
+    [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].forEach((p, k) => (k ? g.lineTo : g.moveTo).apply(g, view.at([...p, z])));
+    g.fill();
+    g.strokeStyle = "#c8c8c8";
+    g.beginPath();
+    for (let x = x0; x <= x1 + 1e-9; x += apart) line([x, y0, z], [x, y1, z]);
+    for (let y = y0; y <= y1 + 1e-9; y += apart) line([x0, y, z], [x1, y, z]);
+    g.stroke();
+}
+
+/* Ticks along the axes in two dimensions; directions and a scale in three. */
+function drawAxes(g, view) {
+    g.font = "11px system-ui, sans-serif";
+    g.fillStyle = g.strokeStyle = "#333";
+    g.lineWidth = 1;
+    if (view.dimension === 3) { drawScale(g, view); return; }
+    const [x0, y1] = view.place(EDGE.left, EDGE.top), [x1, y0] = view.place(view.width - EDGE.right, view.height - EDGE.bottom);
+    g.fillStyle = "#ffffffd0";
+    g.fillRect(0, view.height - EDGE.bottom, view.width, EDGE.bottom);
+    g.fillRect(0, 0, EDGE.left, view.height);
+    g.fillStyle = "#333";
+    g.textAlign = "center";
+    for (const x of ticks(x0, x1, view.width / 90)) {
+        const [at] = view.at([x, 0]);
+        g.fillRect(at, view.height - EDGE.bottom, 1, 4);
+        g.fillText(shown(x), at, view.height - EDGE.bottom + 15);
+    }
+    g.textAlign = "right";
+    for (const y of ticks(y0, y1, view.height / 60)) {
+        const [, at] = view.at([0, y]);
+        if (at < 24) continue;  // there stands the name of the axis
+        g.fillRect(EDGE.left - 4, at, 4, 1);
+        g.fillText(shown(y), EDGE.left - 7, at + 4);
+    }
+    g.fillText("x [µm]", view.width - EDGE.right, view.height - 3);
+    g.textAlign = "left";
+    g.fillText("y [µm]", 4, 12);
+}
+
+function drawScale(g, view) {
+    const origin = [34, view.height - 34];
+    ["x", "y", "z"].forEach((name, k) => {
+        const [right, up] = view.axes().map(axis => axis[k]), end = [origin[0] + 24 * right, origin[1] - 24 * up];
+        drawArrow(g, ...origin, ...end);
+        g.fillText(name, end[0] + 5 * Math.sign(right || 1), end[1] - 2);
+    });
+    const length = ticks(0, 160 / view.scale, 1.2)[1] || 1, left = view.width - 24 - length * view.scale;
+    g.fillRect(left, view.height - 16, length * view.scale, 3);
+    g.textAlign = "center";
+    g.fillText(`${shown(length)} µm`, left + length * view.scale / 2, view.height - 22);
+    g.textAlign = "left";
+}

@@ -1,0 +1,205 @@
+"""The page of a run: what is in it, and that nothing outside of it is needed."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cellmig import commands
+from cellmig.output.directory import OutputError
+from cellmig.output.xdmf import frames
+from cellmig.report import encode, html, movie
+from cellmig.report.page import toml
+from cellmig.runs.report import report
+from cellmig.usage import UsageError, parse
+
+pytestmark = pytest.mark.serial
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three coarse cells over 5 µs."""
+    return simulate("all_protrude", tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture
+def copy(run: Path, tmp_path: Path) -> Path:
+    """The same run, to be spoilt."""
+    return shutil.copytree(run, tmp_path / "run")
+
+
+def simulate(name: str, place: Path, particles: int = 60, until: str = "5 us") -> Path:
+    """A short run of a case of the project."""
+    case = Path(__file__).parents[2] / f"cases/{name}.toml"
+    out = place / name
+    subprocess.run([sys.executable, "-m", "cellmig", case, "--quiet", "--out", out, "--until", until, "--set",
+                    f"particles.per_cell={particles}"], check=True)
+    return out
+
+
+def data_of(path: Path) -> dict[str, Any]:
+    """The data in a page."""
+    return json.loads(re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1])
+
+
+def unrounded(rounded: dict[str, Any]) -> np.ndarray:
+    """What data.js makes of rounded values."""
+    low, high = np.frombuffer(zlib.decompress(base64.b64decode(rounded["bytes"])), np.uint8).reshape(2, -1).astype(int)
+    zigzag = low | high << 8
+    numbers = np.cumsum(((zigzag >> 1) ^ -(zigzag & 1)).reshape(rounded["shape"]), axis=0)
+    return np.where(numbers == rounded["missing"], np.nan, rounded["low"] + rounded["step"] * numbers)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 14, 15])
+def test_rounded_values_are_off_by_half_a_step_at_most(bits: int) -> None:
+    values = np.random.default_rng(1).normal(size=(5, 40)) * 1e3
+    values[2, 3:6] = np.nan
+    back = unrounded(encode.rounded(values, bits))
+    step = np.nanmax(values) - np.nanmin(values)
+    assert np.array_equal(np.isnan(back), np.isnan(values))
+    assert np.nanmax(np.abs(back - values)) <= 0.5001 * step / (2**bits - 2)
+
+
+@pytest.mark.parametrize("values", [np.full((3, 4), 7.25), np.full((2, 3), np.nan), np.zeros((1, 0))])
+def test_values_that_are_all_the_same_or_missing_are_kept(values: np.ndarray) -> None:
+    assert np.array_equal(unrounded(encode.rounded(values, 12)), values, equal_nan=True)
+
+
+def test_a_page_is_one_file_that_asks_for_nothing_else(run: Path) -> None:
+    text = report(run).read_text(encoding="utf-8")
+    without_data = re.sub(r'id="data">.*?</script>', "", text, flags=re.DOTALL)
+    assert not re.search(r"<(?:script|img|iframe)[^>]* src=|<link[^>]* href=\"(?!data:)|@import|url\(", without_data)
+    assert set(re.findall(r'href="(https?:[^"]*)"', without_data)) == {f"https://doi.org/{html.PAPER[1]}"}
+
+
+def test_a_page_has_all_frames_and_fields_of_a_small_run(run: Path) -> None:
+    film, found = data_of(report(run))["movie"], frames(run)
+    assert film["times"] == [frame.time for frame in found]
+    assert film["left_out"] == ""
+    last = found[-1].read()
+    assert {*film["values"], *movie._GIVEN} == set(last)
+    for axis, one in enumerate(film["x"]):
+        x = (last["X"] + last["u"])[:, axis]
+        assert np.abs(unrounded(one)[-1] - x).max() <= one["step"]
+    stress = film["values"]["effective_stress"][0]
+    assert np.abs(unrounded(stress)[-1] - last["effective_stress"]).max() <= stress["step"]
+
+
+def test_frames_and_then_fields_are_left_out_until_a_page_is_small_enough(
+        run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = encode.size(movie.movie(run, {}))
+    monkeypatch.setattr(movie, "FEWEST", 2)
+    monkeypatch.setattr(movie, "BUDGET", whole // 5)
+    small = movie.movie(run, {})
+    times = [frame.time for frame in frames(run)]
+    assert len(small["times"]) < len(times)
+    assert (small["times"][0], small["times"][-1]) == (times[0], times[-1])
+    assert f"of {len(times)} frames" in small["left_out"]
+    monkeypatch.setattr(movie, "FEWEST", len(times))
+    small = movie.movie(run, {})
+    assert "effective_stress" in small["values"]
+    assert "stress" not in small["values"]
+    assert "without stress" in small["left_out"]
+
+
+def test_a_page_tells_what_was_skipped_what_it_cost_the_case_and_how_to_cite(run: Path) -> None:
+    text = report(run).read_text(encoding="utf-8")
+    for words in ("skipped", "cortex", "Time spent", "per_cell = 60", "How to cite", html.PAPER[1], "Cell-3",
+                  "state hash", "numpy"):
+        assert words in text, words
+
+
+def test_a_page_cites_what_the_citation_file_does() -> None:
+    cited = (Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8")
+    assert html.PAPER[1] in cited
+    assert re.search(r"title: (Computational .*)", cited)[1] in html.PAPER[0]
+
+
+def test_a_case_in_a_page_reads_back_as_toml(run: Path) -> None:
+    import tomllib
+
+    case = json.loads((run / "manifest.json").read_text(encoding="utf-8"))["case"]
+    assert tomllib.loads(toml(case)) == case
+
+
+def test_titles_of_cases_do_no_harm_in_a_page(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
+    manifest["case"]["title"] = "</script><script>alert(1)</script>"
+    manifest["case"]["cells"][0]["name"] = "<b>"
+    (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert "<script>alert" not in report(copy).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("lost", [["cells.xdmf"], ["history.csv", "ledger.csv"], ["run.log"], ["manifest.json"],
+                                  ["substrate.csv", "neighbours.csv"]])
+def test_a_run_without_some_files_has_a_page_of_the_others(copy: Path, lost: list[str]) -> None:
+    for name in lost:
+        (copy / name).unlink()
+    assert "How to cite" in report(copy).read_text(encoding="utf-8")
+
+
+def test_a_run_that_failed_says_why_and_what_to_do(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8")) | {
+        "exit_status": 4, "cause": "a particle is inverted"}
+    (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    text = report(copy).read_text(encoding="utf-8")
+    assert "The simulation failed" in text
+    assert "a particle is inverted" in text
+    assert "What to do" in text
+
+
+def test_an_incomplete_run_says_how_to_go_on(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
+    del manifest["exit_status"]
+    (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert f"cellmig resume {copy}" in report(copy).read_text(encoding="utf-8")
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is not the directory of a run"):
+        report(tmp_path)
+    with pytest.raises(UsageError, match="from 0 to 65535"):
+        parse(["watch", "output", "--port", "70000"])
+
+
+def test_the_page_of_a_run_goes_where_it_is_told_to(run: Path, tmp_path: Path,
+                                                    capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "one.html"
+    assert commands.report(parse(["report", str(run), "--out", str(path)])) == 0
+    assert capsys.readouterr().out == f"{path}\n"
+    assert path.stat().st_size < 1e6
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_watch_serves_this_machine_alone_and_leaves_nothing_behind(copy: Path, sign: signal.Signals) -> None:
+    before = sorted(copy.rglob("*"))
+    with subprocess.Popen([sys.executable, "-m", "cellmig", "watch", str(copy)], stdout=subprocess.PIPE,
+                          encoding="utf-8") as process:
+        address = re.match(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())[0]
+        with urllib.request.urlopen(address) as answer:
+            assert '"live":true' in answer.read().decode()
+        with urllib.request.urlopen(f"{address}state.json") as answer:
+            first = answer.read()
+        with open(copy / "run.log", "a", encoding="utf-8") as log:
+            log.write("news\n")
+        with urllib.request.urlopen(f"{address}state.json") as answer:
+            assert answer.read() != first
+        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
+            urllib.request.urlopen(f"{address}manifest.json")
+        refused.value.close()
+        process.send_signal(sign)
+        assert process.wait(20) == 0
+    assert sorted(copy.rglob("*")) == before
