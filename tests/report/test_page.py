@@ -9,9 +9,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import tomllib
 import urllib.error
 import urllib.request
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,24 +32,15 @@ pytestmark = pytest.mark.serial
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(coarse: Callable[[str], Path]) -> Path:
     """Three coarse cells over 5 µs."""
-    return simulate("all_protrude", tmp_path_factory.mktemp("page"))
+    return coarse("all_protrude")
 
 
 @pytest.fixture
 def copy(run: Path, tmp_path: Path) -> Path:
     """The same run, to be spoilt."""
     return shutil.copytree(run, tmp_path / "run")
-
-
-def simulate(name: str, place: Path, particles: int = 60, until: str = "5 us") -> Path:
-    """A short run of a case of the project."""
-    case = Path(__file__).parents[2] / f"cases/{name}.toml"
-    out = place / name
-    subprocess.run([sys.executable, "-m", "cellmig", case, "--quiet", "--out", out, "--until", until, "--set",
-                    f"particles.per_cell={particles}"], check=True)
-    return out
 
 
 def data_of(path: Path) -> dict[str, Any]:
@@ -129,8 +122,6 @@ def test_a_page_cites_what_the_citation_file_does() -> None:
 
 
 def test_a_case_in_a_page_reads_back_as_toml(run: Path) -> None:
-    import tomllib
-
     case = json.loads((run / "manifest.json").read_text(encoding="utf-8"))["case"]
     assert tomllib.loads(toml(case)) == case
 

@@ -3,6 +3,7 @@
 
 const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"];  // Okabe and Ito
 const DASHES = [[], [7, 3], [2, 2], [9, 3, 2, 3]];  // tell lines apart without colours
+const dashOf = k => DASHES[(k + Math.floor(k / COLOURS.length)) % DASHES.length];
 const HEIGHT = 220;
 const SYNC = "time";
 
@@ -12,7 +13,7 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
     place.className = "chart";
     parent.append(place);
     const series = [{ label: `${along} [${unit}]`, value: (u, v) => (v == null ? "–" : shown(v)) }, ...lines.map((line, k) => ({
-        label: line.label, stroke: COLOURS[k % COLOURS.length], dash: DASHES[(k + Math.floor(k / COLOURS.length)) % DASHES.length],
+        label: line.label, stroke: COLOURS[k % COLOURS.length], dash: dashOf(k),
         width: 1.6, points: { show: x.length < 30 }, spanGaps: false, value: (u, v) => (v == null ? "–" : shown(v)) }))];
     const columns = lines.map(line => Array.from(line.values, value => (Number.isFinite(value) ? value : null)));
     const range = (u, low, high) => {

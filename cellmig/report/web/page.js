@@ -63,7 +63,8 @@ function setUpControls() {
         drawBar();
         if (!player.playing) fillNow();
     });
-    new ResizeObserver(() => player.resize()).observe(byId("stage").parentElement);
+    const own = player;  // a page that renews itself takes another, and this one out of the page
+    new ResizeObserver(() => own === player && own.resize()).observe(byId("stage").parentElement);
     setUpPointer(byId("stage"));
 }
 

@@ -1,0 +1,233 @@
+"""Pages as a browser shows them: Chromium opens them from the disk, plays, points, chooses, at two widths."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cellmig.output.xdmf import HEAD, TAIL, frames, grids
+from cellmig.runs.report import report
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+selenium = pytest.importorskip("selenium", reason="no selenium here: apt install python3-selenium")
+pytestmark = [pytest.mark.serial, pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="no browser here: apt install chromium chromium-driver")]
+
+from selenium.webdriver import ActionChains, Chrome  # noqa: E402
+from selenium.webdriver.chrome.options import Options  # noqa: E402
+from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+from selenium.webdriver.support.ui import Select, WebDriverWait  # noqa: E402
+
+WIDE, NARROW = 1280, 390  # widths [pixels]
+RUNS = ("all_protrude", "cap", "chemotaxis")
+PATIENCE = 20  # s
+
+
+class Browser:
+    """Chromium without a window, `width` pixels wide."""
+
+    def __init__(self, width: int) -> None:
+        options = Options()
+        options.binary_location = CHROMIUM
+        for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+                         "--hide-scrollbars", "--window-size=1280,900"):
+            options.add_argument(argument)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        if width < 500:
+            options.add_experimental_option("mobileEmulation", {
+                "deviceMetrics": {"width": width, "height": 844, "pixelRatio": 2, "touch": False}})
+        self.chrome = Chrome(service=Service(DRIVER), options=options)
+
+    def open(self, address: str) -> None:
+        """Open a page and wait until all of it is drawn."""
+        self.chrome.get(address)
+        self.until("return document.documentElement.dataset.ready === 'yes' && !!(player ? player.shownValues : true)")
+
+    def does(self, script: str, *arguments: Any) -> Any:
+        """What a script returns."""
+        return self.chrome.execute_script(script, *arguments)
+
+    def until(self, script: str) -> Any:
+        """Wait until a script returns something true."""
+        return WebDriverWait(self.chrome, PATIENCE).until(lambda chrome: chrome.execute_script(script))
+
+    def of(self, name: str) -> Any:
+        """An element by its id."""
+        return self.chrome.find_element(By.ID, name)
+
+    def press(self, *keys: str) -> None:
+        """Press keys on the picture."""
+        self.of("stage").send_keys(*keys)
+
+    def settled(self) -> str:
+        """The pixels of the picture as text, after it is drawn."""
+        self.until("return !player.due")
+        return self.does("return document.getElementById('stage').toDataURL()")
+
+    def point(self, x: float, y: float, name: str = "stage") -> ActionChains:
+        """Put the pointer on a point of an element, from its upper left corner [pixels]."""
+        element = self.of(name)
+        self.does("arguments[0].scrollIntoView({block: 'center'})", element)
+        size = element.size
+        return ActionChains(self.chrome, duration=50).move_to_element_with_offset(
+            element, round(x - size["width"] / 2), round(y - size["height"] / 2))
+
+    def errors(self) -> list[str]:
+        """What the console says."""
+        return [entry["message"] for entry in self.chrome.get_log("browser")]
+
+
+@pytest.fixture(scope="module", params=[WIDE, NARROW])
+def browser(request: pytest.FixtureRequest) -> Iterator[Browser]:
+    """A browser of each width."""
+    one = Browser(request.param)
+    yield one
+    one.chrome.quit()
+
+
+@pytest.fixture
+def page(browser: Browser, coarse: Callable[[str], Path]) -> Iterator[Callable[[str], Browser]]:
+    """`page("cap")`: a browser that shows the page of a run; at the end the console has to be empty."""
+
+    def show(name: str) -> Browser:
+        browser.open(report(coarse(name)).resolve().as_uri())
+        return browser
+
+    yield show
+    assert browser.errors() == []
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_page_opens_from_the_disk_with_a_picture_and_curves_and_fits_its_width(
+        name: str, page: Callable[[str], Browser]) -> None:
+    one = page(name)
+    assert one.does("return document.documentElement.scrollWidth <= innerWidth")
+    assert one.does("const g = document.getElementById('stage').getContext('2d', {willReadFrequently: true});"
+                    "const p = g.getImageData(0, 0, g.canvas.width, g.canvas.height).data;"
+                    "return new Set(new Uint32Array(p.buffer)).size") > 100
+    assert one.does("return document.querySelectorAll('.u-wrap canvas').length") >= 5
+    assert one.does("return performance.getEntriesByType('resource').length") == 0
+
+
+def test_space_plays_and_arrows_step(page: Callable[[str], Browser], coarse: Callable[[str], Path]) -> None:
+    one, count = page("all_protrude"), len(frames(coarse("all_protrude")))
+    one.press(Keys.HOME)
+    assert one.does("return player.frame") == 0
+    one.press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert one.does("return player.frame") == 1
+    one.press(Keys.SPACE)
+    assert one.until(f"return player.frame === {count - 1} && !player.playing")
+    one.press(Keys.HOME, Keys.SPACE)
+    assert one.until("return player.playing")
+    one.press(Keys.SPACE)
+    assert one.until("return !player.playing")
+    one.does("const t = document.getElementById('time'); t.value = 1; t.dispatchEvent(new Event('input'))")
+    one.settled()
+    assert f"2 of {count}" in one.of("clock").text
+
+
+def test_the_pointer_tells_the_values_of_the_particle_below_it(
+        page: Callable[[str], Browser], coarse: Callable[[str], Path]) -> None:
+    one, last = page("all_protrude"), frames(coarse("all_protrude"))[-1].read()
+    some = int(np.argmax(last["effective_stress"] * (last["surface"] < 0)))  # inside a cell
+    one.settled()
+    x, y = one.does("const i = Array.from(player.ids).indexOf(arguments[0]);"
+                    "return [player.on.x[i] / player.ratio, player.on.y[i] / player.ratio]", int(last["id"][some]))
+    one.point(x, y).perform()
+    text = one.until("const box = document.getElementById('values'); return !box.hidden && box.innerText")
+    told = re.search(r"effective stress: (\S+) Pa", text)[1].replace(",", "")
+    assert f"Cell-{last['cell'][some]}, particle " in text
+    # A neighbour may be as near to the pixel: the value is that of the particle which is named.
+    named = np.flatnonzero(last["id"] == int(re.search(r"particle (\d+)", text)[1]))[0]
+    off = np.ptp(last["effective_stress"]) / 2**12
+    assert float(told) == pytest.approx(last["effective_stress"][named], abs=off, rel=1e-3)
+
+
+def test_another_field_and_arrows_change_the_picture_and_its_numbers(page: Callable[[str], Browser]) -> None:
+    one = page("all_protrude")
+    pictures, numbers = [one.settled()], [one.of("now").text]
+    Select(one.of("field")).select_by_visible_text("displacement")
+    one.until("return player.name === 'displacement'")
+    pictures.append(one.settled())
+    numbers.append(one.of("now").text)
+    Select(one.of("part")).select_by_visible_text("y")
+    one.until("return player.part === 'y'")
+    pictures.append(one.settled())
+    numbers.append(one.of("now").text)
+    Select(one.of("arrows")).select_by_visible_text("velocity")
+    one.until("return player.arrowName === 'v'")
+    pictures.append(one.settled())
+    one.of("levels").click()
+    pictures.append(one.settled())
+    one.press("+", "+")
+    pictures.append(one.settled())
+    assert len(set(pictures)) == 6
+    assert len(set(numbers)) == 3
+    assert "displacement, y [µm]" in numbers[-1]
+
+
+def test_a_drag_turns_a_cell_in_space_and_zero_turns_it_back(page: Callable[[str], Browser]) -> None:
+    one = page("cap")
+    before = one.settled()
+    one.point(150, 100).click_and_hold().move_by_offset(60, 20).release().perform()
+    turned = one.settled()
+    one.press("0")
+    assert turned != before == one.settled()
+
+
+def test_a_field_of_the_case_stands_behind_the_cells(page: Callable[[str], Browser]) -> None:
+    one = page("chemotaxis")
+    before = one.settled()
+    assert one.of("behind-label").text == "CXCL12 [nM]"
+    one.of("behind").click()
+    assert one.settled() != before
+
+
+def test_a_click_on_a_curve_goes_to_its_time(page: Callable[[str], Browser]) -> None:
+    one = page("all_protrude")
+    one.does("document.querySelector('[data-chart=history] .u-over').id = 'over'")
+    one.point(12, 60, "over").click().perform()
+    assert one.until("return player.frame < 2")
+    assert one.does("return document.querySelector('[data-chart=history] .u-legend .u-value').textContent") != "–"
+
+
+def test_tables_sort_by_a_key_on_their_heads(page: Callable[[str], Browser]) -> None:
+    one = page("all_protrude")
+    head = one.chrome.find_element(By.CSS_SELECTOR, "#energy th:nth-child(2) button")
+    for falling in (False, True):
+        head.send_keys(Keys.ENTER)
+        values = one.does("return [...document.querySelectorAll('#energy td.number')].map(cell => +cell.dataset.sort)")
+        assert values == sorted(values, reverse=falling)
+
+
+def test_lines_differ_in_more_than_their_colours(page: Callable[[str], Browser]) -> None:
+    one = page("all_protrude")
+    assert one.does("return new Set([0, 1, 2, 3].map(k => String(dashOf(k)))).size") == 4
+
+
+def test_a_page_that_is_watched_renews_itself(browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
+    """A frame comes; what was chosen stays."""
+    run = shutil.copytree(coarse("all_protrude"), tmp_path / "run")
+    index, whole = run / "cells.xdmf", (run / "cells.xdmf").read_text(encoding="utf-8")
+    index.write_text(HEAD.format("cells") + "".join(grids(index)[:2]) + TAIL, encoding="utf-8")
+    with subprocess.Popen([sys.executable, "-m", "cellmig", "watch", str(run)], stdout=subprocess.PIPE,
+                          encoding="utf-8") as process:
+        browser.open(re.match(r"http://\S+", process.stdout.readline())[0])
+        assert browser.does("return player.times.length") == 2
+        Select(browser.of("field")).select_by_visible_text("pressure")
+        index.write_text(whole, encoding="utf-8")
+        browser.until("return player && player.times.length > 2 && player.frame === player.times.length - 1")
+        browser.until("return player.name === 'pressure'")
+        process.terminate()
+        assert process.wait(20) == 0
+    assert [text for text in browser.errors() if "ERR_CONNECTION_REFUSED" not in text] == []
