@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cellmig.exits import DONE, STOPPED
+from cellmig.report.study import write_study
 from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.claims import table, write_claims
 
@@ -44,10 +45,14 @@ def guidance(out: Path, seeds: int, at_once: int | None = None, quick: bool = Fa
     for (name, seed), job in sound.items():
         results.setdefault(name, {})[seed] = Walk.read(job.directory)
     judged = judge(results, CLAIMS)
-    print("", *table([claim for claim in judged if claim.key in claims], seeds), sep="\n", flush=True)
-    write_claims(out / "claims.csv", judged)
-    _write_runs(out / "runs.csv", jobs, results, failed | bad)
-    print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
+    said = table([claim for claim in judged if claim.key in claims], seeds)
+    print("", *said, sep="\n", flush=True)
+    files = {"Claims": out / "claims.csv", "Runs": out / "runs.csv"}
+    write_claims(files["Claims"], judged)
+    _write_runs(files["Runs"], jobs, results, failed | bad)
+    figures = draw(results, out)
+    page = write_study(out, "How cells find their way: published facts", said, figures, files)
+    print("", *map(str, [*figures, *files.values(), page]), sep="\n")
     return next((ended.code for ended in (failed | bad).values()), DONE)
 
 

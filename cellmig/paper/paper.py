@@ -12,6 +12,7 @@ from cellmig.case.schema import Case
 from cellmig.case.shipped import FOLDER
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.tables import IMPULSE
+from cellmig.report.study import write_study
 from cellmig.runs.batch import Job, JobResult, run_missing, sound_and_unsound, write_rows
 from cellmig.runs.claims import Claim, table, text_of, write_claims
 from cellmig.runs.collect import collect, source
@@ -122,10 +123,14 @@ def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Se
     results = collect(sound)
     judged = judge(results, CLAIMS if dimension == 2 else IN_SPACE)
     asked = [claim for claim in judged if claim.key in claims]
-    print("", *table(asked, seeds), sep="\n", flush=True)
-    write_claims(out / "claims.csv", judged)
-    _write_runs(out / "runs.csv", jobs, results, failed | bad)
-    print("", *(str(path) for path in [*draw(results, out), out / "claims.csv", out / "runs.csv"]), sep="\n")
+    said = table(asked, seeds)
+    print("", *said, sep="\n", flush=True)
+    files = {"Claims": out / "claims.csv", "Runs": out / "runs.csv"}
+    write_claims(files["Claims"], judged)
+    _write_runs(files["Runs"], jobs, results, failed | bad)
+    figures = draw(results, out)
+    page = write_study(out, f"Claims of the paper{' in three dimensions' * (dimension == 3)}", said, figures, files)
+    print("", *map(str, [*figures, *files.values(), page]), sep="\n")
     return next((ended.code for ended in (failed | bad).values()), DONE), asked
 
 

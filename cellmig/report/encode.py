@@ -26,24 +26,26 @@ def rounded(values: np.ndarray, bits: int) -> dict[str, Any]:
     Parameters
     ----------
     values : (frames, ...) float -- nan is kept.
-    bits : int -- the error is at most half of the range over 2**bits - 2.
+    bits : int -- the error is at most half of the range over 2**bits - 3.
 
     Returns
     -------
-    dict -- "low", "step", "shape", "bytes": value = low + step * number; the largest number stands for nan.
+    dict -- "low", "step", "shape", "bytes": value = step * (low + number), with a whole `low`, so that zero stays zero;
+        the number "missing" stands for nan.
     """
     finite = np.isfinite(values)
     low, high = (float(end(values, where=finite, initial=start)) for end, start in ((np.min, np.inf),
                                                                                     (np.max, -np.inf)))
     if low > high:
         low = high = 0.0
-    most = 2**bits - 2
-    step = (high - low) / most or 1.0
-    numbers = np.where(finite, np.rint((np.where(finite, values, low) - low) / step), most + 1).astype(np.int32)
+    most = 2**bits - 1
+    step = (high - low) / (most - 2) or abs(low) or 1.0
+    first = round(low / step)
+    numbers = np.where(finite, np.rint(np.where(finite, values, low) / step) - first, most).astype(np.int32)
     change = np.diff(numbers, axis=0, prepend=0)
     zigzag = ((change << 1) ^ (change >> 31)).astype(np.uint16)  # small numbers of both signs become small ones
     planes = np.concatenate([(zigzag & 255).ravel(), (zigzag >> 8).ravel()]).astype(np.uint8)
-    return {"low": low, "step": step, "missing": most + 1, "shape": list(values.shape),
+    return {"low": first, "step": step, "missing": most, "shape": list(values.shape),
             "bytes": _text(planes.tobytes())}
 
 

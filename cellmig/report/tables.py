@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.output.tables import MEASURES, names_of, read_table, time_column, unit_of
+from cellmig.case.time_unit import TimeUnit
+from cellmig.output.tables import MEASURES, in_unit, names_of, read_table, time_column, unit_of
 from cellmig.plot.traction import by_place, usual_peak
 
 from .encode import packed
@@ -79,6 +80,28 @@ def _chart(name: str, kind: Kind, table: Table) -> dict[str, Any] | None:
             "columns": {column: label(column) for column in columns}, "time": packed(some), "values": packed(values)}
 
 
+def compared(runs: Mapping[str, Path]) -> dict[str, Any] | None:
+    """The mean or sum over cells of history.csv of several runs, with a line for each of the first LINES runs."""
+    found = {name: read(directory, "history") for name, directory in list(runs.items())[:LINES]}
+    found = {name: table for name, table in found.items() if table}
+    if not found:
+        return None
+    first = next(iter(found.values()))
+    unit, time = unit_of(first), time_column(first)
+    means = {name: {column: values[table["cell"] == 0] for column, values in in_unit(table, unit).items()}
+             for name, table in found.items()}
+    samples = np.unique(np.concatenate([table[time] for table in means.values()]))
+    some = samples[thinned(len(samples), SAMPLES)]
+    columns = [column for column in first if column not in (time, *_KEYS)
+               and any(_told(table[column]) for table in means.values() if column in table)]
+    values = [[np.interp(some, table[time], table[column], left=np.nan, right=np.nan) if column in table
+               else np.full(len(some), np.nan) for table in means.values()] for column in columns]
+    return {"name": "history", "title": "Runs", "unit": unit.label, "lines": list(means),
+            "first": [column for column in KINDS["history"].first if column in columns][:4] or columns[:1],
+            "left_out": "", "columns": {column: label(column) for column in columns}, "time": packed(some),
+            "values": packed(np.array(values))}
+
+
 def _told(values: np.ndarray) -> bool:
     """Whether a column tells anything."""
     return values.dtype.kind in "fi" and bool(np.nan_to_num(values.astype(float)).any())
@@ -91,6 +114,8 @@ def thinned(count: int, most: int) -> np.ndarray:
 
 def label(column: str) -> str:
     """Name of a column of a table for people, with its unit: "pull [pN/µm]"."""
+    if unit := TimeUnit.of_column(column):
+        return f"time [{unit.label}]"
     for end, unit in _UNITS:
         what, mark, rest = column.rpartition(end)
         if mark and (not rest or (end == "_um_per_" and rest)):

@@ -24,8 +24,7 @@ LARGE_ERROR = 0.02  # error of the energy that the page warns of
 _PROGRESS = re.compile(r"done: |\s*[\d.e+-]+ \S+ +[\d.]+ %  step|stopped|failed|section  ")
 # What to do about a warning, by a piece of its text; others say it themselves.
 _REMEDIES = {
-    "is stretched": "Compare with finer particles; if they agree, it does no harm.",
-    "was stretched": "Compare with finer particles; if they agree, it does no harm.",
+    "too far apart for any flow": "Compare with finer particles; if they agree, it does no harm.",
     "a segment of a surface": "Take finer particles, or a shorter time.",
     "is more than the": "Take more friction.bonds, or a smaller protrusion.protrusion_ratio.",
     "times their size by the end": "Take a shorter time.end, a smaller protrusion.protrusion_ratio, or [friction].",

@@ -31,6 +31,7 @@ from cellmig.output.log import clock
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, MEASURES, further_columns, in_unit, read_table, time_column
 from cellmig.plot.style import COLOURS, STYLE, save
+from cellmig.report.study import write_study
 
 from .batch import Job, JobResult, run_missing, unsound, write_rows
 
@@ -228,7 +229,7 @@ def _column(key: str, values: Sequence[Any]) -> tuple[str, dict[str, Any]]:
 
 
 def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = ()) -> int:
-    """Run what is missing, then write sweep.csv and draw sweep.png and sweep.pdf.
+    """Run what is missing, then write sweep.csv and report.html and draw sweep.png and sweep.pdf.
 
     Parameters
     ----------
@@ -248,7 +249,11 @@ def sweep(plan: Sweep, at_once: int | None = None, shown: Sequence[str] = ()) ->
     failed |= unsound(job for job in jobs.values() if job.is_done())
     if rows := list(plan.rows(jobs, failed)):
         write_rows(plan.out / "sweep.csv", rows)
-        print(plan.out / "sweep.csv", *draw(rows, shown, plan.out), *summary(rows), sep="\n")
+        figures, said = draw(rows, shown, plan.out), summary(rows)
+        runs = {job.name: job.directory for job in jobs.values() if job.is_done()}
+        page = write_study(plan.out, f"Sweep of {plan.case.stem}: {', '.join(plan.vary)}", said, figures,
+                     {"Runs and cells": plan.out / "sweep.csv"}, runs)
+        print(plan.out / "sweep.csv", *figures, page, *said, sep="\n")
     if stopped:
         print("stopped; the same command goes on from here")
         return STOPPED

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from cellmig.output.xdmf import HEAD, TAIL, frames, grids
+from cellmig.report.study import write_study
 from cellmig.runs.report import report
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -29,7 +30,7 @@ from selenium.webdriver.common.keys import Keys  # noqa: E402
 from selenium.webdriver.support.ui import Select, WebDriverWait  # noqa: E402
 
 WIDE, NARROW = 1280, 390  # widths [pixels]
-RUNS = ("all_protrude", "cap", "chemotaxis")
+RUNS = ("all_protrude", "cap", "chemotaxis")  # flat, in space, of hours
 PATIENCE = 20  # s
 
 
@@ -213,6 +214,20 @@ def test_tables_sort_by_a_key_on_their_heads(page: Callable[[str], Browser]) -> 
 def test_lines_differ_in_more_than_their_colours(page: Callable[[str], Browser]) -> None:
     one = page("all_protrude")
     assert one.does("return new Set([0, 1, 2, 3].map(k => String(dashOf(k)))).size") == 4
+
+
+def test_the_page_of_a_study_shows_its_runs_over_each_other(
+        browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").write_text("name,number\nb,2\na,10\n", encoding="utf-8")
+    path = write_study(tmp_path, "A study", [], [], {"Rows": tmp_path / "rows.csv"},
+                       {name: coarse(name) for name in RUNS[::2]})
+    browser.open(path.as_uri())
+    assert browser.does("return document.querySelectorAll('.u-wrap canvas').length") >= 3
+    for column, order in ((1, "a10b2"), (2, "b2a10")):
+        browser.chrome.find_element(By.CSS_SELECTOR, f"#rows th:nth-child({column}) button").click()
+        assert browser.does("return document.querySelector('#rows tbody').textContent") == order
+    assert browser.does("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.errors() == []
 
 
 def test_a_page_that_is_watched_renews_itself(browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:

@@ -19,12 +19,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from cellmig import commands
 from cellmig.output.directory import OutputError
 from cellmig.output.xdmf import frames
+from cellmig.plot.style import save
 from cellmig.report import encode, html, movie
 from cellmig.report.page import toml
+from cellmig.report.study import write_study
 from cellmig.runs.report import report
 from cellmig.usage import UsageError, parse
 
@@ -53,17 +56,18 @@ def unrounded(rounded: dict[str, Any]) -> np.ndarray:
     low, high = np.frombuffer(zlib.decompress(base64.b64decode(rounded["bytes"])), np.uint8).reshape(2, -1).astype(int)
     zigzag = low | high << 8
     numbers = np.cumsum(((zigzag >> 1) ^ -(zigzag & 1)).reshape(rounded["shape"]), axis=0)
-    return np.where(numbers == rounded["missing"], np.nan, rounded["low"] + rounded["step"] * numbers)
+    return np.where(numbers == rounded["missing"], np.nan, rounded["step"] * (rounded["low"] + numbers))
 
 
 @pytest.mark.parametrize("bits", [8, 12, 14, 15])
 def test_rounded_values_are_off_by_half_a_step_at_most(bits: int) -> None:
     values = np.random.default_rng(1).normal(size=(5, 40)) * 1e3
-    values[2, 3:6] = np.nan
+    values[2, 3:6], values[3] = np.nan, 0.0
     back = unrounded(encode.rounded(values, bits))
     step = np.nanmax(values) - np.nanmin(values)
     assert np.array_equal(np.isnan(back), np.isnan(values))
-    assert np.nanmax(np.abs(back - values)) <= 0.5001 * step / (2**bits - 2)
+    assert np.nanmax(np.abs(back - values)) <= 0.5001 * step / (2**bits - 3)
+    assert not back[values == 0.0].any()
 
 
 @pytest.mark.parametrize("values", [np.full((3, 4), 7.25), np.full((2, 3), np.nan), np.zeros((1, 0))])
@@ -172,6 +176,18 @@ def test_the_page_of_a_run_goes_where_it_is_told_to(run: Path, tmp_path: Path,
     assert commands.report(parse(["report", str(run), "--out", str(path)])) == 0
     assert capsys.readouterr().out == f"{path}\n"
     assert path.stat().st_size < 1e6
+
+
+def test_the_page_of_a_study_has_its_figures_tables_and_runs(run: Path, tmp_path: Path) -> None:
+    figures = save(Figure(figsize=(1, 1)), tmp_path, "some_figure", ("png", "pdf"))
+    (tmp_path / "rows.csv").write_text("seed,ux_um,cause,empty\n2,-1.5,\"<a, b>\",\n1,7,,\n", encoding="utf-8")
+    path = write_study(tmp_path, "A study", ["holds <1>"], figures, {"Rows": tmp_path / "rows.csv"}, {"one": run})
+    text = path.read_text(encoding="utf-8")
+    assert text.count('<img src="data:image/png;base64,') == 1
+    assert "displacement x [µm]" in text and "&lt;a, b&gt;" in text and "holds &lt;1&gt;" in text
+    assert "<th scope=col><button type=button>empty" not in text
+    chart, = data_of(path)["charts"]
+    assert chart["lines"] == ["one"]
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])

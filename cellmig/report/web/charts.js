@@ -23,7 +23,7 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
         return [low - around, high + around];
     };
     const values = (u, splits, index, space, step) => {
-        const digits = Math.ceil(Math.log10(Math.max(...splits.map(Math.abs), step) / step)) + 1;
+        const digits = Math.ceil(Math.log10(Math.max(...splits.map(Math.abs), step) / step)) + 2;
         return splits.map(value => shown(value, Math.min(12, Math.max(1, digits))));
     };
     const chart = new uPlot({
@@ -36,7 +36,7 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
     new ResizeObserver(() => chart.setSize({ width: Math.max(200, place.clientWidth), height })).observe(place);
     chart.root.setAttribute("role", "img");
     chart.root.setAttribute("aria-label", `${axis} against ${along}: ${lines.slice(0, 8).map(line => line.label).join(", ")}`);
-    if (seek) {
+    if (seek && player) {
         chart.over.addEventListener("click", () => chart.cursor.idx != null && seek(x[chart.cursor.idx]));
         const mark = document.createElement("div");
         mark.className = "at";

@@ -25,7 +25,7 @@ async function unrounded(rounded) {
         for (let i = 0; i < each; i++, at++) {
             const zigzag = bytes[at] | (bytes[at + count] << 8);
             numbers[i] += (zigzag >>> 1) ^ -(zigzag & 1);
-            values[i] = numbers[i] === rounded.missing ? NaN : rounded.low + rounded.step * numbers[i];
+            values[i] = numbers[i] === rounded.missing ? NaN : rounded.step * (rounded.low + numbers[i]);
         }
         found.push(values);
     }
