@@ -17,7 +17,8 @@ from .exchange import Exchanging, Molecules
 from .step import NumericsError
 from .transport import SOLVED, Transport
 
-DIRECT = {2: 100_000, 3: 20_000}  # volumes up to which a field is solved on rank 0 alone, by factors: same bits
+DIRECT = {2: 100_000, 3: 20_000}  # volumes up to which a field in a flow is solved on rank 0 alone, with the same bits
+BY_WAVES = 5  # times as many without a flow
 ACCURACY = 1e-3  # largest error of a step, over the largest concentration [-]
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
 BALANCED = 1e-12  # error of the account of molecules, over its entries [-]
@@ -55,7 +56,7 @@ class DiffusingField:
         name : of the field, and prefix of PETSc's options for its solver;  cells : number of cells of the scene.
         """
         self.name, self.law, self._comm = name, law, comm
-        self._alone = math.prod(law.volumes) <= DIRECT[law.dimension]
+        self._alone = math.prod(law.volumes) <= DIRECT[law.dimension] * (1 if any(law.flow) else BY_WAVES)
         self._here = comm.rank == 0 or not self._alone
         self.time = self.seconds = self._last = self._dt = 0.0
         self.steps = self.redone = self.lowered = 0
@@ -105,7 +106,7 @@ class DiffusingField:
         elif not isinstance(self.law.step, str):
             count = math.ceil(interval / self.law.step * (1.0 - 1e-12))
             for k in range(count):
-                self._step(interval / count, _between(before, x, k, count))
+                self._step(interval / count, _between(before, x, k / count, (k + 1) / count))
         elif interval > 0.0:
             self._steps_by_error(interval, before, x)
         self._surfaces = np.array(x)
@@ -117,18 +118,15 @@ class DiffusingField:
         return until
 
     def _steps_by_error(self, interval: float, before: np.ndarray, x: np.ndarray) -> None:
-        """Steps of interval/2^k, so that factors serve several of them."""
+        """As few equal steps as errors allow; their number is found anew after each."""
         # In the first step molecules go as far as the next volume.
         self._dt = self._dt or 0.5 * float(self.transport.grid.size.min()) ** 2 / self.law.diffusion
-        level, at = max(0, math.ceil(math.log2(interval / self._dt))), 0
-        while at < 1 << level:
-            parts = 1 << level
-            if not self._step(interval / parts, _between(before, x, at, parts), True):
-                level, at = level + 1, 2 * at
-                continue
-            at += 1
-            while level and at % 2 == 0 and 2.0 * interval / (1 << level) <= self._dt:
-                level, at = level - 1, at // 2
+        at = 0.0
+        while at < 1.0:
+            parts = math.ceil((1.0 - at) * interval / self._dt)
+            to = at + (1.0 - at) / parts if parts > 1 else 1.0
+            if self._step((to - at) * interval, _between(before, x, at, to), True):
+                at = to
 
     def _step(self, dt: float, ends: tuple[np.ndarray, np.ndarray], by_error: bool = False) -> bool:
         """Take a step [µs] in which surfaces move between two `ends` (m, d) [µm], unless it is too wrong `by_error`.
@@ -136,7 +134,7 @@ class DiffusingField:
         Surfaces are where they are at the time of each stage.
         """
         t = self.transport
-        start = self._c + self._carried / t.grid.volume
+        start = self._start()
         stages = self._of_second_order(start, dt, ends) if self.law.time_order == 2 else []
         if not stages:
             t.find_surfaces(ends[1])
@@ -155,15 +153,25 @@ class DiffusingField:
         self._c, self._rate, self._last = c, rate, dt
         self.steps += 1
         # In a steady state what rounding of fluxes loses has one sign: the next step has that, too.
-        self.molecules.inside = t.total(t.grid.volume * c)
+        inside = t.total(c)
+        self.molecules.inside = t.grid.volume * inside
         rest = -self.molecules.lost - t.total(self._carried)
-        self._carried += rest / max(t.total(c), 1e-300) * c
+        self._carried += rest / max(inside, 1e-300) * c
         return True
+
+    def _start(self) -> np.ndarray:
+        """Concentrations (n,) [1/µm³] before a step, with what the last one left over, of which none is negative."""
+        t = self.transport
+        start = self._c + self._carried / t.grid.volume
+        if not t.largest(np.minimum(start.min(initial=0.0), 0.0)):
+            return start
+        above = np.maximum(start, 0.0)  # what is missing elsewhere is taken from all of it
+        return above * (t.total(start) / t.total(above)) if t.total(start) > 0.0 else start
 
     def _stage(self, base: np.ndarray, tau: float, weight: float) -> _Stage:
         """Solve a stage from `base` over `tau` [µs], of which what flows counts for the time `weight` [µs]."""
-        c = self.transport.solved(base, tau, self._c)
-        return _Stage(c, weight, self.transport.imbalance(c), self.transport.rates(c))
+        c, imbalance = self.transport.solved(base, tau, self._c)
+        return _Stage(c, weight, imbalance, self.transport.rates(c))
 
     def _of_second_order(self, start: np.ndarray, dt: float, ends: tuple[np.ndarray, np.ndarray]) -> list[_Stage]:
         """Both stages of a step; none if the second one would begin with negative concentrations, and may stay so."""
@@ -214,6 +222,6 @@ class DiffusingField:
             self.transport.close()
 
 
-def _between(before: np.ndarray, x: np.ndarray, part: int, parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions at both ends of a `part` of the way from `before` to x."""
-    return before + part / parts * (x - before), before + (part + 1) / parts * (x - before)
+def _between(before: np.ndarray, x: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Positions at both ends of the part from `low` to `high` of the way from `before` to x."""
+    return before + low * (x - before), before + high * (x - before)

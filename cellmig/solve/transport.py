@@ -14,6 +14,7 @@ from ..parallel.options import default_options
 from .exchange import Exchanging
 from .grid import Grid
 from .step import NumericsError
+from .waves import Waves
 
 REUSE_ITERATIONS = {"cholesky": 4, "lu": 4, "gamg": 12}  # of a Krylov method, above which its PC is made anew
 SOLVED, PLACED = 1e-10, 1e-13  # what a solve may leave, over the molecules of a step: sum of sizes, sum [-]
@@ -39,13 +40,14 @@ class Transport:
         """Make matrix and solver; collective.
 
         name : of the field, and prefix of PETSc's options for its solver;  cells : number of cells of the scene;
-        direct : factor matrices, on one rank, in place of multigrid.
+        direct : solve on one rank, by standing waves or, in a flow, by factors, in place of multigrid.
         """
         self._name, self._law, self._exchanging, self._cells, self._world = name, law, exchanging, cells, comm
         self.grid = Grid(comm, law.box, law.volumes)
         self._matrix, self._leak, self._inflow, rows = self.grid.fluxes(law.diffusion, law.flow, law.sides)
         self._matrix.shift(law.decay * self.grid.volume)
         self._rows = rows + law.decay * self.grid.volume  # sums of the rows of A
+        self._closed = not (self._leak.any() or self._inflow.any()) and comm.size == 1
         self._diagonal = self._matrix.getDiagonal().getArray().copy()
         self._tangent = self._matrix.duplicate(copy=True)
         self._x, self._y = self._matrix.createVecs()
@@ -53,13 +55,18 @@ class Transport:
         self._ksp.setOptionsPrefix(f"{name}_")
         self._ksp.setTolerances(rtol=1e-6, max_it=200)
         defaults = {"ksp_type": "gmres" if any(law.flow) else "cg",
-                    "pc_type": "gamg" if not direct else "lu" if any(law.flow) else "cholesky",
+                    "pc_type": "gamg" if not direct else "lu" if any(law.flow) else "python",
                     # Chebyshev's bounds of eigenvalues do not hold when steps become longer.
                     "mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
         self._defaults = {f"{name}_{key}": value for key, value in defaults.items()}
         with default_options(self._defaults):
             self._ksp.setFromOptions()
         self._reuse = REUSE_ITERATIONS.get(self._ksp.getPC().getType(), 12)
+        self._waves = None
+        if self._ksp.getPC().getType() == "python":
+            given = [(not isinstance(low, str), not isinstance(high, str)) for low, high in law.sides]
+            self._waves = Waves(law.volumes, law.diffusion * self.grid.volume / self.grid.size**2, given)
+            self._ksp.getPC().setPythonContext(self)
         self._size = self._source = np.zeros(0)
         self._factored = np.zeros(0)  # what the factored matrix has on its diagonal besides A
         self.factored = self.iterations = 0
@@ -107,10 +114,12 @@ class Transport:
 
     def _through_walls(self, c: np.ndarray) -> np.ndarray:
         """What leaves each volume through walls, less what comes in [1/µs], as in `imbalance`."""
+        if self._closed:
+            return np.zeros(len(c))
         mean = self.total(c) / self.grid.total
         return self._leak * (c - mean) - (self._inflow - mean * self._leak)
 
-    def solved(self, base: np.ndarray, tau: float, first: np.ndarray) -> np.ndarray:
+    def solved(self, base: np.ndarray, tau: float, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Concentrations c >= 0 with V (c - base)/tau = imbalance(c), by Newton's method; collective.
 
         The equations are those of an M-matrix and of an uptake that is concave: from the second iteration on, Newton's
@@ -123,7 +132,7 @@ class Transport:
 
         Returns
         -------
-        (n,) -- [1/µm³].
+        (n,) -- c [1/µm³];  (n,) -- imbalance(c) [1/µs].
 
         Raises NumericsError where it does not converge.
 
@@ -131,21 +140,33 @@ class Transport:
         Several Variables, chapter 13.
         """
         V, c, best = self.grid.volume, first, np.inf
+        before = self.total(V / tau * np.abs(base) + self._source)
         for _ in range(ITERATIONS):
-            left = V / tau * (base - c) + self.imbalance(c)
+            imbalance = self.imbalance(c)
+            left = V / tau * (base - c) + imbalance
             size = self.total(np.abs(left))
-            flows = self._source + np.abs(self._through_walls(c)) + self._taken(c)[0] + self._law.decay * V * c
-            scale = self.total(V / tau * np.abs(base) + flows)
+            scale = before + self.total(np.abs(self._through_walls(c)) + self._taken(c)[0])
+            scale += self._law.decay * V * self.total(c)
             placed = abs(self.total(left)) <= PLACED * scale
             finest = EPSILON * self.total(self._diagonal * c)  # what the last bits of c move
             if size == 0.0 or (size <= max(SOLVED * scale, finest) and (placed or size > 0.5 * best)):
-                return c
+                return c, imbalance
             best = size
             c = np.maximum(c + self._correction(left, V / tau + self._taken(c)[1]), 0.0)
         raise NumericsError(f"field {self._name}: Newton's method leaves {size:.3g} of {scale:.3g} molecules/µs")
 
     def _correction(self, left: np.ndarray, more: np.ndarray) -> np.ndarray:
-        """Solution of (A + more) d = left; factors are those of an earlier matrix as long as few iterations do."""
+        """Solution of (A + more) d = left: by standing waves, at once where `more` is the same everywhere; or by
+        factors of an earlier matrix as long as few iterations do.
+        """
+        if self._waves is not None:
+            self._mean = float(more.mean()) + self._law.decay * self.grid.volume
+            if more.min() == more.max():
+                return self._waves.solved(left, self._mean)
+            self._set_tangent(more)
+            self._y.setArray(left)
+            self._ksp.solve(self._y, self._x)
+            return self._x.getArray(readonly=True).copy()
         old = self._factored if len(self._factored) and self.iterations <= self._reuse else more
         reason = self._solve(old, left, more)
         if reason <= 0 and old is not more:
@@ -167,9 +188,13 @@ class Transport:
         self.iterations = self._ksp.getIterationNumber()
         return int(self._ksp.getConvergedReason())
 
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Precondition by the equations in which what is on the diagonal besides A is the same everywhere."""
+        assert self._waves is not None  # else it is not called
+        y.setArray(self._waves.solved(x.getArray(readonly=True), self._mean))
+
     def _set_tangent(self, more: np.ndarray) -> None:
         """Set the matrix of the solver to A + more."""
-        self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._y.setArray(self._diagonal + more)
         self._tangent.setDiagonal(self._y)
         self._tangent.setOption(PETSc.Mat.Option.SPD, not any(self._law.flow))
@@ -197,11 +222,13 @@ class Transport:
 
     def total(self, values: np.ndarray) -> float:
         """Sum of `values` (n,), in any unit, over the volumes of all ranks; collective."""
-        return float(self._world.allreduce(float(values.sum())))
+        own = float(values.sum())
+        return own if self._world.size == 1 else float(self._world.allreduce(own))
 
     def largest(self, values: np.ndarray) -> float:
         """Largest magnitude of `values` (n,), in any unit, on all ranks; collective."""
-        return float(self._world.allreduce(float(np.abs(values).max(initial=0.0)), MPI.MAX))
+        own = float(np.abs(values).max(initial=0.0))
+        return own if self._world.size == 1 else float(self._world.allreduce(own, MPI.MAX))
 
     # ------------------------------------------------------------ checkpoints
 
