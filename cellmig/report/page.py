@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,14 +24,14 @@ class About:
     """What is told of a run in words.
 
     lead : one sentence on how it stands;  summary, scene : rows of key and value;  warnings : each with what to do;
-    running : whether the run may go on.
+    motion : head and rows of a table of how its cells moved.
     """
 
     lead: str
     summary: Rows
     scene: Rows = ()
     warnings: Sequence[tuple[str, str]] = ()
-    running: bool = field(default=False)
+    motion: tuple[Sequence[str], Sequence[Sequence[Any]]] = ((), ())
 
 
 def page(directory: Path, about: About, live: bool = False) -> str:
@@ -47,6 +47,8 @@ def page(directory: Path, about: About, live: bool = False) -> str:
     data = {"live": live, "unit": unit, "movie": film, "charts": tables.charts(directory),
             "ledger": tables.ledger(directory), "tracks": tables.tracks(directory) if film else None,
             "traction": tables.traction(directory, film["times"]) if film else None}
+    if film and film["dimension"] == 3:
+        film["behind"] = tables.ground(directory, film["times"])
     title = str(case.get("title") or directory.name)
     return whole(title, escape(about.lead), _sections(directory, about, manifest, data), data)
 
@@ -63,7 +65,8 @@ def _sections(directory: Path, about: About, manifest: Mapping[str, Any], data: 
     traction = '<div class="charts" data-chart="traction"></div>' if data["traction"] else ""
     return [("warnings", "Warnings", _warnings(about.warnings)),
             ("player", "Frames", part("player.html") + note if film else none),
-            *curves[:1], ("traction", "Traction on the substrate", traction), *curves[1:],
+            *curves[:1], ("motion", "How cells moved", table(*about.motion) if about.motion[1] else ""),
+            ("traction", "Traction on the substrate", traction), *curves[1:],
             ("energy", "Energy", _energy(directory, data["ledger"])),
             ("about", "What it was and did", pairs(about.summary)),
             ("scene", "The scene", pairs(about.scene)),

@@ -14,7 +14,7 @@ from cellmig.case.time_unit import TimeUnit
 from cellmig.output.tables import MEASURES, in_unit, names_of, read_table, time_column, unit_of
 from cellmig.plot.traction import by_place, usual_peak
 
-from .encode import packed
+from .encode import packed, rounded
 
 Table = Mapping[str, np.ndarray]
 SAMPLES = 600  # of each table that a page has at most
@@ -157,6 +157,19 @@ def traction(directory: Path, times: Sequence[float]) -> dict[str, Any] | None:
     return {"x": packed(0.5 * (edges[1:] + edges[:-1])), "lines": [name.removesuffix("_pa") for name in kinds],
             "values": packed(np.moveaxis(maps[:, rows], 0, 1)), "usual": 2.0 * max(map(usual_peak, maps)),
             "since": packed(samples[rows]), "until": packed(samples[rows + 1])}
+
+
+def ground(directory: Path, times: Sequence[float]) -> dict[str, Any] | None:
+    """The same of the normal traction over squares of the substrate in three dimensions."""
+    table = read(directory, "substrate")
+    samples = np.unique(read(directory, "history").get(time_column(table), [])) if "y_um" in table else np.array([])
+    if len(samples) < 2 or not _told(table["normal_pa"]):
+        return None
+    edges, map_ = by_place(table, samples, "normal_pa")
+    rows, top = np.clip(np.searchsorted(samples, times), 1, len(samples) - 1) - 1, usual_peak(map_)
+    return {"label": f"normal traction to ±{top:.2g} Pa, seen from below: orange pulls up, violet presses",
+            "low": [float(one[0]) for one in edges], "width": float(edges[0][1] - edges[0][0]),
+            "counts": list(map_.shape[1:]), "usual": top, "values": rounded(map_[rows].reshape(len(rows), -1), 8)}
 
 
 def budget(directory: Path) -> list[tuple[str, float, float]]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellmig.exits import DONE, FAILED, STOPPED
-from cellmig.output.directory import existing_run, replace
+from cellmig.output.directory import OutputError, existing_run, replace
 from cellmig.output.log import clock, simulated
 from cellmig.output.manifest import read_manifest, time_unit
 from cellmig.output.tables import read_table, time_column, unit_of
@@ -18,6 +18,7 @@ from cellmig.report.page import About, page
 from cellmig.report.watch import serve
 
 from .info import about
+from .tracks import measure
 
 NAME = "report.html"
 LARGE_ERROR = 0.02  # error of the energy that the page warns of
@@ -55,10 +56,24 @@ def watch(directory: Path, port: int = 0) -> None:
 def describe(directory: Path) -> About:
     """What a run tells of itself."""
     manifest, log = read_manifest(directory), _log(directory)
-    status = manifest.get("exit_status")
     summary = about(directory)
     return About(_lead(manifest), summary, list(_scene(log, {key for key, _ in summary})),
-                 list(_warnings(directory, manifest, log)), status is None)
+                 list(_warnings(directory, manifest, log)), _motion(directory))
+
+
+def _motion(directory: Path) -> tuple[list[str], list[list[Any]]]:
+    """Head and rows of how the cells of a run with tracks moved along x, empty without two samples."""
+    if not (directory / "tracks.csv").exists():
+        return [], []
+    try:
+        found = measure([directory])
+    except OutputError:  # too few samples, or unequal intervals
+        return [], []
+    unit, cells = found["unit"].label, found["cells"]
+    head = {"name": "cell", "way_um": "way [µm]", "net_um": "net way [µm]", "speed": f"speed [µm/{unit}]",
+            "fmi": "forward migration index x", "directionality": "directionality", "cosine": "cos φ"}
+    rows = zip(*(np.asarray(cells[key]).tolist() for key in head), strict=True)
+    return list(head.values()), [list(row) for row in rows]
 
 
 def _lead(manifest: dict[str, Any]) -> str:

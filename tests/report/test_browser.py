@@ -182,8 +182,14 @@ def test_a_drag_turns_a_cell_in_space_and_zero_turns_it_back(page: Callable[[str
     before = one.settled()
     one.point(150, 100).click_and_hold().move_by_offset(60, 20).release().perform()
     turned = one.settled()
+    one.point(150, 40).click_and_hold().move_by_offset(0, -110).release().perform()
+    assert one.does("return player.view.elevation") < 0.0
+    below = one.settled()
+    one.of("behind").click()  # the traction
+    assert len({before, turned, below, one.settled()}) == 4
+    one.of("behind").click()
     one.press("0")
-    assert turned != before == one.settled()
+    assert before == one.settled()
 
 
 def test_a_field_of_the_case_stands_behind_the_cells(page: Callable[[str], Browser]) -> None:

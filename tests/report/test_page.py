@@ -23,12 +23,13 @@ from matplotlib.figure import Figure
 
 from cellmig import commands
 from cellmig.output.directory import OutputError
+from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.plot.style import save
 from cellmig.report import encode, html, movie
 from cellmig.report.page import toml
 from cellmig.report.study import write_study
-from cellmig.runs.report import report
+from cellmig.runs.report import describe, report
 from cellmig.usage import UsageError, parse
 
 pytestmark = pytest.mark.serial
@@ -93,6 +94,29 @@ def test_a_page_has_all_frames_and_fields_of_a_small_run(run: Path) -> None:
         assert np.abs(unrounded(one)[-1] - x).max() <= one["step"]
     stress = film["values"]["effective_stress"][0]
     assert np.abs(unrounded(stress)[-1] - last["effective_stress"]).max() <= stress["step"]
+
+
+def test_traction_stands_beside_frames_on_a_line_and_on_the_plane(coarse: Callable[[str], Path]) -> None:
+    """Its values are those of substrate.csv in the interval that ends at the frame."""
+    for name in ("all_protrude", "cap"):
+        data, table = data_of(report(coarse(name))), read_table(coarse(name) / "substrate.csv")
+        last = table["normal_pa"][table["time_us"] == table["time_us"].max()]
+        if name == "cap":
+            shown = unrounded(data["movie"]["behind"]["values"])[-1]
+            step = data["movie"]["behind"]["values"]["step"]
+        else:
+            kinds, step = len(data["traction"]["lines"]), 1e-3
+            values = np.frombuffer(zlib.decompress(base64.b64decode(data["traction"]["values"]["bytes"])), np.float32)
+            shown = values.reshape(-1, kinds, data["traction"]["x"]["shape"][0])[-1, 0]
+        assert shown.sum() == pytest.approx(last.sum(), abs=step * len(shown))
+
+
+def test_a_run_with_tracks_has_a_table_of_how_cells_moved(coarse: Callable[[str], Path]) -> None:
+    about = describe(coarse("chemotaxis"))
+    head, (row,) = about.motion
+    assert (head[0], row[0]) == ("cell", "Cell-1")
+    assert row[head.index("way [µm]")] >= row[head.index("net way [µm]")] > 0.0
+    assert describe(coarse("all_protrude")).motion[1] == []
 
 
 def test_frames_and_then_fields_are_left_out_until_a_page_is_small_enough(

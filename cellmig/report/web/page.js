@@ -87,7 +87,7 @@ document.addEventListener("keydown", event => {
 });
 
 function turnOrMove(dx, dy, turn) {
-    if (turn) player.view.turn(dx, dy, player.movie.substrate ? 0 : -Math.PI / 2); else player.view.move(dx, dy);
+    if (turn) player.view.turn(dx, dy); else player.view.move(dx, dy);
     player.draw();
 }
 
@@ -237,7 +237,9 @@ async function watch() {
         try {
             const state = await (await fetch("state.json")).text();
             if (state === known || player?.playing) continue;
-            const begun = performance.now(), text = await (await fetch("./")).text();
+            const begun = performance.now(), answer = await fetch("./");
+            if (!answer.ok) continue;  // files of the run are just being replaced
+            const text = await answer.text();
             const fresh = new DOMParser().parseFromString(text, "text/html"), before = chosen();
             document.querySelector("main").replaceWith(fresh.querySelector("main"));
             for (const id of ["lead", "data"]) byId(id).replaceWith(fresh.getElementById(id));
@@ -251,4 +253,6 @@ async function watch() {
     }
 }
 
-start().then(live => live && watch());
+if (typeof DecompressionStream === "undefined")
+    byId("lead").textContent += " This browser is too old to show frames and curves.";
+else start().then(live => live && watch());

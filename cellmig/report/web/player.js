@@ -40,7 +40,7 @@ class Player {
         const low = this.x.map(frames => Math.min(...frames.map(values => least(values))));
         const high = this.x.map(frames => Math.max(...frames.map(values => -least(values.map(v => -v)))));
         if (this.movie.substrate) low[low.length - 1] = Math.min(0, low.at(-1)) - (this.movie.dimension === 2 ? 0.04 * high.at(-1) : 0);
-        if (this.behind) {
+        if (this.behind && this.movie.dimension === 2) {
             low[0] = this.movie.behind.low[0];
             [high[0], high[1]] = this.movie.behind.high;
         }
@@ -147,9 +147,12 @@ class Player {
         g.fillStyle = "#fff";
         g.fillRect(0, 0, this.canvas.width, this.canvas.height);
         g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-        if (this.behind && options.behind) this.paintBehind(g);
+        const behind = this.behind && options.behind, flat = view.dimension === 2, below = view.elevation < 0;
+        if (behind && flat) this.paintBehind(g);
         drawGround(g, view, this.movie.substrate);
+        if (behind && !flat && !below) this.paintTraction(g);
         g.drawImage(raster.canvas, 0, 0, view.width, view.height);
+        if (behind && !flat && below) this.paintTraction(g);  // seen through the substrate, as by a microscope
         g.setTransform(1, 0, 0, 1, 0, 0);
         if (options.outlines && view.dimension === 2) this.paintOutlines(g);
         g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
@@ -170,7 +173,7 @@ class Player {
         const axes = this.view.axes(), direction = [0, 1, 2].map(c => axes.reduce((s, axis, k) => s + LIGHT[k] * axis[c], 0));
         for (let i = 0; i < light.length; i++) {
             const n = normals.map(axis => axis[i]), size = Math.hypot(...n) || 1, facing = dot(n, axes[2]) < 0 ? -1 : 1;
-            light[i] = 0.5 + 0.5 * Math.min(1, Math.max(0, facing * dot(n, direction) / size));
+            light[i] = 0.6 + 0.4 * Math.min(1, Math.max(0, facing * dot(n, direction) / size));
         }
     }
 
@@ -188,6 +191,21 @@ class Player {
         small.getContext("2d").putImageData(image, 0, 0);
         const [x0, y0] = this.view.at([low[0], high[1]]), [x1, y1] = this.view.at([high[0], low[1]]);
         g.drawImage(small, x0, y0, x1 - x0, y1 - y0);
+    }
+
+    /* Squares of the substrate in three dimensions: orange where it is pulled up, violet where it is pressed. */
+    paintTraction(g) {
+        const { low, width, counts, usual } = this.movie.behind;
+        const corner = (i, j) => this.view.at([low[0] + width * i, low[1] + width * j, 0]);
+        this.behind[this.frame].forEach((value, k) => {
+            const share = Math.min(1, Math.abs(value) / usual), [i, j] = [Math.floor(k / counts[1]), k % counts[1]];
+            if (share < 0.02) return;
+            g.fillStyle = value > 0 ? `rgb(224 130 20 / ${share})` : `rgb(84 39 136 / ${share})`;
+            g.beginPath();
+            g.moveTo(...corner(i, j));
+            for (const at of [[i + 1, j], [i + 1, j + 1], [i, j + 1]]) g.lineTo(...corner(...at));
+            g.fill();
+        });
     }
 
     paintOutlines(g) {
@@ -344,7 +362,7 @@ function drawGround(g, view, substrate) {
     const apart = step[1] - step[0] || 1, [x0, y0] = [0, 1].map(c => Math.floor(low[c] / apart) * apart);
     const [x1, y1] = [0, 1].map(c => Math.ceil(high[c] / apart) * apart);
     const line = (a, b) => { g.moveTo(...view.at(a)); g.lineTo(...view.at(b)); };
-    g.fillStyle = "#f1f1f1";
+    g.fillStyle = view.elevation < 0 ? "#fff" : "#f1f1f1";
     g.beginPath();
     [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].forEach((p, k) => (k ? g.lineTo : g.moveTo).apply(g, view.at([...p, z])));
     g.fill();
@@ -373,7 +391,7 @@ function drawAxes(g, view) {
         g.fillText(shown(x), at, view.height - EDGE.bottom + 15);
     }
     g.textAlign = "right";
-    for (const y of ticks(y0, y1, view.height / 60)) {
+    for (const y of ticks(y0, y1, view.height / 45)) {
         const [, at] = view.at([0, y]);
         if (at < 24) continue;  // there stands the name of the axis
         g.fillRect(EDGE.left - 4, at, 4, 1);

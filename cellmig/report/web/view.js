@@ -91,8 +91,8 @@ class View {
 
     move(dx, dy) { this.moved[0] += dx; this.moved[1] += dy; }
 
-    turn(dx, dy, lowest) {
+    turn(dx, dy) {
         this.azimuth -= dx * 0.008;
-        this.elevation = Math.min(Math.PI / 2, Math.max(lowest, this.elevation + dy * 0.008));
+        this.elevation = Math.min(Math.PI / 2, Math.max(-Math.PI / 2, this.elevation + dy * 0.008));
     }
 }
