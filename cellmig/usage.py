@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from .case.shipped import names
 from .parallel.launch import launcher_rank, launcher_size
 from .version import __version__
 
@@ -57,6 +58,7 @@ class Parser(argparse.ArgumentParser):
 
 
 _HELP = """\
+To begin: 'cellmig cases' lists cases, 'cellmig cases one_cell' copies one to here.
 A case alone is run: 'cellmig run --help' lists its options.
 On several ranks: mpiexec -n 4 cellmig CASE.toml
 Options with one dash are PETSc's, such as -ts_type rk, -ts_dt 1e-3 (in µs).
@@ -306,12 +308,19 @@ def _alone() -> set[str]:
 
 def parse(words: list[str]) -> argparse.Namespace:
     """Parse the command line without PETSc's options; a case file as first word means `run`."""
-    if words and words[0] not in COMMANDS and not words[0].startswith("-"):
+    if not words:
+        raise UsageError("expects a case file or a command: 'cellmig cases' lists the cases to begin with, "
+                         "'cellmig --help' the commands")
+    if words[0] not in COMMANDS and not words[0].startswith("-"):
         if words[0].endswith(".toml") or os.sep in words[0] or os.path.exists(words[0]):
             words = ["run", *words]
         else:
             near = difflib.get_close_matches(words[0], COMMANDS, 1)
             meant = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(COMMANDS)}"
+            if os.path.exists(f"{words[0]}.toml"):
+                meant = f"; did you mean '{words[0]}.toml'?"
+            elif words[0] in names():
+                meant = f"; 'cellmig cases {words[0]}' copies the case of this name to here"
             raise UsageError(f"'{words[0]}' is neither a case file nor a command{meant}")
     return parser().parse_args(words)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,16 @@ def test_the_page_of_verification_has_the_verdicts_of_its_tables() -> None:
     assert [int(n) for n in told.groups()] == [len(listed) - failed, len(listed)]
 
 
+def test_the_gallery_is_that_of_its_table(tmp_path: Path) -> None:
+    """After a change: .venv/bin/python docs/gallery.py, with the names of the cases whose pictures are other ones."""
+    spec = spec_from_file_location("gallery", DOCS / "gallery.py")
+    gallery = module_from_spec(spec)
+    spec.loader.exec_module(gallery)
+    assert gallery.page() == (DOCS / "gallery.md").read_text()
+    sizes = {path.stem: path.stat().st_size for path in (DOCS / "gallery").iterdir()}
+    assert sizes.keys() == {picture.case for picture in gallery.GALLERY} and max(sizes.values()) < 150_000
+
+
 def names(column: int) -> list[str]:
     """The names in code in a column of the notation's tables."""
     rows = re.findall(r"^\|(.+)\|$", (DOCS / "notation.md").read_text(), re.MULTILINE)
@@ -224,6 +235,7 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path, outside_mpi: dict[s
                           env=outside_mpi, capture_output=True, timeout=120)
     assert done.returncode == 0, done.stderr  # which a warning costs, by --strict
     assert "Keys and laws of a case" in (tmp_path / "site/reference.html").read_text()
+    assert '"location":"fit.html' in (tmp_path / "site/search/search_index.json").read_text()
 
 
 @pytest.mark.skipif(not shutil.which("codespell"), reason="no codespell here: apt install codespell")

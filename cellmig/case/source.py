@@ -157,8 +157,8 @@ def _near_file(file: str) -> str:
         return ""
     if not near and os.path.isfile(os.path.join(folder, "cases", name)):
         near = os.path.join("cases", name)
-    if not near and (FOLDER / name).is_file():
-        return f"; 'cellmig cases {os.path.splitext(name)[0]}' copies it to here"
+    if not near and (FOLDER / f"{(stem := name.removesuffix('.toml'))}.toml").is_file():
+        return f"; 'cellmig cases {stem}' copies it to here"
     return f"; did you mean '{os.path.join(folder, near)}'?" if near else ""
 
 

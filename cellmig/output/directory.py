@@ -31,12 +31,18 @@ def existing_run(directory: Path) -> Path:
     directory = Path(directory)
     if any((directory / name).exists() for name in (MANIFEST, INDEX)):
         return directory
-    beside = {path.parent.name for path in directory.parent.glob(f"*/{MANIFEST}")}
-    near = nearest(directory.name, sorted(beside))
+    near = nearest(directory.name, _runs_in(directory.parent))
     meant = f"; did you mean '{directory.parent / near}'?" if near else ""
+    if inside := _runs_in(directory):
+        meant = f", but holds some, such as '{directory / inside[0]}'"
     if directory.suffix == ".toml":
         meant = f" but a case: a run of it leaves 'output/{directory.stem}'"
     raise OutputError(f"'{directory}' is not the directory of a run{meant}")
+
+
+def _runs_in(folder: Path) -> list[str]:
+    """Names of the directories of runs in a folder."""
+    return sorted(path.parent.name for path in folder.glob(f"*/{MANIFEST}"))
 
 
 def together(comm: MPI.Intracomm, action: Callable[[], Any], root_only: bool = False) -> list[Any]:

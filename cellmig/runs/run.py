@@ -377,7 +377,7 @@ class Run:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
         self.log(self.timers.summary(self.comm))
         if status == STOPPED:
-            self.log(f"'resume {self.directory}' goes on")
+            self.log(f"'cellmig resume {self.directory}' goes on")
         if status in (FAILED, INPUT_OUTPUT):
             self.log.error(f"cellmig: {cause}")
 

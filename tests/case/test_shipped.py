@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cellmig.case.load import load
+from cellmig.case.messages import CaseError
 from cellmig.case.shipped import FOLDER, copy, listing, names
 from cellmig.commands import cases
 from cellmig.laws import register
@@ -45,3 +46,22 @@ def test_a_file_that_is_another_is_not_replaced(tmp_path: Path, capsys: pytest.C
 def test_a_name_that_is_none_gets_the_nearest_one(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="did you mean 'nucleus'"):
         cases(parse(["cases", "nucleos", "--to", str(tmp_path)]))
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    ([], "'cellmig cases' lists the cases to begin with"),
+    (["two_three"], "'cellmig cases two_three' copies the case of this name to here"),
+    (["mine"], "did you mean 'mine.toml'"),
+])
+def test_who_begins_without_a_case_file_is_told_where_to_get_one(words: list[str], said: str, tmp_path: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=said):
+        parse(words)
+
+
+@pytest.mark.parametrize("file", ["nucleus.toml", "nucleus"])
+def test_a_case_that_is_not_here_but_comes_with_cellmig_is_told_of(file: str, tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="no such file; 'cellmig cases nucleus' copies it to here"):
+        load(tmp_path / file)
