@@ -58,7 +58,7 @@ class Parser(argparse.ArgumentParser):
 
 
 _HELP = """\
-To begin: 'cellmig cases' lists cases, 'cellmig cases one_cell' copies one to here.
+To begin: 'cellmig cases' lists cases, 'cellmig cases one_cell' copies one here.
 A case alone is run: 'cellmig run --help' lists its options.
 On several ranks: mpiexec -n 4 cellmig CASE.toml
 Options with one dash are PETSc's, such as -ts_type rk, -ts_dt 1e-3 (in µs).

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from PIL import Image
+from PIL.Image import open as read_image
 
 from cellmig.case.shipped import copy, names
 
@@ -66,7 +66,7 @@ def make(picture: Picture, folder: Path) -> None:
     for command in picture.commands():
         words = [sys.executable, "-m", "cellmig", *shlex.split(command)[1:]]
         subprocess.run(words, cwd=folder, stdout=subprocess.DEVNULL, check=True)
-    with Image.open(folder / "output" / picture.case / f"{picture.drawn}.png") as image:
+    with read_image(folder / "output" / picture.case / f"{picture.drawn}.png") as image:
         small = image.convert("RGB")
     small.thumbnail(LARGEST)
     PICTURES.mkdir(exist_ok=True)

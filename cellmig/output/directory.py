@@ -31,13 +31,17 @@ def existing_run(directory: Path) -> Path:
     directory = Path(directory)
     if any((directory / name).exists() for name in (MANIFEST, INDEX)):
         return directory
-    near = nearest(directory.name, _runs_in(directory.parent))
-    meant = f"; did you mean '{directory.parent / near}'?" if near else ""
-    if inside := _runs_in(directory):
-        meant = f", but holds some, such as '{directory / inside[0]}'"
+    raise OutputError(f"'{directory}' is not the directory of a run{run_near(directory)}")
+
+
+def run_near(directory: Path) -> str:
+    """End of a message about a directory that is not that of a run: which is."""
     if directory.suffix == ".toml":
-        meant = f" but a case: a run of it leaves 'output/{directory.stem}'"
-    raise OutputError(f"'{directory}' is not the directory of a run{meant}")
+        return f" but a case: a run of it leaves 'output/{directory.stem}'"
+    if inside := _runs_in(directory):
+        return f", but holds some, such as '{directory / inside[0]}'"
+    near = nearest(directory.name, [name for name in _runs_in(directory.parent) if name != directory.name])
+    return f"; did you mean '{directory.parent / near}'?" if near else ""
 
 
 def _runs_in(folder: Path) -> list[str]:

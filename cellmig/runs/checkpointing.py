@@ -19,7 +19,7 @@ from cellmig.case.own_laws import include_all, included
 from cellmig.case.schema import Case
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint
-from cellmig.output.directory import Claim, OutputError, existing_run, together
+from cellmig.output.directory import Claim, OutputError, run_near, together
 from cellmig.output.log import Log
 from cellmig.output.manifest import processor, read_manifest, time_unit
 from cellmig.output.tables import digest_up_to
@@ -225,7 +225,7 @@ def origin(directory: Path, manifest: dict[str, Any], state: Checkpoint | None) 
     """Case, end [µs] and pruning of a run that resumes, or begins again if it has no checkpoint yet."""
     about = state.about | state.about["run"] if state else manifest
     if not ({"case_file", "end_us", "prune", "version"} <= about.keys() and isinstance(about.get("case"), dict)):
-        raise OutputError(f"there is nothing to resume in '{existing_run(directory)}'")
+        raise OutputError(f"there is nothing to resume in '{directory}'{run_near(directory)}")
     if state:
         _check_version(about)
     include_all(about.get("laws", ()))
