@@ -6,7 +6,7 @@ import numpy as np
 
 from ..case.level import Level, level
 from ..case.registry import law, parameter, quantity
-from .cue import Cue
+from .cue import Cue, Sites
 from .surroundings import Surroundings
 
 
@@ -39,6 +39,10 @@ class Contact(Cue):
         """
         if (self.field is None) != (self.affinity is None):
             raise ValueError("expects both field and affinity, or none of them")
+
+    def largest(self, sites: Sites) -> tuple[np.ndarray, bool]:
+        """That of cells half of whose surface is in contact, on one side (n,) [-]; how much will be is not known."""
+        return np.full(len(sites.radius), 0.5 * abs(self.gain)), False
 
     def sensed(self, around: Surroundings) -> np.ndarray:
         """The cue of all cells without its gain (cells, d - 1) [-]."""

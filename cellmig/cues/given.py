@@ -6,7 +6,7 @@ import numpy as np
 
 from ..case.expression import Expression
 from ..case.registry import law, parameter
-from .cue import Cue
+from .cue import Cue, Sites
 from .surroundings import Surroundings
 
 
@@ -20,6 +20,12 @@ class Given(Cue):
     vector: tuple = parameter("the vector: one number in two dimensions, + to the right, two in three; may be "
                               "formulas of the place of the cell's centre and of time", unit="", shape=("d-1",),
                               formula=True, timed=True)
+
+    def largest(self, sites: Sites) -> tuple[np.ndarray, bool]:
+        """Largest sizes of the vector at the sites (n,) [-] at any of the times."""
+        found = [[value(sites.centre, time) if isinstance(value, Expression) else value + 0.0 * sites.radius
+                  for value in self.vector] for time in sites.times]
+        return abs(self.gain) * np.linalg.norm(found, axis=1).max(axis=0), True
 
     def sensed(self, around: Surroundings) -> np.ndarray:
         """The cue of all cells without its gain (cells, d - 1) [-]."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..case.amounts import MOST
 from ..case.registry import law, quantity
-from .cue import Cue
+from .cue import Cue, Sites
 from .surroundings import Surroundings
 
 
@@ -25,6 +25,10 @@ class Neighbours(Cue):
                            "knot to knot, below 0 differences would grow without end", 1.0, minimum=0, maximum=MOST)
     reach: float = quantity("um", "distance up to which surfaces are in contact: fully up to half of it", "1 um",
                             above=0)
+
+    def largest(self, sites: Sites) -> tuple[np.ndarray, bool]:
+        """Zeros (n,) [-]: who follows others has no larger polarity than they."""
+        return np.zeros(len(sites.radius)), True
 
     def sensed(self, around: Surroundings) -> np.ndarray:
         """The cue of all cells without its gain (cells, d - 1) [-]."""

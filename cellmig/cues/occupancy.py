@@ -6,7 +6,7 @@ import numpy as np
 
 from ..case.level import Level, level
 from ..case.registry import law, parameter, quantity
-from .cue import Cue
+from .cue import Cue, Sites
 from .surroundings import Surroundings
 
 
@@ -35,6 +35,16 @@ class Occupancy(Cue):
     affinity: Level = level("level K of the field at which half of the receptors are occupied, such as \"10 nM\"")
     receptors: float | None = quantity("", "number N of receptors of a cell; by default so many that chance does not "
                                        "count", None, minimum=30)
+
+    def largest(self, sites: Sites) -> tuple[np.ndarray, bool]:
+        """Differences from end to end (n,) [-] of a known field; in any field they are at most 3/2, of a step of Θ."""
+        square = np.zeros(len(sites.radius))
+        for axis in np.eye(sites.centre.shape[1])[:-1]:
+            ends = [sites.occupied(self.field, self.affinity.value, shift) for shift in (axis, -axis)]
+            if ends[0] is None or ends[1] is None:
+                return np.full(len(square), 1.5 * abs(self.gain)), False
+            square += (ends[0] - ends[1]) ** 2
+        return abs(self.gain) * np.sqrt(square), True
 
     def sensed(self, around: Surroundings) -> np.ndarray:
         """ΔΘ of all cells, with the noise of finite receptors (cells, d - 1) [-]."""

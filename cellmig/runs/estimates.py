@@ -13,6 +13,8 @@ from cellmig.case.expression import evaluate
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.held import supported, unheld
 from cellmig.case.schema import Case, Cell
+from cellmig.cues.cue import Sites
+from cellmig.model.ground import fields_of
 
 SMALL, BRIEF, LASTING = 0.1, 10.0, 1e5  # Reynolds number; times over that in which momentum spreads [-]
 SLOW = 1e-15  # speed at which any drag is linear [µm/µs]
@@ -86,6 +88,44 @@ def expected(case: Case, found: Arrangement, end: float) -> Expected:
     return Expected(push, borne, speed, distance, spreading, start, size, reynolds, momentum)
 
 
+class Polarities(NamedTuple):
+    """How large polarities become, about [-].
+
+    start : size at the start, if it is given;  cues : sum of the sizes of cues at the start;  chance : two standard
+    deviations;  unknown : numbers of cues of which nothing but a bound is known, and these bounds.
+    """
+
+    start: float
+    cues: float
+    chance: float
+    unknown: tuple[tuple[int, float], ...]
+
+    @property
+    def largest(self) -> float:
+        """Largest polarity by what is known."""
+        return max(self.start, self.cues + self.chance)
+
+
+def polarities(case: Case) -> Polarities:
+    """Estimate how large polarities become; those of a constant size are that, and without any cells push with 1."""
+    law = case.polarity
+    if law is None:
+        return Polarities(1.0, 0.0, 0.0, ())
+    if law.law == "switching":
+        return Polarities(law.spread, 0.0, 0.0, ())
+    names, unknown = np.array([cell.name for cell in case.cells]), []
+    half = {cell.shape: 0.5 * np.ptp(cell.shape.outline(64), axis=0)[:-1].max() for cell in case.cells}
+    sites = Sites(np.array([cell.centre for cell in case.cells], float), np.array([half[c.shape] for c in case.cells]),
+                  fields_of(case), (0.0, 0.5 * case.time.end, case.time.end))
+    sums = np.zeros(len(names))
+    for number, cue in enumerate(case.cues):
+        size, is_known = cue.largest(sites)
+        size = size * (np.isin(names, cue.cells) if cue.cells else 1.0)
+        sums += size * is_known
+        unknown += [] if is_known else [(number, float(size.max()))]
+    return Polarities(math.hypot(*law.start) if law.start else 0.0, float(sums.max()), 2.0 * law.spread, tuple(unknown))
+
+
 def _groups(found: Arrangement) -> list[np.ndarray]:
     """Numbers of the cells in each group of cells in contact."""
     order = np.argsort(found.group, kind="stable")
@@ -149,7 +189,8 @@ def _push(case: Case, cell: Cell) -> float:
     slope = 1.6 * math.sqrt(_radius(cell) / (2.0 * law.height))
     wide = 1.0 if case.dimension == 2 else 2.0 * _radius(cell)  # of the front [µm]
     bonded = 0.5 * _contact(case, cell) * float(law.ramp_slope(case.substrate.equilibrium_distance))
-    return 0.5 * law.push(case.substrate.work) * (max(1.0, slope) * wide + bonded)
+    own = cell.push.strength if cell.push is not None else 1.0
+    return 0.5 * own * law.push(case.substrate.work) * (max(1.0, slope) * wide + bonded)
 
 
 def _spreading(case: Case, cell: Cell) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -21,7 +22,7 @@ from cellmig.output.log import duration
 from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
 
-from .estimates import LASTING, SMALL, Expected, expected
+from .estimates import LASTING, SMALL, Expected, expected, polarities
 
 FLOATING = 5  # largest number of cells that a warning names
 LISTED = 4  # the same of a pair, and of kinds of cells in space
@@ -128,6 +129,11 @@ def _motion(case: Case, found: Arrangement, end: float) -> list[tuple[str, str]]
         rows.append(("WARNING", f"a push of {e.push:.2g} {force} a cell is more than the {e.borne:.2g} {force} that "
                                 "its bonds bear on a contact of one diameter: it has no steady speed and slips; more "
                                 "bonds, or a smaller protrusion.protrusion_ratio, hold it"))
+    elif e.push * (p := polarities(case)).largest > e.borne:
+        rows.append(("WARNING", f"with a polarity of {p.largest:.2g} a push of {p.largest * e.push:.2g} {force} a cell "
+                                f"is more than the {e.borne:.2g} {force} that its bonds bear on a contact of one "
+                                "diameter: it slips while its polarity is that large; a smaller gain, spread or "
+                                "protrusion.protrusion_ratio, or more bonds, hold it"))
     elif e.distance > FAR * e.size and not case.overdamped:
         rows.append(("WARNING", f"the push carries cells {e.distance / e.size:.2g} times their size by the end: shapes "
                                 "will be stretched beyond what particles resolve; a shorter time.end or a smaller "
@@ -238,11 +244,25 @@ def describe_guidance(case: Case) -> list[tuple[str, str]]:
     persistence, interval = (duration(1e-6 * time, 3) for time in (law.persistence, law.interval))
     rows = [("polarity", f"{law.law}, persistence {persistence}, spread {law.spread:g}; a knot every {interval}, "
                          f"{case.time.end / law.interval:.0f} in all")]
+    rows += _polarities(case)
     for number, cue in enumerate(case.cues):
         of = f" of {cue.field}" if getattr(cue, "field", None) else ""
         who = f"; {', '.join(cue.cells[:LISTED])}{' …' * (len(cue.cells) > LISTED)}" if cue.cells else ""
         rows.append(("cues" if not number else "", f"{number} {cue.law}{of}, gain {cue.gain:g}{who}"))
     return rows
+
+
+def _polarities(case: Case) -> list[tuple[str, str]]:
+    """Rows about how large polarities become, and which of them the bonds bear."""
+    p, e = polarities(case), expected(case, arrangement(case), case.time.end)
+    whence = ("at the start", "by cues as they are there", "by chance, two standard deviations")
+    parts = [f"{size:.2g} {text}" for size, text in zip((p.start, p.cues, p.chance), whence, strict=True) if size]
+    parts += [f"cue {number} may add {most:.3g} at most" for number, most in p.unknown]
+    bears = f"; bonds bear the push of {e.borne / e.push:.2g}" if 0.0 < e.push and e.borne < math.inf else ""
+    if case.polarity.law == "switching":
+        return [("", f"|p| = {p.largest:.2g}, a factor of the push, at all times{bears}")]
+    told = ", ".join(parts) or "nothing turns it"
+    return [("", f"|p| up to about {p.largest:.2g}, a factor of the push: {told}{bears}")]
 
 
 def describe_contacts(case: Case, terms: Terms) -> list[tuple[str, str]]:
