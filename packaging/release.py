@@ -25,7 +25,8 @@ recipe = r.Stage0Recipe.from_file(sys.argv[1])
 print(*recipe.render(r.VariantConfig.from_yaml("python_min: ['3.11']"), r.RenderConfig()))"""
 TESTS = ("tests/model", "tests/case", "tests/test_python.py")
 CALLS = ("--version", "doctor", "cases", "cases all_protrude", "validate all_protrude.toml",
-         "all_protrude.toml --until '20 us'", "info output/all_protrude", "plot output/all_protrude")
+         "all_protrude.toml --until '20 us'", "info output/all_protrude", "plot output/all_protrude",
+         "report output/all_protrude")
 
 
 class Checklist:
