@@ -96,7 +96,8 @@ def test_all_papers_tell_one_version() -> None:
     citation = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1]
     released = re.search(r"^## \[?(\d[^\s\]]*)\]? - ([\d-]+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     codemeta = json.loads((ROOT / "codemeta.json").read_text())
-    assert {citation, codemeta["version"], released[1]} == {__version__}
+    recipe = re.search(r"^  version: (\S+)$", (ROOT / "packaging/recipe.yaml").read_text(), re.MULTILINE)[1]
+    assert {citation, codemeta["version"], released[1], recipe} == {__version__}
     assert released[2] == codemeta["dateModified"]
     assert f"date-released: {released[2]}\n" in (ROOT / "CITATION.cff").read_text()
 
@@ -107,3 +108,9 @@ def test_codemeta_and_the_package_tell_the_same() -> None:
     assert codemeta["runtimePlatform"] == f"Python {project['requires-python'].removeprefix('>=')} or later"
     needed = [item["name"] for item in codemeta["softwareRequirements"]]
     assert needed == [*project["dependencies"], "petsc4py"]
+
+
+def test_the_recipe_needs_what_the_package_does() -> None:
+    run = (ROOT / "packaging/recipe.yaml").read_text().partition("  run:\n")[2].partition("\n\n")[0]
+    names = {line.split()[1].replace("matplotlib-base", "matplotlib") for line in run.splitlines()}
+    assert names - {"python", "c-compiler", "__unix"} == {*PROJECT["project"]["dependencies"], "petsc4py"}
