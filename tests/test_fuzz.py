@@ -33,7 +33,8 @@ pytestmark = [pytest.mark.serial, pytest.mark.slow]
 ROUNDS = int(os.environ.get("CELLMIG_FUZZ", 10_000))
 SEED = int(os.environ.get("CELLMIG_FUZZ_SEED", 1))
 SECONDS, LARGEST = 20, 400  # for one case;  particles of a scene that is discretised
-OF_CASES = {"mesh": "cell.msh", "outline": "outline.csv", "surface": "cell_surface.stl"}  # files that cases read
+OF_CASES = {"mesh": "cell.msh", "outline": "outline.csv", "surface": "cell_surface.stl",
+            "tissue": "tissue.csv"}  # files that cases read
 VALUES = """0 -1 1 7 91 1e308 -1e308 1e-320 nan inf -inf true "" "auto" "free" [] {} [[]] [1,2,3] 9223372036854775807
 99999999999999999999999 "1 um" "-1 um" "0 um" "1e300 m" "1 us" "1e9 us" "1e-9 us" "1 Pa" "1 pN/um" "nan um" "5 furlong"
 "1 um^99" "x um" "x**x um" "1/x um" "0.1*x um" "sqrt(-x) um" "exp(1000*x) um" "x**999999999 um" "9**9**9**9*x um"

@@ -11,7 +11,7 @@ import numpy as np
 
 from . import units
 from .amounts import amounts, cues, exchanges
-from .gaps import OUTLINE, depth, near
+from .gaps import depth, near, surface
 from .held import unheld
 from .messages import show, suggest
 from .pairs import paired
@@ -349,14 +349,14 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
 
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
-    """Note cells that overlap; of the copies of two cells, the first pair."""
-    shapes = {shape: shape.outline(OUTLINE) for shape in {cell.shape for cell, _ in cells}}
+    """Note cells that overlap; of the copies of two cells, the first pair of the same shapes."""
+    shapes = {shape: surface(shape) for shape in {cell.shape for cell, _ in cells}}
     outlines = [shapes[cell.shape] for cell, _ in cells]
     centres = np.array([cell.centre for cell, _ in cells])
     reported = set()
     for i, j in near(outlines, centres):
         (a, path_a), (b, path_b) = cells[i], cells[j]
-        pair = path_a, path_b
+        pair = path_a, path_b, id(outlines[i]), id(outlines[j])
         both = (a.shape, b.shape), (outlines[i], outlines[j])
         if pair not in reported and (deep := depth(*both, centres[j] - centres[i])) > 1e-9:
             reported.add(pair)

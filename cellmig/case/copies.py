@@ -16,10 +16,13 @@ def cell_names(cells: list) -> list[str]:
     return [name for item in cells for name in copy_names(item)]
 
 
-def named(cells: list) -> dict[str, tuple[str, ...]]:
-    """Cells by every name that may stand for them: that of one cell, or of a table [[cells]] for all its copies."""
-    tables = {item["name"]: tuple(copies) for item in cells if (copies := copy_names(item))}
-    return tables | {name: (name,) for name in cell_names(cells)}
+def named(cells: list, names: Callable[[object], list[str]]) -> dict[str, tuple[str, ...]]:
+    """Cells by every name that may stand for them: that of one cell, or of a table [[cells]] for all its copies.
+
+    `names` tells those of a table.
+    """
+    tables = {item["name"]: tuple(copies) for item in cells if (copies := names(item))}
+    return tables | {name: (name,) for copies in tables.values() for name in copies}
 
 
 def copy_names(item: object) -> list[str]:
@@ -27,11 +30,11 @@ def copy_names(item: object) -> list[str]:
     name, repeat = (item.get("name"), item.get("repeat", [1])) if isinstance(item, dict) else (None, [1])
     whole = isinstance(repeat, list) and all(isinstance(n, int) for n in repeat)
     if isinstance(name, str) and whole and 0 < math.prod(repeat) <= MOST_CELLS:
-        return _numbered(name, math.prod(repeat))
+        return numbered(name, math.prod(repeat))
     return []
 
 
-def _numbered(name: str, total: int) -> list[str]:
+def numbered(name: str, total: int) -> list[str]:
     """Names of the `total` copies of a cell."""
     pattern = name if "{}" in name or total == 1 else name + "-{}"
     return [pattern.replace("{}", str(k + 1)) for k in range(total)]
@@ -41,7 +44,7 @@ Changed = Mapping[tuple, tuple[Cell, Mapping]]  # by path of a copy: the changed
 
 
 def expand(reject: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]], floor: float | None,
-           changed: Changed) -> list[tuple[Cell, tuple]]:
+           changed: Changed, placed: Mapping[tuple, list[tuple[Cell, tuple]]]) -> list[tuple[Cell, tuple]]:
     """All copies of all cells, each with the path of its table; the first direction of `repeat` runs fastest.
 
     Parameters
@@ -50,18 +53,22 @@ def expand(reject: Callable[[tuple, str], None], cells: list[tuple[Cell, tuple]]
     cells : list of (cell, path) -- cells that are not yet repeated.
     floor : float -- height at which cells rest on the substrate [µm]; None without a substrate.
     changed : dict -- copies that differ.
+    placed : dict -- cells of tables that colonies place, by path of the table.
     """
-    if sum(math.prod(cell.repeat) for cell, _ in cells) > MOST_CELLS:
+    if sum(len(placed[path]) if path in placed else math.prod(cell.repeat) for cell, path in cells) > MOST_CELLS:
         reject(("cells",), f"are more than {MOST_CELLS}, with all their copies")
         return []
     found = []
     for cell, path in cells:
+        if path in placed:
+            found += placed[path]
+            continue
         total = math.prod(cell.repeat)
         if len(cell.pitch) != len(cell.repeat) and total > 1:
             reject((*path, "pitch"), f"expects a vector for each direction of repeat: {len(cell.repeat)}")
             continue
         first = _set_down(reject, cell, path, floor)
-        for k, name in enumerate(_numbered(cell.name, total)):
+        for k, name in enumerate(numbered(cell.name, total)):
             centre, place = _centre(first, k), (*path, name)
             rest = cell.rest and centre[-1] == _centre(first, 0)[-1]
             own, says = changed.get(place, (cell, {}))

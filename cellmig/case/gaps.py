@@ -15,6 +15,7 @@ from .pairs import paired
 from .schema import Case
 
 OUTLINE = 720  # points of an outline: that of a disc of radius 5 µm deviates by 0.05 nm
+MANY = 12  # corners of a polygon that need no points between them: in an overlap, there are corners
 
 
 class Pressed(NamedTuple):
@@ -56,7 +57,7 @@ def arrangement(case: Case) -> Arrangement:
     pairing, laws = paired([c.name for c in case.cells], case.pairs)[0], [*(p.law for p in case.pairs), case.contact]
     reach = max((law.cutoff for law in laws if law), default=0.0)
     measure = _Measure([c.shape for c in case.cells], outlines, centres)
-    gaps = {pair: gap for pair in near(outlines, centres, reach) if (gap := measure(*pair, reach)) < reach}
+    gaps = {pair: one for pair in near(outlines, centres, reach) if (one := measure(*pair, reach)) < reach}
     least = min(gaps.items(), key=lambda item: item[1], default=None) or _nearest(outlines, centres, measure)
     bonds = {pair: law for pair in gaps if (law := laws[pairing.of(*pair)])}
     ties = [pair for pair, law in bonds.items() if law.work and gaps[pair] < law.cutoff]
@@ -71,11 +72,16 @@ def arrangement(case: Case) -> Arrangement:
 
 def outline(shape: Any, displacement: tuple) -> np.ndarray:
     """Outline, in space points of the surface, (n, d) [µm] from the cell's centre, with the initial displacement."""
-    points = shape.outline(OUTLINE)
+    points = surface(shape)
     with np.errstate(all="ignore"):
         moved = points + np.column_stack([evaluate(value, points) for value in displacement])
     finite = np.isfinite(moved).all(axis=1)  # a formula may be infinite where no particle is
     return np.where(finite[:, None], moved, points)
+
+
+def surface(shape: Any) -> np.ndarray:
+    """Outline, in space points of the surface, (n, d) [µm] from the cell's centre, fine enough to measure gaps."""
+    return shape.outline(1 if len(getattr(shape, "corners", ())) >= MANY else OUTLINE)
 
 
 def _groups(ties: list[tuple[int, int]], n: int) -> np.ndarray:
@@ -89,7 +95,7 @@ def _nearest(outlines: list[np.ndarray], centres: np.ndarray, measure: _Measure)
     within, found = 1e-3 * float(np.ptp(outlines[0])), {}
     while len(outlines) > 1 and not found:  # cells are at least as far apart as their boxes
         within *= 2.0
-        found = {p: gap for p in near(outlines, centres, within) if (gap := measure(*p, within)) < within}
+        found = {p: one for p in near(outlines, centres, within) if (one := measure(*p, within)) < within}
     return min(found.items(), key=lambda item: item[1], default=None)
 
 
@@ -104,7 +110,7 @@ class _Measure:
         a, b, apart = self._outlines[i], self._outlines[j], self._centres[j] - self._centres[i]
         key = id(a), id(b), *np.round(apart, 9).tolist(), most
         if key not in self._known:
-            self._known[key] = _gap(a, b + apart, most) if len(apart) == 2 else min(
+            self._known[key] = gap(a, b + apart, most) if len(apart) == 2 else min(
                 _from(self._shapes[i], a, b + apart, most), _from(self._shapes[j], b, a - apart, most))
         return self._known[key]
 
@@ -115,8 +121,8 @@ def _from(shape: Any, surface: np.ndarray, points: np.ndarray, most: float) -> f
     return float(shape.distances(points).min()) if len(points) else math.inf
 
 
-def _gap(a: np.ndarray, b: np.ndarray, most: float) -> float:
-    """Distance [µm] of two polygons that do not overlap; inf if it exceeds `most`."""
+def gap(a: np.ndarray, b: np.ndarray, most: float) -> float:
+    """Distance [µm] of two polygons a (n, 2) and b (m, 2) [µm] that do not overlap; inf if it exceeds `most`."""
     return min(_apart(a, b, most), _apart(b, a, most))
 
 
@@ -195,12 +201,17 @@ def _probes(polygon: np.ndarray) -> np.ndarray:
 @np.errstate(all="ignore")  # division by zero for edges along x, which cross no ray; underflow in tiny shapes
 def _inside(points: np.ndarray, polygon: np.ndarray) -> float:
     """Largest depth [µm] of the points inside a polygon, by the crossings of a ray along +x; 0 if none is inside."""
-    p, q = polygon, np.roll(polygon, -1, axis=0)
+    points = points[((points >= polygon.min(axis=0)) & (points <= polygon.max(axis=0))).all(axis=1)]
+    if not len(points):
+        return 0.0
+    p, q = every = polygon, np.roll(polygon, -1, axis=0)
+    may = (np.maximum(p[:, 1], q[:, 1]) >= points[:, 1].min()) & (np.minimum(p[:, 1], q[:, 1]) <= points[:, 1].max())
+    p, q = p[may], q[may]
     x, y = points[:, :1], points[:, 1:]
     crosses = ((p[:, 1] <= y) != (q[:, 1] <= y)) & (
         x < p[:, 0] + (y - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
     inside = points[crosses.sum(axis=1) % 2 == 1]
-    return float(_distances(inside, p, q).min(axis=1).max()) if len(inside) else 0.0
+    return float(_distances(inside, *every).min(axis=1).max()) if len(inside) else 0.0
 
 
 def _distances(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:

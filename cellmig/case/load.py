@@ -10,7 +10,8 @@ from typing import Any
 from . import accuracy, registry, units, values
 from .amounts import OF_SUBSTRATE
 from .checks import check, ordered, resolution
-from .copies import copy_names, expand, named
+from .colonies import Colonies
+from .copies import expand, named
 from .expression import Expression
 from .messages import CaseError, show, suggest
 from .outline_file import Corners
@@ -84,8 +85,10 @@ class _Reader:
         given = source.data.get("dimension")
         self.dimension = 3 if isinstance(given, int | float) and given > 2 else 2  # what else it may be is refused
         self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
-        if isinstance(source.data.get("cells"), list):
-            self.cells_of = named(source.data["cells"])
+        tables = source.data.get("cells")
+        self.colonies = self.read_colonies(tables if isinstance(tables, list) else [])
+        if isinstance(tables, list):
+            self.cells_of = named(tables, self.colonies.names)
             self.names["cell"] = list(self.cells_of)
 
     def case(self) -> dict[str, Any]:
@@ -95,7 +98,8 @@ class _Reader:
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
         floor = getattr(found["substrate"], "equilibrium_distance", 0.0) if on_substrate else None
-        found["cells"] = expand(self.reject, found["cells"], floor, self.changed)
+        placed = self.colonies.place(found["cells"], self.changed, floor, found)
+        found["cells"], found["colony"] = expand(self.reject, found["cells"], floor, self.changed, placed), []
         if not self.partial:
             resolution(self.source)
         check(self.source, found, on_substrate)
@@ -104,6 +108,15 @@ class _Reader:
             found[name] = tuple(item for item, _ in found[name])
         self.note_formulas("director", [(law, ("director",)) for law in [found["director"]] if law is not None])
         return found
+
+    def read_colonies(self, tables: list) -> Colonies:
+        """The colonies, before the cells: outlines have names."""
+        before = len(self.source.mistakes)
+        given = self.find(("colony",))
+        items = self.items(partial(self.law, "colony"), [] if given is None else given, ("colony",))
+        colonies = Colonies(self.reject, items, tables)
+        self.partial |= len(self.source.mistakes) > before  # cells of such a colony are not reported as missing
+        return colonies
 
     def note_formulas(self, kind: str, items: list[tuple[Any, tuple]]) -> None:
         """Note file and line of formulas, whose values are checked once there are particles."""
@@ -144,6 +157,8 @@ class _Reader:
             return self.record(meta["section"], {} if value is None else value, path)
         if meta.get("items_of") is Cell:
             return self.cells(value, path)
+        if meta.get("items_of") == "colony":
+            return self.colonies.items
         if "items_of" in meta:
             what = meta["items_of"]
             read = (self.pair if what is Pair else partial(self.law if isinstance(what, str) else self.record, what))
@@ -177,7 +192,7 @@ class _Reader:
         """A cell, not yet repeated; copies that have tables of their own are put into `changed`."""
         if not isinstance(data, dict):
             return self.cell(data, path)
-        names = copy_names(data)
+        names = self.colonies.names(data)
         known = {*declared(Cell), *declared(registry.laws("shape").get(str(data.get("shape")), Cell))}
         own = {k: v for k, v in data.items() if k not in known and isinstance(v, dict) and len(names) > 1}
         data = {k: v for k, v in data.items() if k not in own}
@@ -218,6 +233,8 @@ class _Reader:
 
     def cell(self, data: Any, path: tuple) -> Cell | None:
         """Cell from a table, which holds the keys of the cell and those of its shape."""
+        if isinstance(data, dict):
+            data = self.colonies.completed(data, path, self.dimension)
         shape_class = self.choose("shape", data, path, "shape")
         own = declared(Cell)
         extra = set(declared(shape_class)) - set(own) if shape_class else None

@@ -82,7 +82,7 @@ class Cell:
 
     name: str = parameter("name; \"{}\" in it is replaced by the number of a repeated cell")
     shape: Any = parameter("law of kind shape", kind="shape", inline=True)
-    centre: tuple = parameter("position of the centre; with `rest`, x is enough", unit="um",
+    centre: tuple = parameter("position of the centre; with `rest`, x is enough, and in a [[colony]] none", unit="um",
                               minimum=-1e6, maximum=1e6, shape=("d",), least=1)
     rest: bool = parameter("whether the cell rests on the substrate: the last coordinate of `centre` is ignored, "
                            "and the lowest point is at the equilibrium distance of adhesion.substrate; of copies, the "
@@ -253,6 +253,8 @@ class Case:
     particles: Particles = _section(Particles, "resolution: either the number of particles or their spacing")
     materials: dict = _many("material", "materials by name", "cytoplasm")
     cells: tuple = field(metadata={"doc": "the cells", "items_of": Cell})
+    colony: tuple = _laws("colony", "where the copies of tables of [[cells]] go: in a lattice, at random, or as their "
+                          "outlines were traced in a picture")
     substrate: Any = _law("adhesion", "adhesion to the substrate, y = 0 or z = 0", "adhesion.substrate", "seifert")
     contact: Any = _law("adhesion", "adhesion between cells", "adhesion.cells", "seifert")
     pairs: tuple = _list(Pair, "exceptions: cells whose adhesion to each other differs from adhesion.cells",

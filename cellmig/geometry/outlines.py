@@ -345,6 +345,8 @@ def _exchanged(corners: tuple, numbers: np.ndarray, p: np.ndarray) -> str:
 
 def _divided(polygon: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """The polygon (k, 2) with each edge divided into the number of `parts` (k,) that belongs to it."""
+    if (parts == 1).all():
+        return polygon
     ends = np.roll(polygon, -1, axis=0)
     return np.concatenate([p + (q - p) * (np.arange(n) / n)[:, None] for p, q, n in zip(polygon, ends, parts,
                                                                                        strict=True)])

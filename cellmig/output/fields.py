@@ -109,6 +109,7 @@ Units are in the names of the columns; that of times is the one in which the cas
 `time_h` and `vx_um_per_h`.  `name` is the cell's, `all` that of the aggregate.
 
 - `history.csv`: `vx_um_per_us`, `vy_um_per_us`, `speed_um_per_us`: mean since the last sample, displacement over time.
+- `history.csv`: `neighbours` is the number of cells that touch it, of the aggregate their mean.
 - `history.csv` where bodies drag on each other, or push off each other, such as cells and a gel: `strain_energy_pn` is
   the energy of the strain of a body, `dipole_pn` is ∫ (x - x̄) T dx, T the drag and push of others on it along x, at the
   sample; that of a gel is below zero where cells contract it. A rigid substrate is not displaced: it has none of both.

@@ -30,7 +30,9 @@ class Interval:
 
     def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray],
              contacts: tuple[np.ndarray, np.ndarray]) -> dict[str, Rows]:
-        """Rows of substrate.csv and neighbours.csv at a time [µs]; adds velocities to those of history; collective.
+        """Rows of substrate.csv and neighbours.csv at a time [µs]; collective.
+
+        Adds velocities and numbers of neighbours to those of history.
 
         Impulses of leapfrog end `half` a step [µs] before `time`; the current forces, in `powers`, complete them.
         `contacts` : of each facet of this rank near another cell both cells (k, 2) int, and how much of it touches (k,)
@@ -55,6 +57,7 @@ class Interval:
         if m.terms.contact is not None:
             mean = (counted.contact + contact) / elapsed
             found["neighbours"] = self._neighbours(mean, powers["contact_impulse"], contacts, rows)
+            _count_neighbours(rows, found["neighbours"], MEASURES[m.scene.dimension][1])
         counted.begin(m.segments.own_places()[:, :-1], -bond, -contact)
         return found
 
@@ -128,6 +131,14 @@ class Interval:
     def restore(self, about: dict[str, Any]) -> None:
         """Set the state from `about`, which `saved` returned."""
         self.time, self.moved = about["time"], about["moved"]  # Python's JSON has -inf
+
+
+def _count_neighbours(rows: Rows, pairs: Rows, contact: str) -> None:
+    """Add to each cell of history the number of cells that touch it, to the aggregate their mean [-]."""
+    ends = [pair[end] for pair in pairs if pair[contact] > 0.0 for end in ("cell", "neighbour")]
+    count = np.bincount(np.array(ends, int), minlength=len(rows))
+    for row, number in zip(rows, [len(ends) / max(1, len(rows) - 1), *count[1:].tolist()], strict=True):
+        row["neighbours"] = float(number)
 
 
 def spread(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -164,9 +164,10 @@ class Sampler:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Further columns of history: of gels, of probes, then of supports and plates."""
+        """Further columns of history: neighbours, of gels, of probes, then of supports and plates."""
+        terms = self.mechanics.terms
         return further_columns(self.probes.names, self.mechanics.loads.boundary.names, self.mechanics.scene.dimension,
-                               self.mechanics.terms.on_gels)
+                               terms.on_gels, terms.contact is not None)
 
     def push(self) -> np.ndarray:
         """Push of the protrusion along the substrate on each cell (cells, d - 1) [pN/µm, in space pN]; collective.

@@ -59,12 +59,12 @@ _FORMERLY = {**{name: f"{name}_pn" for name in ENERGIES}, "protrusion_work": "ex
              "numerical_loss": "artificial_dissipation_pn", "closure": "energy_error"}
 
 
-def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2, gels: bool = False
-                    ) -> tuple[str, ...]:
+def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: int = 2, gels: bool = False,
+                    touching: bool = False) -> tuple[str, ...]:
     """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell; with `gels`
-    what bodies do to each other that rub or push off each other.
+    what bodies do to each other that rub or push off each other; with `touching` the number of neighbours.
     """
-    return (*MOTION[dimension], *(ON_GELS if gels else ()),
+    return (*MOTION[dimension], *("neighbours",) * touching, *(ON_GELS if gels else ()),
             *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
             *(f"{name}_force_{c}" for name in holders for c in HELD[dimension]), "name")
 

@@ -15,10 +15,11 @@ from cellmig.output.tables import MEASURES, names_of, read_table, time_column, u
 from cellmig.output.tracks import in_balance, read_tracks
 from cellmig.output.xdmf import Frame, frames
 
+from .graph import graph
 from .kymograph import kymograph
 from .snapshots import film, missing_times, nearest_frames, sections, shapes
 from .style import COLOURS, STYLE, legend_above, save
-from .tracks import cues, squares, tracks
+from .tracks import NAMED, cues, squares, tracks
 from .traction import between, traction
 
 _LEAST_SPAN = 1e-3  # smallest range of the displacement axis [µm]
@@ -43,7 +44,7 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
     Returns
     -------
     list of Path -- the pictures whose data exist: shapes, section (in three dimensions), displacement, ledger,
-        traction, between (neighbours), tracks, msd, kymograph, cues, film.
+        traction, between and graph (neighbours), tracks, msd, kymograph, cues, film.
     """
     directory = existing_run(directory)
     out = Path(out or directory)
@@ -60,7 +61,9 @@ def plot(directory: Path, times: Sequence[float] | None = None, field: str = "ef
                    "section": sections(directory, times, field, behind),
                    "displacement": _displacement(history),
                    "ledger": _ledger(ledger), "traction": traction(substrate, samples, some),
-                   "between": between(neighbours, samples), **_motion(directory, substrate, samples),
+                   "between": between(neighbours, samples),
+                   "graph": graph(found, some if times else some[-1:], history, neighbours),
+                   **_motion(directory, substrate, samples),
                    "cues": cues(cue_table)}
         if not any(figures.values()):
             raise OutputError(f"'{directory}' holds no frames and no samples to draw")
@@ -110,7 +113,8 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
         if stressed:
             axes[-1].plot(time, history["effective_stress_pa"][rows], **style)
     axes[0].set_ylabel("displacement $u_x$ [µm]")
-    legend_above(axes[0])
+    if len(cells) <= NAMED:
+        legend_above(axes[0])
     low, high = axes[0].get_ylim()
     if high - low < _LEAST_SPAN:  # nothing moves: do not magnify rounding errors
         axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))

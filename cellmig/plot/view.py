@@ -208,11 +208,16 @@ def _on_substrate(directory: Path) -> bool:
 def drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, list[np.ndarray]]:
     """Triangles of a cell at its current positions, made in the reference configuration; its closed outlines."""
     reference, x = fields["X"][:, :2], (fields["X"] + fields["u"])[:, :2]
-    surface = np.flatnonzero(fields["surface"] >= 0)
-    outline = surface[np.argsort(fields["surface"][surface], kind="stable")]
-    loops = np.split(outline, np.flatnonzero(np.diff(fields["surface"][outline]) > 1) + 1)  # numbers of loops have gaps
+    loops = outlines(fields["surface"])
     triangles = Triangulation(*reference.T).triangles
-    if len(outline) > 2:
+    if sum(map(len, loops)) > 2:
         rings = polygons.joined([reference[loop] for loop in loops])
         triangles = triangles[polygons.inside(reference[triangles].mean(axis=1), rings)]
     return Triangulation(*x.T, triangles), [np.append(loop, loop[:1]) for loop in loops]
+
+
+def outlines(surface: np.ndarray) -> list[np.ndarray]:
+    """Particles along the outlines of a cell, by loop, from its field `surface` (n,) int."""
+    on = np.flatnonzero(surface >= 0)
+    on = on[np.argsort(surface[on], kind="stable")]
+    return np.split(on, np.flatnonzero(np.diff(surface[on]) > 1) + 1)  # numbers of loops have gaps

@@ -176,7 +176,8 @@ def _check_columns(case: Case, shown: Iterable[str]) -> None:
     """Raise CaseError for columns that history.csv will not have."""
     further = further_columns((probe.name for probe in case.probes),
                               (one.name for one in (*case.supports, *case.plates)), case.dimension,
-                              any(pair.friction is not None or pair.push for pair in case.pairs))
+                              any(pair.friction is not None or pair.push for pair in case.pairs),
+                              case.contact is not None and len(case.cells) > 1)
     columns = [case.time_unit.column(name) for name in (*HISTORY[case.dimension][2:], *further[:-1])]  # but names
     if mistakes := [Mistake("--show", None, "", f"history.csv has no column '{name}'{suggest(name, columns)}")
                     for name in shown if name not in columns]:

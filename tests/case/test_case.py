@@ -605,7 +605,7 @@ def test_the_schema_lists_every_law_with_its_units_and_bounds() -> None:
     schema = json.loads(json.dumps(json_schema()))
     properties = schema["properties"]
     assert set(properties) == {"extends", "title", "dimension", "seed", "time", "particles", "materials", "cells",
-                               "adhesion", "protrusion", "polarity", "cortex", "friction", "medium", "fields",
+                               "colony", "adhesion", "protrusion", "polarity", "cortex", "friction", "medium", "fields",
                                "substrate", "director", "body_force", "supports", "loads", "plates", "probes",
                                "cues", "exchange", "numerics"}
     options = properties["materials"]["additionalProperties"]["anyOf"]

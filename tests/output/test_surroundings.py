@@ -121,6 +121,9 @@ def test_the_table_has_the_whole_force_of_the_substrate_and_cells_pull_each_othe
             pair = [row[f"force_{axis}_now_{FORCE[d]}"] for axis in "xyz"[:d]]
             assert pair == on_by[row["cell"] - 1, row["neighbour"] - 1].tolist()
         contact = MEASURES[d][1]
+        touching = [row[end] for row in rows["neighbours"] if row[contact] > 0.0 for end in ("cell", "neighbour")]
+        assert [row["neighbours"] for row in history[1:]] == [touching.count(cell) for cell in (1, 2, 3)]
+        assert 3.0 * history[0]["neighbours"] == len(touching)
         assert sum(row[contact] for row in rows["neighbours"]) == pytest.approx(history[0][contact], rel=1e-12)
 
 
