@@ -146,7 +146,7 @@ def mean_gap(places: np.ndarray, radius: np.ndarray) -> float:
 
 
 def stretched(places: np.ndarray, radius: np.ndarray, want: float) -> np.ndarray:
-    """Places (n, k) [µm] stretched about zero, so that discs or balls of radius (n,) have the mean gap `want` [µm]."""
+    """The places (n, k) [µm] of discs or balls of a radius (n,) [µm], stretched to the mean gap `want` [µm]."""
     low, high = 1.0, 1.0
     while mean_gap(high * places, radius) < want:
         high *= 1.1
