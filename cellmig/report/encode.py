@@ -18,6 +18,24 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     return {"type": kind, "shape": list(values.shape), "bytes": _text(values.astype(f"<{kind}").tobytes())}
 
 
+def evened(values: np.ndarray, bits: int) -> dict[str, Any]:
+    """The same of values with long tails, such as stresses of which a few are a thousand times the others.
+
+    asinh((value - centre) / scale) is rounded, with the median as centre, and as scale that of the distances from it:
+    values near the centre keep their absolute error, those in the tails their relative one.  Zeros stay zero where half
+    of the values are.
+
+    Returns
+    -------
+    dict -- as `rounded` does, with "centre" and "scale".
+    """
+    finite = values[np.isfinite(values)]
+    centre = float(np.median(finite)) if len(finite) else 0.0
+    away = np.abs(finite - centre)
+    scale = float(np.median(away[away > 0.0])) if away.any() else 1.0
+    return {"centre": centre, "scale": scale, **rounded(np.arcsinh((values - centre) / scale), bits)}
+
+
 def rounded(values: np.ndarray, bits: int) -> dict[str, Any]:
     """Arrays of frames in whole numbers of `bits` <= 15 bits between their least and largest value.
 

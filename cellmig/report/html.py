@@ -86,7 +86,9 @@ class Bar:
 
 def number(value: float) -> str:
     """A number with four digits, and without a power of ten where it is not needed."""
-    if isinstance(value, int) or not math.isfinite(value):
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else "∞" if value > 0 else "−∞"
+    if isinstance(value, int):
         return str(value)
     return f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
 

@@ -17,11 +17,11 @@ from cellmig.plot.style import in_print
 from cellmig.plot.view import MAP, drawing
 
 from .backdrop import backdrop
-from .encode import packed, rounded, size
+from .encode import evened, packed, rounded, size
 
-BUDGET = 3_400_000  # letters that frames may take in a page; with all the rest it stays below 5 MB
+BUDGET = 4_200_000  # letters that frames may take in a page; with all the rest it stays below 5 MB
 FEWEST = 25  # frames that are kept, though fields are left out
-PLACE_BITS, FIELD_BITS = 14, 12  # of positions and fields
+PLACE_BITS, FIELD_BITS = 14, 11  # of positions and fields
 _LETTERS = 0.5  # by component, particle and frame, about
 _GIVEN = ("id", "cell", "material", "surface", "X", "u")  # not drawn as fields
 _NAMES = {"v": "velocity", "J": "volume ratio J"}
@@ -46,7 +46,7 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
     if not found:
         return None
     manifest = read_manifest(directory)
-    case = manifest.get("case") or {}
+    case = manifest.get("case")
     first, units = found[0].read(), found[0].units()
     dimension = 3 if (directory / "mesh.h5").exists() else 2
     shape = _surface(directory, first) if dimension == 3 else _plane(first)
@@ -54,10 +54,10 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
     parts = {name: _PARTS[values[:1].size, dimension] for name, values in first.items() if name not in _GIVEN}
     moving, left_out = _thinned(found, kept, parts, dimension)
     of_time = found[0].unit
-    substrate = "substrate" in (case.get("adhesion") or {"substrate": {}})
+    substrate = case is None or "substrate" in case.get("adhesion", {})
     return {"dimension": dimension, "unit": of_time.label, "substrate": substrate, "left_out": left_out,
             "cells": {str(k): names.get(k, f"cell {k}") for k in np.unique(first["cell"]).tolist()},
-            "materials": list(case.get("materials") or {}), "frames": len(found),
+            "materials": list((case or {}).get("materials") or {}), "frames": len(found),
             "colours": (np.array(colormaps[MAP].colors) * 255).round().astype(int).ravel().tolist(),
             "fields": {name: {"label": _label(name), "unit": in_print(units[name]), "parts": list(parts[name]),
                               "meaning": FIELDS[name].meaning if name in FIELDS else ""}
@@ -108,7 +108,7 @@ def _moving(chosen: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mappi
     data: dict[str, Any] = {"times": [frame.time for frame in chosen], "values": {}}
     data["x"] = [rounded(axis, PLACE_BITS) for axis in np.moveaxis(np.array(places), 2, 0)]
     for name, values in fields.items():
-        data["values"][name] = [rounded(one, FIELD_BITS) for one in np.moveaxis(np.array(values, float), 2, 0)]
+        data["values"][name] = [evened(one, FIELD_BITS) for one in np.moveaxis(np.array(values, float), 2, 0)]
     return data
 
 

@@ -29,7 +29,7 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
     const chart = new uPlot({
         width: Math.max(200, place.clientWidth), height, series, focus: { alpha: 0.35 },
         cursor: { sync: seek ? { key: SYNC, setSeries: false } : undefined, focus: { prox: 20 } },
-        legend: { show: lines.length <= 14 }, scales: { x: { time: false }, y: { range } },
+        scales: { x: { time: false }, y: { range } },
         axes: [{ label: `${along} [${unit}]`, size: 34, labelSize: 18, labelGap: 0, values, font: "11px system-ui, sans-serif" },
                { label: axis, size: 62, labelSize: 18, values, font: "11px system-ui, sans-serif" }],
     }, [Array.from(x), ...columns], place);

@@ -16,8 +16,10 @@ async function unpacked(packed) {
     return new kinds[packed.type](bytes.buffer);
 }
 
-/* Rounded values as one Float32Array for each frame, nan where there is none. */
+/* Rounded values as one Float32Array for each frame, nan where there is none; those with a scale are of asinh. */
 async function unrounded(rounded) {
+    const whole = number => rounded.step * (rounded.low + number);
+    const value = "scale" in rounded ? number => rounded.centre + rounded.scale * Math.sinh(whole(number)) : whole;
     const bytes = await inflated(rounded.bytes), count = bytes.length / 2, frames = rounded.shape[0];
     const each = frames ? count / frames : 0, numbers = new Int32Array(each), found = [];
     for (let frame = 0, at = 0; frame < frames; frame++) {
@@ -25,7 +27,7 @@ async function unrounded(rounded) {
         for (let i = 0; i < each; i++, at++) {
             const zigzag = bytes[at] | (bytes[at + count] << 8);
             numbers[i] += (zigzag >>> 1) ^ -(zigzag & 1);
-            values[i] = numbers[i] === rounded.missing ? NaN : rounded.step * (rounded.low + numbers[i]);
+            values[i] = numbers[i] === rounded.missing ? NaN : value(numbers[i]);
         }
         found.push(values);
     }

@@ -60,6 +60,7 @@ function setUpControls() {
         slider.setAttribute("aria-valuetext", clock);
         byId("play").textContent = player.playing ? "❚❚" : "▶";
         byId("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
+        byId("stage").setAttribute("aria-label", `Cells filled with ${player.label} at ${clock}; the table below has numbers`);
         drawBar();
         if (!player.playing) fillNow();
     });
@@ -188,7 +189,7 @@ function fillNow() {
         top.append(line);
         table.replaceChildren(top, document.createElement("tbody"));
     }
-    table.tBodies[0].replaceChildren(...[...cells].slice(0, 60).map(([cell, one]) => row("td", [
+    table.tBodies[0].replaceChildren(...[...cells].map(([cell, one]) => row("td", [
         player.movie.cells[cell], ...one.x.map(sum => shown(sum / one.n)), shown(one.sum / one.n), shown(one.low), shown(one.high)])));
     const sorted = [...table.tHead.rows[0].cells].findIndex(cell => cell.hasAttribute("aria-sort"));
     if (sorted >= 0) sortBy(table, sorted, table.tHead.rows[0].cells[sorted].getAttribute("aria-sort") === "descending");
