@@ -11,7 +11,8 @@ import sys
 import time
 from pathlib import Path
 
-from PIL import Image
+from PIL.Image import Quantize
+from PIL.Image import open as open_image
 from selenium.webdriver import Chrome
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -38,7 +39,7 @@ with Chrome(service=Service("/usr/bin/chromedriver"), options=options) as chrome
     time.sleep(0.5)
     shot = base64.b64decode(chrome.execute_cdp_cmd("Page.captureScreenshot", {})["data"])
     first, frame = chrome.execute_script(TIMES)
-with Image.open(io.BytesIO(shot)) as image:
-    image.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(picture, optimize=True)
+with open_image(io.BytesIO(shot)) as image:
+    image.convert("RGB").quantize(COLOURS, Quantize.MAXCOVERAGE).save(picture, optimize=True)
 print(f"{page}: {page.stat().st_size / 1e6:.2f} MB, first paint after {first:.0f} ms, all there after "
       f"{1e3 * ready:.0f} ms, {frame:.1f} ms a frame")
