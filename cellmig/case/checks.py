@@ -109,7 +109,8 @@ def _pushes(source: Source, found: dict[str, Any]) -> None:
         if given and (len(given) != n or not any(given)):
             source.reject((*path, key), "has a component for each direction along the substrate and is not zero, such "
                           f"as {example}")
-    grounds = {"substrate", "pairs"} & source.data.get("adhesion", {}).keys()
+    adhesion = source.data.get("adhesion")
+    grounds = {"substrate", "pairs"}.intersection(adhesion if isinstance(adhesion, dict) else ())
     if polarity is not None and found["substrate"] is None and "substrate" not in grounds and not (
             "pairs" in grounds and (not found["pairs"] or any(pair.push for pair, _ in found["pairs"]))):
         source.reject(("polarity",), "cells push off [adhesion.substrate], of which there is none, or off a gel, by "
