@@ -14,8 +14,9 @@ from .case.messages import CaseError, Mistake
 from .case.schema import Case
 from .kernel.source import c_source
 from .laws import register
-from .meshfree.body import Scene
 from .meshfree.boundary import Boundary, Probes
+from .meshfree.contact import Surfaces
+from .meshfree.scene import Scene
 from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
 from .output.sample import Sampler
@@ -31,12 +32,12 @@ from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.overdamped import Overdamped, without_inertia
 from .solve.protrusion import Protruding
-from .solve.protrusion_noise import random_factor
 from .solve.restart import restore, same_places, saved
 from .solve.start import at_start, discretise
 from .solve.static import Static
 from .solve.step import StepControl, widen
 
+AT_ONCE = 1 << 20  # particles whose state is gathered at a time
 ROUNDING = 1.0 + 1e-12  # ratio of times up to which they are one
 
 register()
@@ -58,14 +59,16 @@ class Simulation:
         case = without_inertia(case) if case.overdamped else case
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
-        self.scene, self.control, *others = computed_on_root(comm, lambda: self._decide(parts[0] if parts else None))
-        owner, state, boundary, probes, protruding = others
-        own = np.arange(self.scene.size)[comm.rank :: comm.size]
-        state |= self._begun(start) if start is not None else {}
-        begun = state.pop("begun", None)  # beside u and v
-        self.swarm = Swarm(comm, {name: values[own] for name, values in state.items()})
-        self.swarm.migrate(owner[comm.rank :: comm.size])
-        self.mechanics = Mechanics(self.scene, self.terms, boundary, protruding, owner, self.swarm)
+        owners, self.control, boundary, probes, protruding = computed_on_root(
+            comm, lambda: self._decide(parts[0] if parts else None))
+        self.scene = owners.scene
+        state = at_start(case, self.scene, owners.heads(comm.rank))
+        begun = self._begun(start) if start is not None else None
+        if begun is not None:
+            state |= dict(zip("uv", np.split(begun.pop("state")[state["id"]], 2, axis=1), strict=True))
+        self.swarm = Swarm(comm, state)
+        self.swarm.migrate(owners.of(state["id"]))
+        self.mechanics = Mechanics(owners, self.terms, boundary, protruding, self.swarm)
         if begun is not None:
             self.mechanics.begin_from(begun)
         fixed = None if isinstance(case.time.step, str) else case.time.step
@@ -86,16 +89,15 @@ class Simulation:
         scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)
-        owner = partition(scene.X, scene.cell, scene.material, self.comm.size)
         names, law = [c.name for c in case.cells], self.terms.protrusion
-        protruding = Protruding(np.array([law is not None and name in law.cells for name in names]),
-                                random_factor(scene, law, case.seed, names), steady(case, self.terms, scene))
-        return (scene, control, owner, at_start(case, scene), Boundary.of(case, scene), Probes.of(case, scene),
-                protruding)
+        protruding = Protruding(np.array([law is not None and name in law.cells for name in names]), case.seed, names,
+                                steady(case, self.terms))
+        return (partition(scene, self.comm.size), control, Boundary.of(case, scene), Probes.of(case, scene), protruding)
 
-    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-        """Initial u, v of all particles, and as `begun` their director and network, from arrays of a checkpoint;
-        collective.  Raises CaseError.
+    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Initial state, director and network of all particles from arrays of a checkpoint; collective.
+
+        Raises CaseError.
         """
         why = "a static case is solved from rest" if self.case.static else ""
         if not same_places(arrays, self.scene, self.comm):
@@ -107,7 +109,7 @@ class Simulation:
                                       if name in ("particle state", "particle director", "particle network")})
         if self.case.director is None:
             found.pop("director", None)
-        return dict(zip("uv", np.split(found.pop("state"), 2, axis=1), strict=True)) | {"begun": found}
+        return found
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective.
@@ -181,7 +183,7 @@ class Simulation:
         """
         about, arrays = saved(self.mechanics)
         if self.comm.rank == 0:
-            arrays |= {"X": self.scene.X, "surface": self.mechanics.surfaces.ids, **self.integrator.arrays()}
+            arrays |= {"X": self.scene.X, "surface": Surfaces.of(self.scene).ids, **self.integrator.arrays()}
         found = {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                  "interval": self.interval.saved()}
         if self.fields.diffusing:
@@ -207,9 +209,14 @@ class Simulation:
     def state_hash(self) -> str:
         """The sha256 of X, u, v in the order of ids, the same on any number of ranks; collective."""
         m = self.mechanics
-        state = gathered(self.comm, m.ids, m.state.owned, self.scene.size)
-        parts = () if state is None else (self.scene.X, *np.split(state, 2, axis=1))
-        return self.comm.bcast(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest())
+        found = hashlib.sha256()
+        for values in (m.part.owned.X, m.state.u, m.state.v):
+            for first in range(0, self.scene.size, AT_ONCE):
+                on = slice(*np.searchsorted(m.ids, [first, first + AT_ONCE]))
+                count = min(AT_ONCE, self.scene.size - first)
+                some = gathered(self.comm, m.ids[on] - first, values[on], count)
+                found.update(b"" if some is None else some.tobytes())
+        return self.comm.bcast(found.hexdigest())
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -11,9 +11,9 @@ from bodies import Body, ball, blocks
 
 from mpi4py import MPI
 
-from cellmig.meshfree.body import Scene, Template, template
+from cellmig.meshfree.body import Template, template
 from cellmig.meshfree.boundary import Boundary, Probes
-from cellmig.meshfree.contact import Surfaces
+from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Terms
 from cellmig.model.director import initial
 from cellmig.output.sample import Sampler
@@ -24,7 +24,6 @@ from cellmig.solve.accounts import ACCOUNTS
 from cellmig.solve.integrate import Integrator
 from cellmig.solve.mechanics import Mechanics
 from cellmig.solve.protrusion import Drives, Protruding
-from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.step import StepControl
 
 RADIUS = 5.0
@@ -68,20 +67,20 @@ class Space:
     def __init__(self, scene: Scene, terms: Terms, comm: MPI.Comm, u: Any = 0.0, v: Any = 0.0):
         n, cells, none, some = scene.size, len(scene.kind), np.zeros(0), np.zeros(0, int)
         self.scene, self.comm, self.size = scene, comm, n
-        owner, own = partition(scene.X, scene.cell, scene.material, comm.size), np.arange(n)[comm.rank :: comm.size]
+        owners, own = partition(scene, comm.size), np.arange(n)[comm.rank :: comm.size]
         fields = {"id": np.arange(n), "X": scene.X, "u": u + np.zeros((n, 3)), "v": v + np.zeros((n, 3)),
                   "director": initial(terms.director_law, scene.X - scene.centre[scene.cell]),
                   "loss": np.zeros((n, len(ACCOUNTS)))}
         self.swarm = Swarm(comm, {name: values[own] for name, values in fields.items()})
-        self.swarm.migrate(owner[own])
+        self.swarm.migrate(owners.of(own))
         boundary = Boundary((), (), some.reshape(0, 2), none, some, some, some, none.reshape(0, 3), some,
                             some.reshape(0, 3), none, some, none.reshape(0, 9), some)
         names, law = [f"Cell-{k + 1}" for k in range(cells)], terms.protrusion
         pushing = np.array([law is not None and name in law.cells for name in names])
         along_x = np.tile([[[1.0, 0.0]]], (cells, 1, 1))
-        drives = Drives(along_x, 0.0 * along_x, 0.0, np.ones(len(Surfaces.of(scene).ids)))
-        protruding = Protruding(pushing, random_factor(scene, law, 2019, names), drives)
-        self.mechanics = Mechanics(scene, terms, boundary, protruding, owner, self.swarm)
+        drives = Drives(along_x, 0.0 * along_x, 0.0, 1.0)
+        protruding = Protruding(pushing, 2019, names, drives)
+        self.mechanics = Mechanics(owners, terms, boundary, protruding, self.swarm)
         self.integrator = Integrator(self.mechanics, StepControl(scene, terms), "leapfrog", None, 0.8)
         self.sampler = Sampler(self.mechanics, Probes((), some, some, some, none))
         self.sample()

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from cellmig.kernel.codegen import Translator
 from cellmig.kernel.source import text_of
 from cellmig.kernel.toolchain import loaded
-from cellmig.meshfree.body import Scene
+from cellmig.meshfree.scene import Scene
 
 from .timing import STILL, Timer
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -57,6 +58,13 @@ class Polyhedron:
                 ring.append(following[ring[-1]])
             rings.append(ring)
         return cls(faces, np.array(edges), rings)
+
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """Numbers of the edges of the faces (m, 3) int."""
+        number = {tuple(sorted(ends)): k for k, ends in enumerate(self.edges[:, :2].tolist())}
+        return np.array([[number[tuple(sorted(side))] for side in ((a, b), (b, c), (c, a))]
+                         for a, b, c in self.faces.tolist()])
 
 
 def clipped(polygon: list[Point], values: Sequence[float]) -> list[Point]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ..meshfree.body import Scene
+from ..meshfree.scene import Particles, Scene
 from ..meshfree.terms import Terms
 
 
@@ -37,36 +37,66 @@ class Numbering:
     def _order(self) -> np.ndarray:
         return np.argsort(self.ids, kind="stable")
 
-    def places(self, size: int) -> np.ndarray:
-        """Local numbers of all particles of the scene (size,) int; -1 where this rank does not have the particle."""
-        out = np.full(size, -1)
-        out[self.ids] = np.arange(len(self.ids))
-        return out
-
     def extended(self, ids: np.ndarray) -> Numbering:
         """A copy with the particles `ids` (k,) int as further ghosts at the end."""
         return replace(self, ids=np.concatenate([self.ids, np.setdiff1d(ids, self.ids)]))
 
 
+class Places:
+    """Local numbers of particles in a table of the cells of which a rank has any."""
+
+    def __init__(self, scene: Scene, numbering: Numbering):
+        """Fill the table."""
+        p = scene.particles(numbering.ids)
+        self._cells = np.unique(p.cell)
+        size = np.diff(scene.offset)[self._cells]
+        self._first = np.append(0, np.cumsum(size))
+        self._number = np.full(self._first[-1], -1)
+        self._number[self.first(p.cell) + p.at] = np.arange(len(p.ids))
+
+    def first(self, cell: np.ndarray) -> np.ndarray:
+        """Places (k,) int in the table of the first particles of each `cell` (k,) int, of which the rank has any."""
+        return self._first[np.searchsorted(self._cells, cell)]
+
+    def __getitem__(self, at: np.ndarray) -> np.ndarray:
+        """Local numbers (k,) int at places (k,) int in the table; -1 where this rank does not have the particle."""
+        return self._number[at]
+
+    def of_cell(self, cell: int) -> np.ndarray:
+        """Local numbers of the particles of a cell (n,) int; -1 where this rank does not have the particle."""
+        at = int(np.searchsorted(self._cells, cell))
+        return self._number[self._first[at] : self._first[at + 1]]
+
+
 def number(scene: Scene, owned: np.ndarray, needed: np.ndarray) -> Numbering:
     """Numbering of `owned` (n,) int, two layers of neighbours for their internal forces, and `needed` (k,) int ids."""
-    own = np.zeros(scene.size, bool)
-    own[owned] = True
-    first, second, shared = own.copy(), own.copy(), np.zeros(scene.size, bool)
-    patterns = lru_cache(lambda k: pattern(scene.templates[k].G[0]))
-    for c in np.unique(scene.cell[owned]):
-        part = slice(scene.offset[c], scene.offset[c + 1])
-        if own[part].all():
-            continue
-        near = patterns(scene.kind[c])
-        first[part] = reach(near, own[part])
-        second[part] = reach(near, first[part])
-        shared[part] = reach(near, reach(near, ~own[part]))
-    second[needed] = True
-    if len(owned) < scene.size:
-        shared[np.concatenate([scene.surface(c) for c in range(len(scene.kind))])] = True  # or come into contact
-    layers = [np.flatnonzero(m) for m in (own, first & ~own, second & ~first & ~own)]
-    return Numbering(np.concatenate(layers), len(layers[0]), len(layers[0]) + len(layers[1]), shared[layers[0]])
+    owned = np.sort(owned)
+    cells, begin = np.unique(scene.cell_of(owned), return_index=True)
+    several = len(owned) < scene.size
+    parts = [_layers(scene, c, some, several) for c, some in zip(cells.tolist(), np.split(owned, begin[1:]),
+                                                                 strict=True)]
+    first, second, shared = (np.concatenate([owned[:0].astype(of), *some]) for of, some in
+                             zip((int, int, bool), zip(*parts, strict=True) if parts else ((), (), ()), strict=True))
+    second = np.union1d(second, np.setdiff1d(needed, np.concatenate([owned, first])))
+    return Numbering(np.concatenate([owned, first, second]), len(owned), len(owned) + len(first), shared)
+
+
+def _layers(scene: Scene, cell: int, owned: np.ndarray, several: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a cell with `owned` (n,) int ids the ids of both layers of neighbours, and which of `owned` may be ghosts of
+    other ranks (n,) bool, if there are `several`: those within two layers of theirs, and on the surface, which may
+    come into contact.
+    """
+    start, template = scene.offset[cell], scene.templates[scene.kind[cell]]
+    on_surface = np.zeros(len(template.X), bool)
+    on_surface[template.surface] = several
+    if len(owned) == len(on_surface):
+        return owned[:0], owned[:0], on_surface
+    near, own = pattern(template.G[0]), np.zeros(len(on_surface), bool)
+    own[owned - start] = True
+    first = reach(near, own)
+    second = reach(near, first)
+    shared = on_surface | reach(near, reach(near, ~own))
+    return start + np.flatnonzero(first & ~own), start + np.flatnonzero(second & ~first), shared[own]
 
 
 def pattern(m: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -105,7 +135,8 @@ class Blocks:
 def make_blocks(scene: Scene, numbering: Numbering) -> Blocks:
     """Blocks of a rank's rows, in the order in which the kernel takes them: GROUP cells of a kind at a time."""
     ids = numbering.ids[: numbering.n_rows]
-    cell, material, ghost = scene.cell[ids], scene.material[ids], np.arange(len(ids)) >= numbering.n_owned
+    rows = scene.particles(ids)
+    cell, material, ghost = rows.cell, rows.material, np.arange(len(ids)) >= numbering.n_owned
     shared = np.append(numbering.shared, np.zeros(ghost.sum(), bool))
     start = np.flatnonzero(_changes(cell, material, ghost))
     length = np.diff(np.append(start, len(ids)))
@@ -134,18 +165,18 @@ GROUP = 3  # cells of a kind that are worked on side by side: coefficients are r
 
 def _patterns(scene: Scene, numbering: Numbering) -> np.ndarray:
     """Hash of each row's place in its template, and of its neighbours' local numbers less its own (n_rows,)."""
-    place, out = numbering.places(scene.size), np.empty(numbering.n_rows, np.int64)
+    out = np.empty(numbering.n_rows, np.int64)
     ids = numbering.ids[: numbering.n_rows]
     own = np.argsort(ids, kind="stable")
-    bounds = np.searchsorted(ids[own], scene.offset)
-    pattern_of = lru_cache(lambda k: pattern(scene.templates[k].G[0]))
-    for c in np.flatnonzero(np.diff(bounds)):
-        rows = own[bounds[c] : bounds[c + 1]]
+    cell = scene.cell_of(ids[own])
+    pattern_of, places = lru_cache(lambda k: pattern(scene.templates[k].G[0])), Places(scene, numbering)
+    bounds = np.append(np.flatnonzero(np.diff(cell, prepend=-1)), len(cell))
+    for c, rows in zip(cell[bounds[:-1]].tolist(), np.split(own, bounds[1:-1]), strict=True):
         at = ids[rows] - scene.offset[c]
-        local = place[scene.offset[c] : scene.offset[c + 1]]
         out[rows] = _mixed(at)
-        if (np.diff(local) == 1).all():
+        if len(rows) == scene.offset[c + 1] - scene.offset[c] and (np.diff(rows) == 1).all():
             continue  # as in the template
+        local = places.of_cell(c)
         near = pattern_of(scene.kind[c])
         row = np.repeat(np.arange(len(local)), np.diff(near.indptr))
         further = local[near.indices] - local[row] - near.indices + row
@@ -183,8 +214,8 @@ def stencil_arrays(scene: Scene, numbering: Numbering, blocks: Blocks, terms: Te
     fields |= {name: name for name in ("bending_weight", "bending_modulus") if bends}
     fields |= {name: name for name in ("director_modulus",) if turns}
     fields |= {"grade": "grades"} if terms.graded else {}
-    out = {name: stencils.by_lane(scene.field(attribute)) for name, attribute in fields.items()}
-    out["per_mass"] = stencils.by_lane(1.0 / scene.field("mass"))
+    out = {name: stencils.by_lane(stencils.particles.field(attribute)) for name, attribute in fields.items()}
+    out["per_mass"] = stencils.by_lane(1.0 / stencils.particles.field("mass"))
     return out | (_plane if D == 2 else _space)(stencils, parts, adjoints, bends or turns)
 
 
@@ -236,18 +267,18 @@ class Stencils:
         row, lanes = blocks.table[blocks.lead, :2].T
         self._stencil, self._lane = _expand(np.append(0, np.cumsum(lanes)), np.arange(len(lanes)))
         self._lane -= (np.cumsum(lanes) - lanes)[self._stencil]
-        self._ids = numbering.ids[row[self._stencil] + self._lane]
-        cell = scene.cell[self._ids]
-        self._offset, self._kind, self._count = scene.offset[cell], scene.kind[cell], len(lanes)
+        number = row[self._stencil] + self._lane
+        self.particles, self._count = scene.particles(numbering.ids[number]), len(lanes)
         self._owned = row[self._stencil] < numbering.n_owned
-        self._place, self._stride = numbering.places(scene.size), 2 * scene.dimension
+        self._places, self._stride = Places(scene, numbering), 2 * scene.dimension
+        self._first = self._places.first(self.particles.cell)
         self._lead = np.flatnonzero(self._lane == 0)
-        self._itself = self._place[self._ids[self._lead]]
+        self._itself = number[self._lead]
 
     def by_lane(self, values: np.ndarray) -> np.ndarray:
-        """Values by lane (stencils, 4) of `values` of all particles (size,) in any unit; zero in empty lanes."""
+        """Values by lane (stencils, 4) of `values` of the `particles` (n,) in any unit; zero in empty lanes."""
         out = np.zeros((self._count, 4))
-        out[self._stencil, self._lane] = values[self._ids]
+        out[self._stencil, self._lane] = values
         return out
 
     def entries(self, matrices: list, adjoints: list) -> tuple[np.ndarray, ...]:
@@ -258,35 +289,30 @@ class Stencils:
         in its CSR of each entry, (k,) int; 2 d times the neighbours (groups, 4) int.  Entries of a lane ascend by id,
         first those that are not zero.
         """
-        lanes, at = _rows_of(matrices, self._kind, self._ids - self._offset)
-        kind, columns = self._kind[lanes], np.empty(len(at), np.int64)
+        lanes, at = _rows_of(matrices, self.particles)
+        kind = self.particles.kind[lanes]
         close = (_values(matrices, kind, at) != 0.0) | (_values(adjoints, kind, at) != 0.0)
         order = np.lexsort((~close, lanes))  # stable
         at, kind, close = at[order], kind[order], close[order]
-        for k, m in enumerate(matrices):
-            columns[kind == k] = m.indices[at[kind == k]]
-        count = np.bincount(lanes, minlength=len(self._ids))
+        columns = _values(matrices, kind, at, "indices")
+        count = np.bincount(lanes, minlength=len(self._lane))
         longest, near = (np.maximum.reduceat(n, self._lead) if len(n) else n
-                         for n in (count, np.bincount(lanes[close], minlength=len(self._ids))))
+                         for n in (count, np.bincount(lanes[close], minlength=len(self._lane))))
         first, stencil = np.append(0, np.cumsum(longest)), self._stencil[lanes]
         group = first[stencil] + np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
         lane = self._lane[lanes]
         neighbours = np.repeat(self._itself, longest)[:, None].repeat(4, axis=1)
-        neighbours[group, lane] = self._place[self._offset[lanes] + columns]
+        neighbours[group, lane] = self._places[self._first[lanes] + columns]
         return first, near, group, lane, self._owned[lanes], kind, at, (self._stride * neighbours).astype(np.uint32)
 
 
 def csr_rows(scene: Scene, numbering: Numbering, matrices: list, n_rows: int, n_columns: int) -> sparse.csr_matrix:
     """First rows of matrices that couple no more than neighbours, one CSR for each template, in local numbers."""
-    ids, place = numbering.ids[:n_rows], numbering.places(scene.size)
-    cell = scene.cell[ids]
-    row, at = _rows_of(matrices, scene.kind[cell], ids - scene.offset[cell])
-    kind, columns = scene.kind[cell][row], np.empty(len(at), np.int64)
-    for k, m in enumerate(matrices):
-        columns[kind == k] = m.indices[at[kind == k]]
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
-    values = _values(matrices, kind, at)
-    return sparse.csr_matrix((values, place[scene.offset[cell][row] + columns], ptr), (n_rows, n_columns))
+    rows, places = scene.particles(numbering.ids[:n_rows]), Places(scene, numbering)
+    row, at = _rows_of(matrices, rows)
+    kind, ptr = rows.kind[row], np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n_rows))])
+    columns = places[places.first(rows.cell)[row] + _values(matrices, kind, at, "indices")]
+    return sparse.csr_matrix((_values(matrices, kind, at), columns, ptr), (n_rows, n_columns))
 
 
 _TWICE_LANE = np.array([0, 2, 1, 3])  # so that one shuffle doubles two of them
@@ -325,24 +351,24 @@ def _adjoint(G: sparse.csr_matrix) -> sparse.csr_matrix:
     return H
 
 
-def _rows_of(matrices: list, kind: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rows_of(matrices: list, rows: Particles) -> tuple[np.ndarray, np.ndarray]:
     """For rows of the CSR matrices of some templates: which, and places in the CSR, of all entries."""
-    parts = []
-    for k, m in enumerate(matrices):
-        of_kind = np.flatnonzero(kind == k)
-        which, at = _expand(m.indptr, rows[of_kind])
-        parts.append(np.stack([of_kind[which], at]))
+    parts = [np.zeros((2, 0), np.int64)]
+    for kind, on, at in rows.by_kind():
+        which, place = _expand(matrices[kind].indptr, at)
+        parts.append(np.stack([on[which], place]))
     entries = np.concatenate(parts, axis=1)
-    which, at = entries[:, np.argsort(entries[0], kind="stable")] if len(matrices) > 1 else entries
+    which, at = entries[:, np.argsort(entries[0], kind="stable")] if len(parts) > 2 else entries
     return which, at
 
 
-def _values(matrices: list, kind: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values of entries, from the CSR matrix of each template."""
-    out = np.zeros(len(at), matrices[0].dtype)
-    for k, m in enumerate(matrices):
-        out[kind == k] = m.data[at[kind == k]]
-    return out
+def _values(matrices: list, kind: np.ndarray, at: np.ndarray, of: str = "data") -> np.ndarray:
+    """Values of entries, or their columns, from the CSR matrix of each template."""
+    values = [getattr(m, of) for m in matrices]
+    if len(values) == 1:
+        return values[0][at]
+    first = np.cumsum([len(v) for v in values]) - [len(v) for v in values]
+    return np.concatenate(values)[first[kind] + at]
 
 
 def _expand(ptr: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

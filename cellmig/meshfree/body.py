@@ -1,4 +1,4 @@
-"""Reference configuration: a template for each kind of cell, shared by all its copies, and the scene of all cells.
+"""Reference configuration of a cell: a template for each kind of cell, shared by all its copies.
 
 The number of dimensions D is 2 or 3; in the plane, volumes and masses are per unit thickness.
 """
@@ -15,8 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from ..case.expression import Expression, evaluate
-from ..case.time_unit import MICROSECOND, TimeUnit
 from ..geometry import polygons
+from ..geometry.polyhedra import Polyhedron
 from . import rkpm
 from .operators import largest, strain_operator
 from .recovery import recovery
@@ -102,6 +102,11 @@ class Template:
         if self.X.shape[1] == 2:
             return np.column_stack([np.arange(len(self.after)), self.after])
         return np.searchsorted(self.surface, self.triangles)
+
+    @cached_property
+    def polyhedron(self) -> Polyhedron:
+        """Edges of the surface, and neighbours of its particles, by indices in `surface`; in space only."""
+        return Polyhedron.of(self.places)
 
     @cached_property
     def facets(self) -> np.ndarray:
@@ -317,71 +322,3 @@ def _order(X: np.ndarray, spacing: float, nucleus: np.ndarray) -> np.ndarray:
     place = np.rint(X / (1e-6 * spacing)).T  # the order does not depend on the last bits
     strips = np.floor(place[1:] / (1e6 * STRIP) + 0.5)
     return np.lexsort((*place[:0:-1], place[0], *strips, ~nucleus))
-
-
-@dataclass(frozen=True)
-class Scene:
-    """All cells in the reference configuration; global ids count the particles cell by cell, each as its template does.
-
-    Attributes
-    ----------
-    templates : list of Template -- one for each kind of cell.
-    kind : (cells,) int -- index of the template of each cell.
-    centre : (cells, D) -- centres of the cells [µm].
-    materials : list -- the material laws that occur.
-    material_of : list -- for each template, the indices of the laws of body and nucleus in `materials`.
-    time_unit : TimeUnit -- of times in messages.
-    """
-
-    templates: list
-    kind: np.ndarray
-    centre: np.ndarray
-    materials: list
-    material_of: list
-    time_unit: TimeUnit = MICROSECOND
-
-    @property
-    def mesh(self) -> dict[str, np.ndarray]:
-        """Triangles of the surfaces (m, 3) int and tetrahedra (k, 4) int in space, by global ids."""
-        used = [(start, self.templates[k]) for start, k in zip(self.offset, self.kind, strict=False)]
-        return {"triangles": np.concatenate([start + t.facets for start, t in used]),
-                "tetrahedra": np.concatenate([start + t.simplices for start, t in used])}
-
-    @cached_property
-    def offset(self) -> np.ndarray:
-        """First global id of each cell, and at the end the number of all particles (cells + 1,) int."""
-        return np.concatenate([[0], np.cumsum([len(self.templates[k].X) for k in self.kind])])
-
-    @property
-    def dimension(self) -> int:
-        """Number of dimensions, 2 or 3."""
-        return self.centre.shape[1]
-
-    @property
-    def size(self) -> int:
-        """Number of particles."""
-        return int(self.offset[-1])
-
-    @cached_property
-    def cell(self) -> np.ndarray:
-        """Cell of each particle, from 0 (size,) int."""
-        return np.repeat(np.arange(len(self.kind), dtype=np.int32), np.diff(self.offset))
-
-    def field(self, attribute: str) -> np.ndarray:
-        """An `attribute` of the templates, such as "V", for all particles by global id (size, ...), in its unit."""
-        return np.concatenate([getattr(self.templates[k], attribute) for k in self.kind])
-
-    @cached_property
-    def X(self) -> np.ndarray:
-        """Reference positions (size, D) [µm]."""
-        return self.field("X") + self.centre[self.cell]
-
-    @cached_property
-    def material(self) -> np.ndarray:
-        """Index in `materials` of the law of each particle (size,) int."""
-        parts = [np.where(self.templates[k].nucleus, self.material_of[k][1], self.material_of[k][0]) for k in self.kind]
-        return np.concatenate(parts).astype(np.int32)
-
-    def surface(self, cell: int) -> np.ndarray:
-        """Global ids of the surface particles of a cell, loop by loop (m,) int."""
-        return self.offset[cell] + self.templates[self.kind[cell]].surface

@@ -15,7 +15,7 @@ from ..model.adhesion import GAUSS
 from ..model.protocols import LoadCurve
 from ..model.triangles import RADON
 from . import rkpm
-from .body import Scene
+from .scene import Scene
 from .simplices import facet_sizes
 
 Points = list[tuple[tuple[float, ...], float]]  # shares of the corners of a facet and weights [-]

@@ -10,59 +10,70 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..geometry import polygons
-from .body import Scene
+from .scene import Scene, joined, ranges
 
 CLOSE = 3  # steps along an outline up to which two segments meet in a fold only
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Surface particles of all cells, and the facets between them: segments in two dimensions, triangles in three.
+    """Surface particles of some cells, and the facets between them: segments in two dimensions, triangles in three.
 
     In two dimensions particles are in order, loop by loop, and a segment goes by its first particle.
 
     Attributes
     ----------
     ids : (m,) int -- global ids.
-    cell : (m,) int -- cells.
+    cell : (m,) int -- cells, ascending.
     facets : (f, d) int -- indices of the corners of each facet, counterclockwise from outside, of one cell each.
+    place, number : (m,), (f,) int -- numbers of the particles and the facets among those of the whole scene.
     size : (f,) -- reference length [µm] or area [µm²] of the facets.
     outer : (f,) bool -- whether a facet is on the outer surface; in holes there are no bonds and no protrusion.
     after, before : (m,) int -- indices of the next and of the previous particle on the loop; in two dimensions only.
     turn : (m,) -- angle at a particle from the segment before to that after it, in the reference configuration [rad];
         in two dimensions only.
+    loop : (m,) int -- numbers of the loops among those of the whole scene; in two dimensions only.
+    mean : float -- mean size of the facets of the whole scene [µm] or [µm²].
     """
 
     ids: np.ndarray
     cell: np.ndarray
     facets: np.ndarray
+    place: np.ndarray
+    number: np.ndarray
     size: np.ndarray
     outer: np.ndarray
     after: np.ndarray
     before: np.ndarray
     turn: np.ndarray
+    loop: np.ndarray
+    mean: float
 
     @classmethod
-    def of(cls, scene: Scene) -> Surfaces:
-        """Surfaces of a scene."""
-        rings = [scene.surface(c) for c in range(len(scene.kind))]
-        used = [scene.templates[k] for k in scene.kind]
-        start = np.concatenate([[0], np.cumsum([len(r) for r in rings])])
-        ids, cell = np.concatenate(rings), np.repeat(np.arange(len(rings)), np.diff(start))
-        facets = np.concatenate([a + t.places for a, t in zip(start, used, strict=False)])
-        size, outer = (np.concatenate([getattr(t, name) for t in used]) for name in ("facet_size", "outer"))
+    def of(cls, scene: Scene, cells: np.ndarray | None = None) -> Surfaces:
+        """Surfaces of `cells` (k,) int of a scene, ascending; by default of all."""
+        cells = np.arange(len(scene.kind)) if cells is None else cells
+        used = [scene.templates[k] for k in scene.kind[cells]]
+        count = [len(t.surface) for t in used]
+        ids = joined(t.surface for t in used) + np.repeat(scene.offset[cells], count)
+        start = np.cumsum([0, *count])[:-1]
+        facets = joined((a + t.places for a, t in zip(start, used, strict=True)), (0, scene.dimension))
+        place, number = (ranges(of[cells], of[cells + 1]) for of in (scene.first_surface, scene.first_facet))
+        size, outer = joined((t.facet_size for t in used), kind=float), joined((t.outer for t in used), kind=bool)
+        known = ids, np.repeat(cells, count), facets, place, number, size, outer
         if scene.dimension > 2:
             none = np.zeros(0, np.int64)
-            return cls(ids, cell, facets, size, outer, none, none, np.zeros(0))
-        after = facets[:, 1]
+            return cls(*known, none, none, np.zeros(0), none, scene.mean_facet)
+        after, X = facets[:, 1], scene.particles(ids).X
         before = np.argsort(after)
-        side = scene.X[ids[after]] - scene.X[ids]
-        return cls(ids, cell, facets, size, outer, after, before, polygons.turn(side[before], side))
+        side = X[after] - X
+        loop = joined(t.loop for t in used) + np.repeat(scene.first_loop[cells], count)
+        return cls(*known, after, before, polygons.turn(side[before], side), loop, scene.mean_facet)
 
     @cached_property
-    def loop(self) -> np.ndarray:
-        """Number of the loop of each particle, in two dimensions (m,) int."""
-        return np.append(0, np.cumsum(self.after[:-1] != np.arange(1, len(self.after))))
+    def cells(self) -> np.ndarray:
+        """The cells (k,) int, ascending."""
+        return self.cell[np.flatnonzero(np.diff(self.cell, prepend=-1))]
 
     @property
     def on_outside(self) -> np.ndarray:
@@ -82,16 +93,13 @@ class Surfaces:
         """Whether facets have a corner among `some` (m,) bool, (f,) bool."""
         return some[self.facets].any(axis=1)
 
-    def followed(self, turn: np.ndarray, x: np.ndarray, on: np.ndarray) -> np.ndarray:
-        """Turns (m,) [rad] that were `turn` (m,), at particles `on` (k,) int for the positions x (m, 2) [µm] of now.
+    def followed(self, turn: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Turns (m,) [rad] that were `turn` (m,), for the positions x (m, 2) [µm] of now.
 
         A tip that becomes too thin turns over: its turn of nearly π then goes on beyond π, not from -π.
         """
-        before, after = x[on] - x[self.before[on]], x[self.after[on]] - x[on]
-        change = polygons.turn(before, after) - turn[on]
-        out = turn.copy()
-        out[on] += change - 2.0 * np.pi * np.rint(change / (2.0 * np.pi))
-        return out
+        change = polygons.turn(x - x[self.before], x[self.after] - x) - turn
+        return turn + (change - 2.0 * np.pi * np.rint(change / (2.0 * np.pi)))
 
 
 @dataclass(frozen=True)
@@ -100,16 +108,23 @@ class NodeLists:
 
     Attributes
     ----------
-    node : (n,) int -- particles, as indices of `Surfaces`, sorted by cell, other cell, particle.
+    node : (n,) int -- particles, as indices of the `Surfaces`, sorted by cell, other cell, particle.
     other : (n,) int -- the cells that they are near.
     segment : (s, d) int -- nodes at the corners of the facets, once for each cell that they are near.
-    source : (s,) int -- these facets, as in `Surfaces`.
+    source : (s,) int -- these facets, as in the `Surfaces`.
+    surfaces : Surfaces -- those among which they were sought.
     """
 
     node: np.ndarray
     other: np.ndarray
     segment: np.ndarray
     source: np.ndarray
+    surfaces: Surfaces
+
+    @property
+    def ids(self) -> np.ndarray:
+        """Global ids of the particles (n,) int."""
+        return self.surfaces.ids[self.node]
 
 
 @dataclass(frozen=True)
@@ -135,17 +150,17 @@ class ContactLists(NodeLists):
         source, edge = pairs.T
         ends = np.column_stack([source, after[source], edge, after[edge], after[after[edge]]])
         near = np.column_stack([cell[edge], cell[edge], cell[source], cell[source], cell[source]])
-        n_cells, m = int(cell.max()) + 1, len(cell)
+        n_cells, m = int(cell.max(initial=0)) + 1, max(1, len(cell))
         key, number = np.unique(((cell[ends] * n_cells + near) * m + ends).ravel(), return_inverse=True)
         number = number.reshape(-1, 5)
         begin = np.append(True, (source[1:] != source[:-1]) | (near[1:, 0] != near[:-1, 0]))[: len(pairs)]
         first = np.append(np.flatnonzero(begin), len(pairs))
-        return cls(key % m, key // m % n_cells, number[first[:-1], :2], source[first[:-1]], first, number[:, 2:])
+        return cls(key % m, key // m % n_cells, number[first[:-1], :2], source[first[:-1]], surfaces, first,
+                   number[:, 2:])
 
 
 def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
-                  within: Callable[[np.ndarray, np.ndarray], np.ndarray], turn: np.ndarray,
-                  among: np.ndarray) -> np.ndarray:
+                  within: Callable[[np.ndarray, np.ndarray], np.ndarray], turn: np.ndarray) -> np.ndarray:
     """Pairs of a segment and an edge that are near each other (p, 2) int, sorted, in both orders.
 
     Neighbours along an outline are no pair, nor are two parts of it between which the cell itself lies: there it is
@@ -158,9 +173,8 @@ def contact_pairs(surfaces: Surfaces, x: np.ndarray, farthest: float,
     within : function -- of two cells (k,) int each, distance up to which they are near (k,) [µm], < 0 if they never
         are.
     turn : (m,) -- turns of the outlines at the surface particles, followed from the start: see `followed` [rad].
-    among : (k,) int -- particles of the cells to consider, ascending.
     """
-    among = among[surfaces.outer[among]]
+    among = np.flatnonzero(surfaces.outer)
     a, b, cell = x[among], x[surfaces.after[among]], surfaces.cell[among]
     middle, half = 0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1)
     i, j = cKDTree(middle).query_pairs((farthest + 2.0 * half.max(initial=0.0)) * (1.0 + 1e-9),

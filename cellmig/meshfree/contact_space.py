@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..geometry.polyhedra import Polyhedron
 from ..geometry.triangles import on_triangles
-from .body import Scene
 from .contact import NodeLists, Surfaces
+from .scene import Scene, joined
 
 
 @dataclass(frozen=True)
@@ -35,17 +34,17 @@ class Features:
 
     @classmethod
     def of(cls, scene: Scene, surfaces: Surfaces) -> Features:
-        """Features of the surfaces of a scene; those of copies are found once."""
-        known = {k: Polyhedron.of(scene.templates[k].places) for k in np.unique(scene.kind)}
-        solids = [known[k] for k in scene.kind]
-        start = np.searchsorted(surfaces.cell, np.arange(len(solids)))
-        edges = np.concatenate([a + p.edges for a, p in zip(start, solids, strict=True)])
-        number = {tuple(sorted(ends)): k for k, ends in enumerate(edges[:, :2].tolist())}
-        corners = surfaces.facets
-        edges_of = [[number[tuple(sorted(side))] for side in ((a, b), (b, c), (c, a))] for a, b, c in corners.tolist()]
-        sizes = np.concatenate([[len(ring) for ring in p.rings] for p in solids])
-        ring = np.concatenate([a + np.concatenate(p.rings) for a, p in zip(start, solids, strict=True)])
-        return cls(corners, edges, np.array(edges_of), np.append(0, np.cumsum(sizes)), ring)
+        """Features of the `surfaces` of a scene; those of copies are found once."""
+        cells = np.unique(surfaces.cell)
+        kinds, of = np.unique(scene.kind[cells], return_inverse=True)
+        solids = [scene.templates[k].polyhedron for k in kinds]
+        sizes = [np.array([len(ring) for ring in p.rings]) for p in solids]
+        start = np.searchsorted(surfaces.cell, cells)
+        first = np.cumsum([len(solids[k].edges) for k in of]) - [len(solids[k].edges) for k in of]
+        edges = joined((a + solids[k].edges for a, k in zip(start, of, strict=True)), (0, 4))
+        edges_of = joined((a + solids[k].sides for a, k in zip(first, of, strict=True)), (0, 3))
+        ring = joined(a + np.concatenate(solids[k].rings) for a, k in zip(start, of, strict=True))
+        return cls(surfaces.facets, edges, edges_of, np.append(0, np.cumsum(joined(sizes[k] for k in of))), ring)
 
     def rings(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the neighbours of `vertices` (k,) int begin (k + 1,) int, and these (…,) int."""
@@ -60,7 +59,7 @@ Pairs = dict[str, np.ndarray]  # by kind of feature, triangles and features (p, 
 
 
 def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthest: float,
-                   within: Callable[[np.ndarray, np.ndarray], np.ndarray], among: np.ndarray) -> Pairs:
+                   within: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Pairs:
     """Pairs of a triangle and a feature of another cell that may be near each other, by their bounding spheres.
 
     Parameters
@@ -69,11 +68,8 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
     farthest : float -- largest distance of a pair [µm].
     within : function -- of two cells (k,) int each, distance up to which they are near (k,) [µm], < 0 if they never
         are.
-    among : (k,) int -- particles of the cells to consider, ascending.
     """
-    there = np.zeros(len(surfaces.ids), bool)
-    there[among] = True
-    on = np.flatnonzero(there[surfaces.facets[:, 0]] & surfaces.outer)
+    on = np.flatnonzero(surfaces.outer)
     middle = x[surfaces.facets[on]].mean(axis=1)
     radius = np.linalg.norm(x[surfaces.facets[on]] - middle[:, None], axis=2).max(axis=1, initial=0.0)
     i, j = cKDTree(middle).query_pairs((farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9),
@@ -145,8 +141,8 @@ class TriangleLists(NodeLists):
     @classmethod
     def of(cls, surfaces: Surfaces, features: Features, pairs: Pairs) -> TriangleLists:
         """The lists of `pairs`, as `triangle_pairs` returns them."""
-        cell, n_cells, m = surfaces.cell, int(surfaces.cell.max()) + 1, len(surfaces.ids)
-        corner = {"face": features.faces, "edge": features.edges, "vertex": np.arange(m)[:, None]}
+        cell, n_cells, m = surfaces.cell, int(surfaces.cell.max(initial=0)) + 1, max(1, len(surfaces.ids))
+        corner = {"face": features.faces, "edge": features.edges, "vertex": np.arange(len(cell))[:, None]}
         of_cell = {kind: cell[corner[kind][:, 0]] for kind in KINDS}
         # A source is a triangle near one cell; a feature is one near the cell of the triangle.
         source_key = np.unique(np.concatenate([of[:, 0] * n_cells + of_cell[kind][of[:, 1]]
@@ -171,5 +167,5 @@ class TriangleLists(NodeLists):
         ends = np.cumsum([k.size for k in keys])[:-1]
         segment, face, edge, vertex, ring = (n.reshape(k.shape) for n, k in zip(np.split(flat.ravel(), ends), keys,
                                                                                 strict=True))
-        return cls(key % m, key // m % n_cells, segment, sources[:, 0], first, number, face, edge, vertex[:, 0],
-                   first_ring, ring[:, 0])
+        return cls(key % m, key // m % n_cells, segment, sources[:, 0], surfaces, first, number, face, edge,
+                   vertex[:, 0], first_ring, ring[:, 0])

@@ -13,8 +13,9 @@ import numpy as np
 from ..geometry import polygons
 from ..geometry.resample import CORNER
 from ..geometry.respacing import Places, filled, respaced
-from .body import Scene, Template
+from .body import Template
 from .boundary import Boundary
+from .scene import Particles, Scene
 from .simplices import facet_sizes
 
 UNEVEN, CROWDED = 1.5, 3.0  # ratio of longest to shortest segment of a loop beyond which it is divided anew when
@@ -105,17 +106,22 @@ def _overlap(polygon: np.ndarray, places: Places) -> np.ndarray:
     return common / common.sum(axis=0)
 
 
-def fluid(scene: Scene) -> np.ndarray:
-    """Which particles are of a fluid, whose energy knows J alone (size,) bool."""
-    return np.array([getattr(law, "fluid", False) for law in scene.materials])[scene.material]
+def fluid(particles: Particles) -> np.ndarray:
+    """Which particles are of a fluid, whose energy knows J alone (n,) bool."""
+    return _fluids(particles.scene)[particles.material]
 
 
-def carried(scene: Scene, values: np.ndarray) -> np.ndarray:
-    """`values` (m,) of any unit, of surface particles at the start, at the places of the reference outlines where these
-    are now (m,), linear in between.
+def _fluids(scene: Scene) -> np.ndarray:
+    """Which of the materials of a scene are fluids (materials,) bool."""
+    return np.array([getattr(law, "fluid", False) for law in scene.materials])
+
+
+def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """`values` (m,) of any unit, of surface particles of `cells` (k,) int at the start, at the places of the reference
+    outlines where these are now (m,), linear in between.
     """
     out, start = values.copy(), 0
-    for t in (scene.templates[k] for k in scene.kind):
+    for t in (scene.templates[k] for k in scene.kind[cells]):
         if t.along is not None:
             size = facet_sizes(t.X[t.facets])
             for number in range(int(t.loop[-1]) + 1):
@@ -128,7 +134,10 @@ def carried(scene: Scene, values: np.ndarray) -> np.ndarray:
 
 def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
     """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it."""
-    free = fluid(scene)
-    for ids in (boundary.held[:, 0], boundary.dead, boundary.pressed):
-        free[ids] = False
-    return np.array([bool(free[scene.surface(c)].all()) for c in range(len(scene.kind))])
+    flows = _fluids(scene)
+    free = np.array([bool(flows[np.where(t.nucleus[t.surface], inner, outer)].all())
+                     for t, (outer, inner) in zip(scene.templates, scene.material_of, strict=True)])[scene.kind]
+    held = scene.particles(np.unique(np.concatenate([boundary.held[:, 0], boundary.dead, boundary.pressed.ravel()])))
+    for kind, on, at in held.by_kind():
+        free[held.cell[on[np.isin(at, scene.templates[kind].surface)]]] = False
+    return free

@@ -12,8 +12,8 @@ from ..case.messages import CaseError, Mistake
 from ..case.schema import Case
 from ..case.values import LARGEST
 from ..model.protocols import LoadCurve
-from .body import Scene
 from .boundary import cells_of, facets_of, numbers_of, particles_of, points_on
+from .scene import Scene
 
 POSITIVE = ("relative_stiffness",)  # keys whose values are not 0 or less
 TINY = 1e-9  # a point closer to an axis than this fraction of the cell's size is on it, but for rounding

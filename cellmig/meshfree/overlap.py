@@ -28,7 +28,9 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
     `on_substrate`, `in_contact` and `with_itself` tell whether bonds or repulsion act to the substrate, between cells,
     and between the parts of an outline.
     """
-    s, deepest = surfaces, SHARE * float(surfaces.size.mean())
+    s, deepest = surfaces, SHARE * surfaces.mean
+    if not len(x):
+        return None
     low = int(np.argmin(x[:, 1]))
     if on_substrate and -x[low, 1] > deepest:
         return Overlap(int(s.ids[low]), f"cell {s.cell[low] + 1} is {-x[low, 1]:.3g} µm below the substrate",
@@ -75,7 +77,7 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
         out = ~polygons.inside(p, edges)
         of, (depth, edge) = of[out], polygons.nearest_edge(p[out], edges)
         length = np.linalg.norm(edges[edge, 1] - edges[edge, 0], axis=1)
-        left = depth > SHARE * np.maximum(length, s.size.mean())
+        left = depth > SHARE * np.maximum(length, s.mean)
         if left.any():
             i, depth = of[left][0], depth[left]
             return Overlap(int(ids[i]), f"a particle is {depth.max():.3g} µm outside of the surface of cell {c + 1}",

@@ -17,6 +17,8 @@ def overlap(surfaces: Surfaces, x: np.ndarray, on_substrate: bool, in_contact: b
     `on_substrate` and `in_contact` tell whether bonds or repulsion act to the substrate, and between cells.
     """
     s, deepest = surfaces, _tolerance(surfaces)
+    if not len(x):
+        return None
     low = int(np.argmin(x[:, 2]))
     if on_substrate and -x[low, 2] > deepest:
         return Overlap(int(s.ids[low]), f"cell {s.cell[low] + 1} is {-x[low, 2]:.3g} µm below the substrate",
@@ -56,7 +58,7 @@ def escaped(surfaces: Surfaces, x: np.ndarray, ids: np.ndarray, cell: np.ndarray
 
 def _tolerance(surfaces: Surfaces) -> float:
     """Depth up to which overlaps are tolerated [µm]."""
-    return SHARE * float(np.sqrt(surfaces.size.mean()))
+    return SHARE * float(np.sqrt(surfaces.mean))
 
 
 def _depth(surface: ClosedSurface, points: np.ndarray) -> np.ndarray:

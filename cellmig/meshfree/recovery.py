@@ -47,7 +47,7 @@ class Recovery:
         self.n_owned, order = n_owned, np.argsort(ids, kind="stable")
         bounds = np.searchsorted(ids[order], scene.offset)
         self._parts = []
-        for c in np.unique(scene.cell[ids[:n_owned]]):
+        for c in np.unique(scene.cell_of(ids[:n_owned])):
             rows = order[bounds[c] : bounds[c + 1]]
             at, own, R = ids[rows] - scene.offset[c], rows < n_owned, scene.templates[scene.kind[c]].R
             self._parts.append((R if own.all() and len(own) == R.shape[0] else R[at[own]], rows, at, rows[own]))

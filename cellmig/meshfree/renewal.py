@@ -16,8 +16,9 @@ import numpy as np
 from ..geometry import delaunay, polygons
 from ..model.tensors import contracted, determinant
 from . import rkpm
-from .body import Scene, Template
+from .body import Template
 from .recovery import recovery
+from .scene import Scene
 from .simplices import edges_of, zero_row_sums
 from .stabilisation import laplacian, missed
 

@@ -14,8 +14,7 @@ def energies(m: View, v: np.ndarray) -> dict[str, np.ndarray]:
 
     They are those of the state for which F is current, and do not include that of the elastic stabilisation.
     """
-    terms, ids = m.terms, m.ids
-    mass = m.scene.field("mass")[ids]
+    terms, mass = m.terms, m.part.owned.field("mass")
     parts: dict[str, np.ndarray] = {"kinetic": 0.5 * mass * (v**2).sum(axis=1)}
     parts |= _stored(m)
     parts["director"] = parts["director"] + m.missed_energy()
@@ -35,8 +34,8 @@ def strain_energy(m: View) -> np.ndarray:
 
 def _stored(m: View) -> dict[str, np.ndarray]:
     """Energies of the materials (n_owned,) [pN] by their names in the ledger."""
-    terms, ids, grades = m.terms, m.ids, m.grades()
-    V, material = m.scene.field("V")[ids], m.scene.material[ids]
+    terms, grades = m.terms, m.grades()
+    V, material = m.part.owned.field("V"), m.part.owned.material
     parts = {name: np.zeros(m.n_owned) for name in ("elastic", "compression", "director")}
     rows = {"F": m.state.tensors()[0], **m.internal_fields()}
     everything = {name: values[..., : m.n_owned] for name, values in rows.items()}

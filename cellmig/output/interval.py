@@ -97,7 +97,7 @@ class Interval:
         """Rows of forces between pairs of cells, from forces (slots, d) [pN/µm] on particles by cells; collective."""
         m, counted, d = self.mechanics, self.mechanics.accounts.impulses, self.mechanics.scene.dimension
         values, key = np.hstack([mean, now])[1:], counted.key[1:]
-        pairs = np.column_stack([m.surfaces.cell[key // counted.cells], key % counted.cells])
+        pairs = np.column_stack([m.scene.cell_at(key // counted.cells), key % counted.cells])
         # The forces on the second cell of a pair are opposite; a contact has two sides.
         on = (values != 0.0).any(axis=1) & (pairs[:, 0] < pairs[:, 1])
         both, size = contacts

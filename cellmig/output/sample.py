@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ..case.pointwise import pointwise
 from ..kernel.terms import present
-from ..meshfree.body import Scene, Template
+from ..meshfree.body import Template
 from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..meshfree.simplices import facet_sizes, share_below, volumes_below
@@ -37,23 +38,18 @@ class Sampler:
         """Store masses, volumes and the particles of mean stresses."""
         m, self.probes = mechanics, probes
         self.mechanics = m
-        scene, ids = m.scene, m.ids
-        self.mass, self.V = scene.field("mass")[ids], scene.field("V")[ids]
-        self.cell, self.material = scene.cell[ids], scene.material[ids]
+        scene, own = m.scene, m.part.owned
+        self.mass, self.V, self.cell, self.material = own.field("mass"), own.field("V"), own.cell, own.material
         self.n_cells = len(scene.kind)
-        self.cell_mass = self._sum(self.mass)
-        self.cell_volume = self._sum(self.V)
-        self._watched = np.zeros(scene.size)  # weights of particles in the stress at the lower centre of each cell
-        for c in range(self.n_cells):
-            on = _below_centre(scene, c)
-            self._watched[on] = 1.0 / len(on)
-        self._watched = self._watched[ids]
-        self.surface = np.full(scene.size, -1, np.int32)
-        for c in range(self.n_cells):
-            self.surface[scene.surface(c)] = _places(scene.templates[scene.kind[c]])
-        self.surface = self.surface[ids]
+        of_kind = [[math.fsum(values) for values in (t.mass, t.V, t.V * t.elastic_weight)] for t in scene.templates]
+        self.cell_mass, self.cell_volume, modulus = np.array(of_kind)[scene.kind].T
+        self._negligible = STRAIN**2 * math.fsum(modulus)
+        self._watched = np.zeros(m.n_owned)  # weights of particles in the stress at the lower centre of each cell
+        self.surface = np.full(m.n_owned, -1, np.int32)
+        for kind, on, at in own.by_kind():
+            t = scene.templates[kind]
+            self._watched[on], self.surface[on] = _below_centre(t)[at], _places(t)[at]
         self._recovered: tuple[Any, Recovery | None] = None, None
-        self._negligible = STRAIN**2 * float(scene.field("V") @ scene.field("elastic_weight"))
         self.start: dict[str, float] | None = None
         self.contacts = np.zeros((0, 2), int), np.zeros(0)
 
@@ -112,7 +108,7 @@ class Sampler:
 
     def _some_rows(self) -> Iterator[tuple[Any, np.ndarray]]:
         """Laws and their rows, at most AT_A_TIME at a time, to limit memory."""
-        material = self.mechanics.scene.material[self.mechanics.part.row_ids]
+        material = self.mechanics.part.rows.material
         for i, law in enumerate(self.mechanics.scene.materials):
             rows = np.flatnonzero(material == i)
             yield from ((law, rows[k : k + AT_A_TIME]) for k in range(0, len(rows), AT_A_TIME))
@@ -121,7 +117,7 @@ class Sampler:
         """Fields of a frame that the scene has, for the owned particles (n_owned, ...), in their units."""
         m, terms = self.mechanics, self.mechanics.terms
         out = {"id": m.ids.astype(np.int64), "cell": self.cell + 1, "material": self.material,
-               "surface": self.surface, "X": m.scene.X[m.ids], "u": m.state.u.copy(),
+               "surface": self.surface, "X": m.part.owned.X, "u": m.state.u.copy(),
                "v": m.state.v.copy(), **self.stresses()}
         for name, field in FIELDS.items():
             if name.endswith("_force") and present(field.term, terms):
@@ -136,7 +132,7 @@ class Sampler:
         """Rows of history.csv: the aggregate (cell 0), then the cells; collective."""
         m = self.mechanics
         stresses = self.stresses()
-        u, X = m.state.u, m.scene.X[m.ids]
+        u, X = m.state.u, m.part.owned.X
         mass, watched = self.mass[:, None], self._watched * stresses["stress"][:, 0, 0]
         sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
                                           self._surfaces(), watched]))
@@ -205,7 +201,7 @@ class Sampler:
         at = m.part.owned_numbers(p.id)
         mine = np.flatnonzero(at >= 0)
         u = m.state.u[at[mine]]
-        moved = np.hstack([m.scene.X[p.id[mine]] + u, u])
+        moved = np.hstack([m.scene.particles(p.id[mine]).X + u, u])
         means = exact_sum(m.comm, p.weight[mine, None] * moved, p.probe[mine], len(p.names))
         for name, cell, mean in zip(p.names, p.cell, means.tolist(), strict=True):
             for row in (rows[0], rows[1 + cell]):
@@ -297,14 +293,18 @@ class Sampler:
         return exact_sum(self.mechanics.comm, self.mass[:, None] * self.mechanics.state.v)
 
 
-def _below_centre(scene: Scene, cell: int) -> np.ndarray:
-    """Global ids of the particles nearest to the lower centre of a cell: one, or several at equal distances."""
-    t = scene.templates[scene.kind[cell]]
+def _below_centre(t: Template) -> np.ndarray:
+    """Weights (n,) [-] of the particles in the mean of those nearest to the lower centre: one, or several at equal
+    distances.
+    """
     lower = np.append(np.zeros(t.X.shape[1] - 1), 0.75 * t.X[:, -1].min())
     away = np.linalg.norm(t.X - lower, axis=1)
-    return scene.offset[cell] + np.flatnonzero(away < away.min() + 1e-6 * t.spacing)
+    near = away < away.min() + 1e-6 * t.spacing
+    return near / near.sum()
 
 
 def _places(t: Template) -> np.ndarray:
-    """Numbers of surface particles (m,) int; in two dimensions along their loops, one left out between loops."""
-    return np.arange(len(t.surface)) + (t.loop if t.X.shape[1] == 2 else 0)
+    """Numbers of particles on the surface (n,) int32, -1 inside; in the plane along loops, one left out between."""
+    out = np.full(len(t.X), -1, np.int32)
+    out[t.surface] = np.arange(len(t.surface)) + (t.loop if t.X.shape[1] == 2 else 0)
+    return out

@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 
 from ..kernel.layout import Numbering
-from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.contact import Surfaces
+from ..meshfree.scene import Particles, Scene
 from ..meshfree.terms import Terms
 
 
@@ -43,6 +43,14 @@ class PartView(Protocol):
     @property
     def row_ids(self) -> np.ndarray:
         """Global ids of the rows (n_rows,), owned first."""
+
+    @property
+    def owned(self) -> Particles:
+        """The owned particles (n_owned)."""
+
+    @property
+    def rows(self) -> Particles:
+        """The particles whose stress is computed (n_rows), owned first."""
 
     def owned_numbers(self, ids: np.ndarray) -> np.ndarray:
         """Local numbers of global ids (k,); -1 where another rank owns the particle."""

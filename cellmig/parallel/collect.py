@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import pickle
 import time
 from collections.abc import Callable
@@ -36,6 +37,35 @@ def gathered(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int)
     out = np.zeros((size, *values.shape[1:]), values.dtype)
     for at, some in parts:
         out[at] = some
+    return out
+
+
+def fetched(comm: MPI.Comm, owner: np.ndarray, wanted: np.ndarray,
+            give: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """What the owners of particles know of them; collective.
+
+    Parameters
+    ----------
+    owner : (k,) int -- ranks.
+    wanted : (k,) int -- what is asked of these, such as global ids.
+    give : function -- on each rank, of (n,) int that others want of it, returns the answers (n, ...), in any unit.
+
+    Returns
+    -------
+    (k, ...) -- the answers.
+    """
+    order = np.argsort(owner, kind="stable")
+    count = np.bincount(owner, minlength=comm.size).astype(np.int64)
+    asked = np.empty_like(count)
+    comm.Alltoall(count, asked)
+    names = np.empty(asked.sum(), np.int64)
+    comm.Alltoallv((wanted[order].astype(np.int64), count), (names, asked))
+    given = np.ascontiguousarray(give(names))
+    width = math.prod(given.shape[1:])
+    answers = np.empty((len(wanted), *given.shape[1:]), given.dtype)
+    comm.Alltoallv((given, width * asked), (answers, width * count))
+    out = np.empty_like(answers)
+    out[order] = answers
     return out
 
 

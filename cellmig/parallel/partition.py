@@ -1,47 +1,164 @@
-"""Partition of the particles among the ranks."""
+"""Partition of the particles among the ranks: cells are dealt out, and divided where whole ones would not balance."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import cached_property
+
 import numpy as np
 
-BALANCE = 0.03  # imbalance that is accepted for whole cells: particles of the fullest rank over the mean, minus 1
+from ..meshfree.scene import Scene
+
+BALANCE = 0.03  # imbalance that is accepted for whole cells: cost of the fullest rank over the mean, minus 1
 THICK = 15.0  # least thickness of a slice of a cell [spacings]: a thinner one has almost as many ghosts as particles
+MANY = 2  # cells per rank from which only those on the cuts between ranks are divided
+SURFACE = 1.0  # cost of a surface particle in contact beside that of its stress: 18 of 20 ns, by `cellmig bench`
 
 
-def partition(X: np.ndarray, cell: np.ndarray, material: np.ndarray, ranks: int) -> np.ndarray:
-    """Owner of each particle (n,) int.
+@dataclass(frozen=True)
+class Owners:
+    """Which rank owns each particle of a scene, in a few bytes a cell.
 
-    Each rank gets whole cells if that balances: then only contacts are exchanged.  Otherwise whole cells are given to
-    teams of ranks, as small as balance allows, and each rank of a team gets the same slice of all cells of its team:
-    the coefficients that cells of a kind share are then in the cache of one rank only.  Where slices would be too thin,
-    space is bisected.
-
-    Parameters
+    Attributes
     ----------
-    X : (n, d) -- positions [µm].
-    cell : (n,) int -- cell of each particle, from 0.
-    material : (n,) int -- material; particles are numbered by cell, then by material, then in strips.
-    ranks : int -- number of ranks.
+    scene : Scene.
+    first : (cells,) int -- the first of the ranks that share a cell.
+    team : int -- number of ranks that do, each of which has a slice: see `slices`.
+    pieces : dict -- cells that ranks share otherwise: the fractions (k - 1,) at which slices end [-], their ranks (k,)
+        int.
+    free : dict -- cells that are cut in space: owners (n,) int of their particles.
     """
-    size = np.bincount(cell)
-    centre = np.column_stack([np.bincount(cell, x) for x in X.T]) / size[:, None]
+
+    scene: Scene
+    first: np.ndarray
+    team: int = 1
+    pieces: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    free: dict[int, np.ndarray] = field(default_factory=dict)
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """Cells that are in `pieces` or `free` (k,) int, ascending."""
+        return np.array(sorted({*self.pieces, *self.free}), np.int64)
+
+    def _within(self, cell: int) -> np.ndarray:
+        """Owners of the particles of a cell (n,) int."""
+        if cell in self.free:
+            return self.free[cell]
+        template = self.scene.templates[self.scene.kind[cell]]
+        if cell in self.pieces:
+            ends, ranks = self.pieces[cell]
+            return ranks[np.searchsorted(ends, fractions(template.nucleus), side="right")]
+        return self.first[cell] + slices(template.nucleus, self.team)
+
+    def of(self, ids: np.ndarray) -> np.ndarray:
+        """Owners (k,) int of the particles `ids` (k,) int."""
+        p = self.scene.particles(ids)
+        out = self.first[p.cell].astype(np.int64)
+        if self.team > 1:
+            for kind, on, at in p.by_kind():
+                out[on] += slices(self.scene.templates[kind].nucleus, self.team)[at]
+        for cell in np.intersect1d(p.cell, self._apart).tolist():
+            on = p.cell == cell
+            out[on] = self._within(cell)[p.at[on]]
+        return out
+
+    def cells(self, rank: int) -> np.ndarray:
+        """Cells (k,) int of which a rank has a part, ascending."""
+        mine = (self.first <= rank) & (rank < self.first + self.team)
+        for cell in self._apart.tolist():
+            mine[cell] = rank in (self.pieces[cell][1] if cell in self.pieces else self.free[cell])
+        return np.flatnonzero(mine)
+
+    def ids(self, rank: int) -> np.ndarray:
+        """Global ids (n,) int of a rank's particles, ascending."""
+        cells = self.cells(rank)
+        ids = self.scene.ids_of(cells)
+        return ids if self.team == 1 and not len(self._apart) else ids[self.of(ids) == rank]
+
+    def heads(self, rank: int) -> np.ndarray:
+        """Cells (k,) int, ascending, whose first particle a rank owns: each cell is one rank's."""
+        cells = self.cells(rank)
+        return cells[self.of(self.scene.offset[cells]) == rank]
+
+
+def partition(scene: Scene, ranks: int) -> Owners:
+    """Owners of the particles of a `scene` among a number of `ranks`.
+
+    Each rank gets whole cells if that balances their cost: then only contacts are exchanged.  Of many cells those on
+    the cuts between ranks are divided else.  Few are given to teams of ranks, as small as balance allows, and each rank
+    of a team gets the same slice of all cells of its team: the coefficients that cells of a kind share are then in the
+    cache of one rank only.  Where slices would be too thin, space is bisected.
+    """
+    kinds = scene.templates
+    size, middle = np.diff(scene.offset), np.array([t.X.mean(axis=0) for t in kinds])
+    cost = np.array([len(t.X) + SURFACE * len(t.surface) for t in kinds])[scene.kind]
+    centre, cells = scene.centre + middle[scene.kind], len(scene.kind)
+    if ranks * MANY <= cells:
+        first = bisection(centre, ranks, cost)
+        if np.bincount(first, cost).max() * ranks <= (1.0 + BALANCE) * cost.sum():
+            return Owners(scene, first)
+        return Owners(scene, *cut(centre, cost, ranks))
     for team in (p for p in range(1, ranks + 1) if ranks % p == 0 and p * THICK <= max(THICK, np.sqrt(size.min()))):
-        of_cell = bisection(centre, ranks // team, size)
-        fullest = np.bincount(of_cell, size).max() / team
-        if fullest * ranks <= (1.0 + BALANCE) * len(X):
-            return team * of_cell[cell] + slices(cell, material, team)
-    return bisection(X, ranks)
+        of_cell = bisection(centre, ranks // team, cost)
+        if np.bincount(of_cell, cost).max() / team * ranks <= (1.0 + BALANCE) * cost.sum():
+            return Owners(scene, team * of_cell, team)
+    owner = np.split(bisection(scene.X, ranks), scene.offset[1:-1])
+    return Owners(scene, np.zeros(cells, np.int32), free=dict(enumerate(owner)))
 
 
-def slices(cell: np.ndarray, material: np.ndarray, count: int) -> np.ndarray:
-    """Slice of each particle (n,) int, from 0: `count` slices of equal size of each cell and material.
+def fractions(nucleus: np.ndarray) -> np.ndarray:
+    """Place of each particle of a cell among those of its part (n,) [-], from 0 to below 1.
 
-    Particles are numbered by `cell` (n,) int, then by `material` (n,) int, then in strips.
+    Particles are numbered part by part, then in strips; `nucleus` (n,) bool says of which part they are.
     """
-    start = np.flatnonzero(np.diff(cell, prepend=-1) | np.diff(material, prepend=-1))
-    length = np.diff(np.append(start, len(cell)))
-    within = np.arange(len(cell)) - np.repeat(start, length)
-    return within * count // np.repeat(length, length)
+    start = np.flatnonzero(np.diff(nucleus, prepend=~nucleus[:1]))
+    length = np.diff(np.append(start, len(nucleus)))
+    return (np.arange(len(nucleus)) - np.repeat(start, length)) / np.repeat(length, length)
+
+
+def slices(nucleus: np.ndarray, count: int) -> np.ndarray:
+    """Slice of each particle of a cell (n,) int, from 0: `count` of equal size of both parts; `nucleus` (n,) bool as for
+    `fractions`.
+    """
+    ends = np.arange(1, count) / count
+    return np.searchsorted(ends, fractions(nucleus), side="right")
+
+
+def cut(centre: np.ndarray, cost: np.ndarray,
+        ranks: int) -> tuple[np.ndarray, int, dict[int, tuple[np.ndarray, np.ndarray]]]:
+    """First ranks (cells,), a team of one, and `Owners.pieces`: cells at `centre` (cells, d) [µm] of a `cost` (cells,)
+    [-] by recursive coordinate bisection, which divides a cell that a cut would leave too far on one side.
+    """
+    first, pieces = np.zeros(len(cost), np.int32), dict[int, list[tuple[float, int]]]()
+    accepted = 0.5 * BALANCE * cost.sum() / ranks
+
+    def split(cell: np.ndarray, low: np.ndarray, high: np.ndarray, rank: int, count: int) -> None:
+        if count == 1 or len(cell) == 0:
+            first[cell] = rank
+            for c, begin, end in zip(cell.tolist(), low.tolist(), high.tolist(), strict=True):
+                if begin > 0.0 or end < 1.0:
+                    pieces.setdefault(c, []).append((begin, rank))
+            return
+        axis = int(np.argmax(np.ptp(centre[cell], axis=0)))
+        order = np.lexsort((cell, centre[cell, axis]))
+        cell, low, high = cell[order], low[order], high[order]
+        heavy, half = np.cumsum(cost[cell] * (high - low)), count // 2
+        target = heavy[-1] * half / count
+        at = int(np.searchsorted(heavy, target))
+        before = heavy[at - 1] if at else 0.0
+        if heavy[at] - target <= accepted:
+            at += 1
+        elif target - before > accepted:
+            where = low[at] + (target - before) / cost[cell[at]]
+            split(cell[: at + 1], low[: at + 1], np.append(high[:at], where), rank, half)
+            split(cell[at:], np.append(where, low[at + 1 :]), high[at:], rank + half, count - half)
+            return
+        split(cell[:at], low[:at], high[:at], rank, half)
+        split(cell[at:], low[at:], high[at:], rank + half, count - half)
+
+    split(np.arange(len(cost)), np.zeros(len(cost)), np.ones(len(cost)), 0, ranks)
+    found = {c: tuple(map(np.array, zip(*sorted(parts), strict=True))) for c, parts in pieces.items()}
+    return first, 1, {c: (begin[1:], rank) for c, (begin, rank) in found.items()}
 
 
 def bisection(X: np.ndarray, ranks: int, weight: np.ndarray | None = None) -> np.ndarray:

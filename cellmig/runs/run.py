@@ -113,7 +113,7 @@ class Run:
         """Open tables and frames; those of a resumed run are cut to the lengths `ends`."""
         terms, names = self.simulation.terms, [cell.name for cell in self.case.cells]
         if self.case.dimension == 3:
-            write_mesh(self.directory, self.comm, self.simulation.scene.mesh)
+            write_mesh(self.directory, self.comm, self.simulation.scene)
         write_profile(self.directory, self.comm, self.case)
         present = {"substrate": terms.substrate is not None, "neighbours": terms.contact is not None,
                    "tracks": self.case.overdamped or self.case.polarity is not None,
@@ -262,17 +262,16 @@ class Run:
         if frame:
             self._write_frame()
         m, terms = s.mechanics, s.terms
-        x, outside = m.segments.everywhere(), []
-        if frame:  # it takes longer than a sample
-            own = m.scene.X[m.ids] + m.state.u
-            left = escaped if self.case.dimension == 2 else overlap_space.escaped
-            outside = self.comm.allgather(left(m.surfaces, x, m.ids, m.scene.cell[m.ids], own))
+        around, x = m.segments.around()
         between, of_itself = terms.contact is not None, terms.contacts is not None and terms.contacts.own
         if self.case.dimension == 2:
-            found = overlap(m.surfaces, x, self.case.substrate is not None, between, of_itself)
+            found = overlap(around, x, self.case.substrate is not None, between, of_itself)
         else:
-            found = overlap_space.overlap(m.surfaces, x, self.case.substrate is not None, between)
-        if found := found or min(filter(None, outside), default=None):
+            found = overlap_space.overlap(around, x, self.case.substrate is not None, between)
+        if frame and found is None:  # it takes longer than a sample
+            left = escaped if self.case.dimension == 2 else overlap_space.escaped
+            found = left(around, x, m.ids, m.part.owned.cell, m.part.owned.X + m.state.u)
+        if found := min(filter(None, self.comm.allgather(found)), default=None):
             self._integrator.fail(found.cause, found.particle, found.remedy)
         if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
             self._integrator.fail(f"the energy error is {100 * entries['energy_error']:.3g} %, more than "
@@ -282,9 +281,10 @@ class Run:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
             units = {name: field_unit(name, self.case.dimension) for name in fields}
-            mesh = self.simulation.scene.mesh if self.case.dimension == 3 else None
+            owners = self.simulation.mechanics.part.owners
+            elements = Elements(self.comm, owners, fields["id"]) if self.case.dimension == 3 else None
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"],
-                                 Elements(self.comm, mesh, fields["id"]) if mesh else None, self.case.time_unit)
+                                 elements, self.case.time_unit)
             if self.simulation.fields.diffusing:
                 self.grid_frames = GridFrames(self.directory, self.comm, self.frames_before, self.manifest["run_id"],
                                               self.case.time_unit)

@@ -84,15 +84,15 @@ class Impulses:
     """Impulses on the surfaces of a rank since the last row of the tables.
 
     bond : (facets, d, 2 d - 1) -- by the substrate on the corners of facets: normal, drag and push along it [pN µs/µm];
-    contact : (slots, d) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- surface particle
-    times the number of cells plus the other cell; slot 0 is for particles of other ranks;  mine : (n,) int -- this
-    rank's surface particles;  place : (n, d - 1) -- their places along the substrate at the last row [µm].
+    contact : (slots, d) -- by other cells, by particle and cell [pN µs/µm];  key : (slots,) int -- number of a surface
+    particle in the scene times the number of cells plus the other cell; slot 0 is for particles of other ranks;
+    mine : (n,) int -- this rank's particles of the subdomain's `Surfaces`;  place : (n, d - 1) -- their places along
+    the substrate at the last row [µm].
     """
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments):
         """Begin at zero, without contacts before the first `follow`."""
-        self._kernel, self._surfaces, self._is_mine = kernel, part.surfaces, part.on_surface
-        self._segments = segments.number
+        self._kernel, self._part, self._segments = kernel, part, segments.number
         self.cells, self.mine = len(part.scene.kind), part.own_surface
         self.key = np.full(1, -1)
         d = part.scene.dimension
@@ -121,8 +121,10 @@ class Impulses:
 
     def follow(self, lists: NodeLists) -> None:
         """Assign slots to the particles of new search lists and the cells that they touch; impulses stay."""
-        self._kernel["contact_slot"] = self._slots(np.where(self._is_mine[lists.node],
-                                                            lists.node * self.cells + lists.other, -1))
+        at = self._part.numbering.local(lists.ids)
+        mine = (at >= 0) & (at < self._part.n_owned)
+        self._kernel["contact_slot"] = self._slots(np.where(mine, lists.surfaces.place[lists.node] * self.cells
+                                                            + lists.other, -1))
 
     def _slots(self, key: np.ndarray) -> np.ndarray:
         """Slots of keys (k,), which are created if they are new."""
@@ -134,8 +136,9 @@ class Impulses:
 
     def of_surface(self, values: np.ndarray) -> np.ndarray:
         """Sums (n, k) of values (n_segments, d, k) of any unit over the facets of own surface particles."""
-        total = np.zeros((len(self._surfaces.ids), values.shape[2]))
-        np.add.at(total, self._surfaces.facets[self._segments], values)
+        surfaces = self._part.surfaces
+        total = np.zeros((len(surfaces.ids), values.shape[2]))
+        np.add.at(total, surfaces.facets[self._segments], values)
         return total[self.mine]
 
     def saved(self, comm: MPI.Comm) -> dict[str, np.ndarray | None]:
@@ -146,6 +149,6 @@ class Impulses:
 
     def restore(self, key: np.ndarray, values: np.ndarray) -> None:
         """Set this rank's impulses from `key` (k,) int and `values` (k, 2) [pN µs/µm], which `saved` returned."""
-        mine = self._is_mine[key // self.cells]
+        mine = np.isin(key // self.cells, self._part.surfaces.place[self.mine])
         slots = self._slots(key[mine])
         self.contact[slots] = values[mine]

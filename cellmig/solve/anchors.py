@@ -73,12 +73,13 @@ class Anchors:
 
     def start(self, directors: np.ndarray) -> None:
         """Note the angles of `directors` (n_anchors, 1) [rad] or (n_anchors, 3) [-] to the membrane at the start."""
-        s, X, k = self._part.surfaces, self._part.scene.X, self._kernel
+        s, k = self._part.surfaces, self._kernel
+        X = self._part.scene.particles(s.ids).X
         if self._part.scene.dimension == 2:
-            chord = X[s.ids[s.after[self.on]]] - X[s.ids[s.before[self.on]]]
+            chord = X[s.after[self.on]] - X[s.before[self.on]]
             k["anchor_offset"] = directors[:, 0] - np.arctan2(chord[:, 1], chord[:, 0])
             return
-        first, second = (X[s.ids[self._ring[:, i]]] - X[s.ids[self.on[self._of]]] for i in (0, 1))
+        first, second = (X[self._ring[:, i]] - X[self.on[self._of]] for i in (0, 1))
         normal = self._sums(np.cross(first, second))
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         across = (directors * normal).sum(axis=1)

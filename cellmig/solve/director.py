@@ -44,17 +44,17 @@ class Director(GhostedField):
         d, self.numbers = part.scene.dimension, numbers(part.scene.dimension)
         self.memory = aligned_zeros((part.capacity, 2 * self.numbers))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
-        self.set_ghosts(part.in_petsc[part.numbering.ids[part.n_owned :]])
+        self.set_ghosts(part.in_petsc(part.numbering)[part.n_owned :])
         self._kernel, self._state = kernel, state
         kernel["director"], kernel["director_vec"] = self.memory, self.handle
         kernel["director_gradient"] = np.zeros((len(part.blocks.table), self.numbers * d, 4))
         kernel["director_bend"] = np.zeros((len(part.blocks.table), 3, 4))
         kernel["director_axis"] = np.zeros((len(part.blocks.table), d, 4))
         kernel["director_flux"] = np.zeros((part.capacity, d if d == 2 else 12))
-        self._modulus = part.scene.field("director_modulus")[part.ids]
+        self._modulus = part.owned.field("director_modulus")
         materials, law = part.scene.materials, part.terms.director_law
         eta, zeta = (np.array([getattr(m, name, 0.0) for m in materials]) for name in ("eta", "zeta"))
-        V, stiffness, of_material = part.scene.field("V")[part.ids], eta.max(), part.scene.material[part.ids]
+        V, stiffness, of_material = part.owned.field("V"), eta.max(), part.owned.material
         mobility = (law.mobility if law else 0.0) / (stiffness * V) if stiffness > 0 else np.zeros(len(V))
         # Bounds of the second derivatives of η |g|²/2 and of ζ, which add to the moduli that limit the step.
         kernel["director_weight"] = 3.0 * eta[of_material]
@@ -62,7 +62,7 @@ class Director(GhostedField):
         self.anchors = Anchors(part, kernel, law is not None and law.anchoring == "surface")
         held = self.anchors.owned
         mobility[held] = 0.0
-        turning = stiffness / V if d == 2 else stiffness * part.scene.field("relaxation")[part.ids]
+        turning = stiffness / V if d == 2 else stiffness * part.owned.field("relaxation")
         state.stiffen(turning[held], held)  # of a turn of the membrane against the director
         kernel["director_mobility"] = mobility
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..case import units
 from ..case.schema import Case
+from ..meshfree.contact import Surfaces
 from ..model.ground import fields_of
 from ..output.grids import OnGrid
 from .diffusing import DiffusingField
@@ -35,7 +36,7 @@ class Fields:
         self._interval = case.polarity.interval if case.polarity is not None else case.time.end / case.time.samples
         self.knot = 0
         self.diffusing = {
-            name: DiffusingField(name, law, Exchanging.of(mechanics.surfaces, self._names, [
+            name: DiffusingField(name, law, Exchanging.of(Surfaces.of(mechanics.scene), self._names, [
                 e for e in case.exchange if e.field == name]), len(case.cells), mechanics.comm)
             for name, law in case.fields.items() if law.law == "diffusing"}
         self.by_name: dict[str, Any] = {**fields_of(case), **self.diffusing}

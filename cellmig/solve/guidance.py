@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..case.schema import Case
 from ..cues.surroundings import Surroundings
-from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..meshfree.terms import Terms
 from ..model.ground import push_factor
@@ -62,10 +62,10 @@ def strengths(case: Case, time: float) -> np.ndarray:
     return found
 
 
-def steady(case: Case, terms: Terms, scene: Scene) -> Drives:
+def steady(case: Case, terms: Terms) -> Drives:
     """Drives at the start of cells without polarities, which do not change."""
     value = strengths(case, 0.0)[:, None, None] * vectors(case, terms, towards(case))
-    return Drives(value, np.zeros_like(value), 0.0, np.ones(len(Surfaces.of(scene).ids)))
+    return Drives(value, np.zeros_like(value), 0.0, 1.0)
 
 
 class Guidance:
@@ -89,7 +89,8 @@ class Guidance:
         self._interval = law.interval if law is not None else case.time.end / case.time.samples
         self._events = sorted({t for cell in case.cells if cell.push for t in (cell.push.begin, cell.push.end) if t})
         self.knot, self._at, self.parts = 0, 0.0, dict[str, np.ndarray]()
-        self._factor, self._pull = np.ones(len(mechanics.surfaces.ids)), np.ones((len(names), mechanics.terms.sides))
+        self._factor = np.ones(mechanics.scene.first_surface[-1])
+        self._pull = np.ones((len(names), mechanics.terms.sides))
         pushing = [name for name in names if name in push]
         self._modules = case.clutches and Modules(case.clutches, case.seed, self._names, pushing, mechanics.terms.sides)
         self.p = self.then = np.where([[name in push] for name in names], towards(case), 0.0)
@@ -126,15 +127,15 @@ class Guidance:
     def _look(self) -> None:
         """Find the next polarities, and factors of the push, by what is around the cells at this knot; collective."""
         m = self._mechanics
-        x = m.segments.everywhere() if self._senses else np.zeros((0, m.scene.dimension))
+        x = m.segments.everywhere() if self._senses else None
         found = computed_on_root(m.comm, lambda: self._decided(x))
         self.p, self.then, self._factor, self._pull, self._centre, self.parts = found
 
-    def _decided(self, x: np.ndarray) -> tuple:
+    def _decided(self, x: np.ndarray | None) -> tuple:
         """What `_look` sets, for surface particles at x (m, d) [µm]; for rank 0."""
         case, law, parts, centre = self._case, self._law, dict[str, np.ndarray](), self._centre
         factor, pull = self._factor, self._pull
-        if self._senses:
+        if x is not None:
             around = self._surroundings(x)
             with np.errstate(all="ignore"):  # what is not finite has a message of its own
                 parts = {f"{n}_{cue.law}": cue.value(around) for n, cue in enumerate(case.cues)}
@@ -148,9 +149,14 @@ class Guidance:
             self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
         return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
 
+    @cached_property
+    def _surfaces(self) -> Surfaces:
+        """Surfaces of all cells, for rank 0."""
+        return Surfaces.of(self._mechanics.scene)
+
     def _finite(self, parts: dict[str, np.ndarray], factor: np.ndarray) -> None:
         """Raise NumericsError where a cue (cells, d - 1) [-] or a factor of the push (m,) [-] is not finite."""
-        cell = self._mechanics.surfaces.cell
+        cell = self._surfaces.cell
         every = [(f"the cue {name}", values, np.arange(len(values))) for name, values in parts.items()]
         for what, values, of in [*every, ("the factor of the push", factor, cell)]:
             wrong = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
@@ -169,13 +175,13 @@ class Guidance:
         """Factors of the push (cells, sides) [-] by the clutches since the last knot, for surface particles at x (m, d)
         [µm] now; for rank 0.  What they did before the start is what they do there.
         """
-        at = edges(self._mechanics.surfaces, x, directions(self._mechanics.terms.sides, x.shape[1]))
+        at = edges(self._surfaces, x, directions(self._mechanics.terms.sides, x.shape[1]))
         modulus = self._fields["stiffness"].value(at.reshape(-1, x.shape[1]), self._at)
         return self._modules.advance(self.knot, self._interval, modulus.reshape(at.shape[:2]))
 
     def _surroundings(self, x: np.ndarray) -> Surroundings:
         """What is around the cells at this knot, for surface particles at x (m, d) [µm]."""
-        around = Surroundings(self._at, self.knot, self._case.seed, self._names, self._mechanics.surfaces, x, self.p,
+        around = Surroundings(self._at, self.knot, self._case.seed, self._names, self._surfaces, x, self.p,
                               np.zeros_like(self.p), self._fields, self._case.gels)
         if not self.knot:
             return around

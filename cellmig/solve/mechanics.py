@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +11,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..kernel.kernel import Kernel
-from ..meshfree.body import Scene
 from ..meshfree.boundary import Boundary
 from ..meshfree.division import divisible
+from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
+from ..parallel.partition import Owners
 from ..parallel.reduce import global_maximum, largest
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
@@ -76,11 +78,11 @@ class Mechanics:
     divisible : (cells,) bool -- cells whose surface may then be divided anew.
     """
 
-    def __init__(self, scene: Scene, terms: Terms, boundary: Boundary, protruding: Protruding, owner: np.ndarray,
-                 swarm: Swarm):
-        """Begin with the particles of a `swarm`;  `owner` (size,) int : ranks of all particles; collective."""
+    def __init__(self, owners: Owners, terms: Terms, boundary: Boundary, protruding: Protruding, swarm: Swarm):
+        """Begin with the particles of a `swarm` in the scene of the `owners`; collective."""
+        scene = owners.scene
         self.terms, self.comm = terms, swarm.comm
-        self._boundary, self._protruding, self._owner = boundary, protruding, owner
+        self._boundary, self._protruding, self._owners = boundary, protruding, owners
         self.kernel = Kernel(scene.materials, terms, FIELDS)
         self.renewals, self.renewal_loss = 0, 0.0
         self.divisible = divisible(scene, boundary) & (not terms.has_director)
@@ -94,7 +96,8 @@ class Mechanics:
     def _make(self, scene: Scene) -> None:
         """Make all parts for a scene, at rest; collective."""
         self.scene, terms, kernel = scene, self.terms, self.kernel
-        self.part = part = Subdomain.of(self.comm, scene, terms, self._owner, self._protruding.cells)
+        owners = replace(self._owners, scene=scene)
+        self.part = part = Subdomain.of(self.comm, owners, terms, self._protruding.cells)
         self.surfaces, self.n_owned, self.ids = part.surfaces, part.n_owned, part.ids
         self.state = State(part, kernel)
         self.segments = Segments(part, kernel, self.state)
@@ -339,7 +342,7 @@ class Mechanics:
 
     def grades(self) -> np.ndarray | None:
         """Elastic moduli of the rows over those of the laws (n_rows,) [-]; None where they are those."""
-        return self.scene.field("grades")[self.part.row_ids] if self.terms.graded else None
+        return self.part.rows.field("grades") if self.terms.graded else None
 
     def internal_fields(self) -> dict[str, np.ndarray]:
         """What laws take of the rows besides F and Ḟ, by their names there: those of network and director."""

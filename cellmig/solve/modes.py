@@ -42,7 +42,7 @@ class Modes(GhostedField):
         self._part, self._kernel, self._width = part, kernel, 2 * part.scene.dimension
         self.memory = aligned_zeros((part.capacity, self._width))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
-        self.set_ghosts(part.in_petsc[part.numbering.ids[part.n_owned :]])
+        self.set_ghosts(part.in_petsc(part.numbering)[part.n_owned :])
         number = (self._width * part.ids[:, None] + np.arange(1, self._width + 1)) * MULTIPLIER % 2**32
         self._noise = NOISE * (number / 2.0**31 - 1.0)
         self.owned[:] = self._noise

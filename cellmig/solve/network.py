@@ -33,7 +33,7 @@ class Network:
         """Begin with A = I."""
         self._kernel, self._state, self._d = kernel, state, part.scene.dimension
         of_block = part.blocks.table[:, 4]
-        self._row_ids, self._material = part.row_ids, part.scene.material[part.row_ids]
+        self._row_ids, self._material = part.row_ids, part.rows.material
         self._laws = [(i, law, of_block == i) for i, law in enumerate(part.scene.materials)
                       if hasattr(law, "network_renewed")]
         kernel["network"] = np.zeros((len(of_block), self._d**2, 4))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.division import carried
+from .protrusion_noise import random_factor
 from .segments import Segments
 from .subdomain import Subdomain
 
@@ -19,22 +21,26 @@ class Drives:
     """In which directions cells push, and how strongly, the same on all ranks.
 
     value : (cells, sides, d - 1) float -- vectors whose lengths are factors of the push, at a `time` [-];  rate : their
-    change (cells, sides, d - 1) [1/µs];  time : [µs];  factor : (m,) float -- of the push at all surface particles [-].
+    change (cells, sides, d - 1) [1/µs];  time : [µs];  factor : (m,) float -- of the push at all surface particles of
+    the scene, or one for all [-].
     """
 
     value: np.ndarray
     rate: np.ndarray
     time: float
-    factor: np.ndarray
+    factor: np.ndarray | float
 
 
 class Protruding(NamedTuple):
-    """Which cells protrude (cells,) bool, random factors alpha of all surface particles at the start (m,) [-], and the
-    Drives of the start.
+    """Which cells protrude.
+
+    cells : (cells,) bool;  seed, names : of the case and of its cells, to which their random numbers belong;  drives :
+    Drives -- of the start.
     """
 
     cells: np.ndarray
-    alpha: np.ndarray
+    seed: int
+    names: Sequence[str]
     drives: Drives
 
 
@@ -74,10 +80,12 @@ class Protrusion:
         """Nothing holds or pushes before the first `renew`."""
         law, bonds = part.terms.protrusion, part.terms.substrate
         assert law is not None  # else nothing protrudes
-        self._kernel, self._segments, k, s = kernel, segments, kernel, part.surfaces
+        self._kernel, self._segments, k = kernel, segments, kernel
+        self._surfaces = s = part.surfaces
         d, sides = part.scene.dimension, part.terms.sides
         size = law.push(bonds.work) / d if bonds is not None else 0.0
-        self._alpha = carried(part.scene, protruding.alpha)[segments.ends]
+        alpha = random_factor(part.scene, s, law, protruding.seed, protruding.names)
+        self._alpha = carried(part.scene, s.cells, alpha)[segments.ends]
         self._push = np.where(segments.acts[:, None], size * self._alpha, 0.0)
         k["pushed"] = np.zeros((*segments.ends.shape, d - 1))
         cells, first, count = np.unique(s.cell[part.pushed], return_index=True, return_counts=True)
@@ -98,7 +106,8 @@ class Protrusion:
         """Push as these Drives say, from their time on."""
         k, self._time = self._kernel, drives.time
         k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
-        k["push"] = self._push * drives.factor[self._segments.ends]
+        factor, places = drives.factor, self._surfaces.place[self._segments.ends]
+        k["push"] = self._push * (factor[places] if isinstance(factor, np.ndarray) else factor)
         k["drive_clock"] = np.zeros(1)
         self._factor = drives.factor
         if self._segments.lists is not None:

@@ -7,31 +7,32 @@ from itertools import product
 
 import numpy as np
 
-from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
+from ..meshfree.scene import Scene
 from ..model.protocols import ProtrusionLaw
 from ..parallel.random import uniform
 
 PERIOD = 64  # of the random numbers in space along each axis [correlation lengths]: a cell is smaller
 
 
-def random_factor(scene: Scene, law: ProtrusionLaw | None, seed: int, names: Sequence[str]) -> np.ndarray:
-    """α of all surface particles (m,) [-]: zero but on the outer surfaces of the cells that protrude.
+def random_factor(scene: Scene, surfaces: Surfaces, law: ProtrusionLaw, seed: int,
+                  names: Sequence[str]) -> np.ndarray:
+    """α of the particles of `surfaces` (m,) [-]: zero but on the outer surfaces of the cells that protrude.
 
-    law : the protrusion or None;  names : of all cells, in order, since random numbers belong to the name of a cell.
+    names : of all cells of the scene, in order, since random numbers belong to the name of a cell.
 
     Source: derived here: random numbers at equal distances, linear interpolation, in the plane means over dual arcs.
     """
-    surfaces = Surfaces.of(scene)
-    alpha, bounds = np.zeros(len(surfaces.ids)), np.searchsorted(surfaces.cell, np.arange(len(names) + 1))
-    for c, name in enumerate(names):
-        if law is not None and name in law.cells:
-            on = np.arange(*bounds[c : c + 2])
-            on = on[surfaces.on_outside[on]]
+    alpha, outside = np.zeros(len(surfaces.ids)), surfaces.on_outside
+    bounds = np.append(np.searchsorted(surfaces.cell, surfaces.cells), len(alpha))
+    for k, c in enumerate(surfaces.cells.tolist()):
+        if names[c] in law.cells:
+            on = np.arange(*bounds[k : k + 2])
+            on = on[outside[on]]
             if scene.dimension == 2:
-                alpha[on] = _along_loop(surfaces.size[on], law, seed, name)
+                alpha[on] = _along_loop(surfaces.size[on], law, seed, names[c])
             else:
-                alpha[on] = _in_space(scene.X[surfaces.ids[on]] - scene.centre[c], law, seed, name)
+                alpha[on] = _in_space(scene.particles(surfaces.ids[on]).X - scene.centre[c], law, seed, names[c])
     return alpha
 
 

@@ -21,9 +21,9 @@ def stretched(m: Mechanics) -> np.ndarray:
 
     1 where nothing flows.
     """
-    flows = np.array([law.viscosity > 0.0 for law in m.scene.materials])[m.scene.material[m.ids]]
+    flows = np.array([law.viscosity > 0.0 for law in m.scene.materials])[m.part.owned.material]
     most = np.ones(len(m.scene.kind))
-    np.maximum.at(most, m.scene.cell[m.ids], np.where(flows, stretch(m.state.since_renewal()), 1.0))
+    np.maximum.at(most, m.part.owned.cell, np.where(flows, stretch(m.state.since_renewal()), 1.0))
     return global_maximum(m.comm, most)
 
 
@@ -31,11 +31,10 @@ def crowded(m: Mechanics) -> np.ndarray:
     """Cells whose surface is to be divided anew, as lengths of segments differ too much (cells,) bool; collective."""
     s, own = m.surfaces, m.kernel["facet"][:, 0] < m.n_owned
     loop, x = s.loop[m.segments.number[own]], m.segments.owned()[1]
-    ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(s.loop[-1]) + 1)
+    ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(m.scene.first_loop[-1]))
     longest, inverse = global_maximum(m.comm, ends.ravel()).reshape(2, -1)
-    found = np.zeros(len(m.scene.kind), bool)
-    found[s.cell[(longest * inverse > CROWDED)[s.loop]]] = True
-    return found & m.divisible
+    crowds = np.logical_or.reduceat(longest * inverse > CROWDED, m.scene.first_loop[:-1])
+    return crowds & m.divisible
 
 
 def due(m: Mechanics) -> bool:
@@ -86,7 +85,7 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     """Change the state of a cell in `arrays`, those of `saved` on rank 0, to that with other neighbours."""
     scene, on, d = m.scene, slice(*m.scene.offset[c : c + 2]), m.scene.dimension
     t, state = scene.templates[scene.kind[c]], arrays["particle state"][on]
-    flows = fluid(scene)[on]
+    flows = fluid(scene.particles(np.arange(on.start, on.stop)))
     F = arrays["particle F"][on].reshape(-1, d, d).transpose(0, 2, 1)
     J, x, v = determinant(F.transpose(1, 2, 0)), t.X + state[:, :d], state[:, d:].copy()
     A = arrays["particle network"][on].reshape(-1, d, d) if m.network is not None else np.zeros_like(F)
@@ -118,7 +117,7 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
 
 def _divide(m: Mechanics, arrays: dict[str, np.ndarray], c: int, division: Division, by: np.ndarray) -> None:
     """Change what the surface of a cell has in `arrays` for particles that move `by` (m, 2) [µm]."""
-    on = m.surfaces.cell == c  # of a segment too, which goes by its first particle
+    on = slice(*m.scene.first_surface[c : c + 2])  # of a segment too, which goes by its first particle
     arrays["neighbours along"][on] = division.along
     arrays["surface place"][on] += by[:, :-1]
     if "facet bond_impulse" in arrays:

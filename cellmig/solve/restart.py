@@ -9,10 +9,10 @@ import numpy as np
 
 from mpi4py import MPI
 
-from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
 from ..meshfree.renewal import with_renewed
 from ..meshfree.rkpm import factorised
+from ..meshfree.scene import Scene
 from ..parallel.collect import broadcast, computed_on_root, gathered
 from ..parallel.direct import solve_positive
 from .mechanics import Mechanics
@@ -35,10 +35,12 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
               for name, values in (_of_particles(m) | by_row).items()}
     of_surface = _of_surface(m) | ({"turn": m.segments.turn[m.part.own_surface]} if len(m.segments.turn) else {})
-    arrays |= {f"surface {name}": gathered(m.comm, m.part.own_surface, values, len(m.surfaces.ids))
+    places, scene = m.surfaces.place[m.part.own_surface], m.scene
+    arrays |= {f"surface {name}": gathered(m.comm, places, values, int(scene.first_surface[-1]))
                for name, values in of_surface.items()}
     own = m.part.on_surface[m.segments.ends[:, 0]]  # every facet is of the rank of its first corner
-    arrays |= {f"facet {name}": gathered(m.comm, m.segments.number[own], values[own], len(m.surfaces.facets))
+    facets = m.surfaces.number[m.segments.number[own]]
+    arrays |= {f"facet {name}": gathered(m.comm, facets, values[own], int(scene.first_facet[-1]))
                for name, values in _of_segments(m).items()}
     if m.terms.contacts is not None:
         arrays |= m.accounts.impulses.saved(m.comm)
@@ -56,14 +58,16 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) 
     particle, surface, facet = ({name.removeprefix(kind): values for name, values in everything.items()
                                  if name.startswith(kind)} for kind in ("particle ", "surface ", "facet "))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
-    m.state.u[m.part.at_surface] = surface["renewed"][m.part.own_surface]
-    m.segments.turn = surface.get("turn", m.segments.turn)
+    places = m.surfaces.place[m.part.own_surface]
+    m.state.u[m.part.at_surface] = surface["renewed"][places]
+    if "turn" in surface:
+        m.segments.turn = surface["turn"][m.surfaces.place]
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
-        values[:] = surface[name][m.part.own_surface]
+        values[:] = surface[name][places]
     for name, values in _of_segments(m).items():
-        values[:] = facet[name][m.segments.number]
+        values[:] = facet[name][m.surfaces.number[m.segments.number]]
     if m.terms.contacts is not None:
         m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
     for name, values in _of_particles(m).items():

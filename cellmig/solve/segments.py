@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from mpi4py import MPI
 from ..geometry import polygons
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
-from ..meshfree.contact import ContactLists, NodeLists, acting, contact_pairs
+from ..meshfree.contact import ContactLists, NodeLists, Surfaces, acting, contact_pairs
 from ..meshfree.contact_space import Features, TriangleLists, acting_triangles, triangle_pairs
 from ..meshfree.simplices import facet_sizes, share_below
 from ..meshfree.terms import NO_CONTACTS
@@ -32,13 +31,13 @@ class Segments:
 
     Attributes
     ----------
-    number : (e,) int -- the segments, by their first ends in `Surfaces`.
+    number : (e,) int -- the segments, among the facets of the subdomain's `Surfaces`.
     acts : (e,) bool -- whether one end is this rank's.
     low : (e,) bool -- whether the substrate may act on it.
     lists : ContactLists or TriangleLists -- facets near other cells; None without contact.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
     renewals : int -- number of renewals.
-    turn : (m,) float -- turns of the outlines of this rank's cells at the surface particles, followed from the start
+    turn : (m,) float -- turns of the outlines of this rank's cells at their surface particles, followed from the start
         [rad].
     """
 
@@ -115,11 +114,11 @@ class Segments:
         self.acts = acts[self.number]
         self.low = np.zeros(len(self.number), bool)
         self.lists: NodeLists | None = None
-        self._features: Any = Features.of(part.scene, s) if part.scene.dimension == 3 and part.terms.contacts else None
+        self._features: Features | None = None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
         self.renewed_at = np.zeros((len(part.own_surface), part.scene.dimension))
         self.turn = s.turn
-        self._places = SurfacePlaces(part.comm, s, part.owner[s.ids], part.own_surface)
+        self._places = SurfacePlaces(part.comm, part.scene, part.owners, s, part.own_surface)
         k["facet"] = part.numbering.local(s.ids[self.ends])
         k["facet_size"], k["n_facets"] = s.size[self.number], len(self.number)
         if part.terms.friction is not None:
@@ -140,9 +139,15 @@ class Segments:
         """Current positions of this rank's surface particles (k, 2) [µm]."""
         return self._state.x(self._part.at_surface)
 
-    def everywhere(self) -> np.ndarray:
-        """Current positions of all surface particles of the scene (m, 2) [µm]; collective."""
+    def everywhere(self) -> np.ndarray | None:
+        """Current positions of all surface particles of the scene (m, d) [µm] on rank 0, else None; collective."""
         return self._places.everywhere(self.own_places())
+
+    def around(self) -> tuple[Surfaces, np.ndarray]:
+        """Surfaces (m particles) of this rank's cells and of all that they meet, and current positions (m, d) [µm];
+        collective.
+        """
+        return self._places.near(self.own_places(), self.skin)
 
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """Segments that start at a particle of this rank: local ends (e, 2) int, current ends (e, 2, 2) [µm]."""
@@ -178,7 +183,7 @@ class Segments:
         low, high, first, last, sign = Pieces().pieces(tuple(pairs.transpose(1, 2, 0)), height)
         near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
         share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)
-        other = self._part.surfaces.cell[lists.source] != near_to
+        other = lists.surfaces.cell[lists.source] != near_to
         return corner, near_to, np.where(other, share, 0.0) * polygons.sides(ends)
 
     # ------------------------------------------------------------ search lists
@@ -193,39 +198,50 @@ class Segments:
         x2 = self.owned()[1]
         longest = largest(part.comm, np.linalg.norm(x2 - np.roll(x2, 1, axis=1), axis=2))
         reach = self._contacts.reach.max() + STRETCH * longest + self.skin if t.contacts is not None else 0.0
-        x, around = self._places.near(self.own_places(), reach + 0.5 * longest)
+        around, x = self._places.near(self.own_places(), reach + 0.5 * longest)
+        mine = np.isin(around.cell, part.surfaces.cells)
         if t.substrate is not None:
             high = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
-            self.low = (x[self.ends, -1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
+            self.low = (x[mine][self.ends, -1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contacts is not None:
-            if self._contacts.own:
-                self.turn = part.surfaces.followed(self.turn, x, self._places.on)
-            farthest = self._contacts.reach.max() + self.skin
+            farthest, own = self._contacts.reach.max() + self.skin, np.zeros(len(around.ids), bool)
+            own[mine] = part.on_surface
             if part.scene.dimension == 2:
-                pairs = contact_pairs(part.surfaces, x, farthest, self._within, self.turn, around)
-                self._set_contact(ContactLists.of(part.surfaces, self._needed(pairs)))
+                turn = around.turn.copy()
+                if self._contacts.own:
+                    turn[mine] = self.turn = part.surfaces.followed(self.turn, x[mine])
+                pairs = contact_pairs(around, x, farthest, self._within, turn)
+                self._set_contact(ContactLists.of(around, self._needed(around, pairs, own)))
             else:
-                near = triangle_pairs(part.surfaces, self._features, x, farthest, self._within, around)
-                near = acting_triangles(part.surfaces, self._features, near, part.on_surface)
-                self._set_triangles(TriangleLists.of(part.surfaces, self._features, near))
+                features = self._features_of(around)
+                near = triangle_pairs(around, features, x, farthest, self._within)
+                near = acting_triangles(around, features, near, own)
+                self._set_triangles(TriangleLists.of(around, features, near))
+
+    def _features_of(self, around: Surfaces) -> Features:
+        """Features of surfaces, for the same ones those of before."""
+        if self._features is None or self._features.faces is not around.facets:
+            self._features = Features.of(self._part.scene, around)
+        return self._features
 
     def _within(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance (k,) [µm] up to which surfaces of the cells a and b (k,) int are paired; -1 if they never meet."""
         within = self._contacts.reach[self._contacts.of_pair(a, b)] + self.skin
         return within if self._contacts.own else np.where(a == b, -1.0, within)
 
-    def _needed(self, pairs: np.ndarray) -> np.ndarray:
-        """Those of `pairs` (p, 2) int that act on this rank's particles, or hold cells that push (q, 2) int."""
-        s, own = self._part.surfaces, self._part.on_surface
+    def _needed(self, around: Surfaces, pairs: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Those of `pairs` (p, 2) int that act on this rank's particles `own` (m,) bool, or hold cells that push (q, 2)
+        int.
+        """
         if self._part.terms.pushes_off is None:
-            return acting(s, pairs, own)
-        return pairs[(own[pairs] | own[s.after[pairs]]).any(axis=1) | self._push_off(*pairs.T)]
+            return acting(around, pairs, own)
+        return pairs[(own[pairs] | own[around.after[pairs]]).any(axis=1) | self._push_off(*pairs.T)]
 
     def _push_off(self, source: np.ndarray, edge: np.ndarray) -> np.ndarray:
         """Whether segments push off edges, both by their first ends (k,) int; (k,) bool."""
-        s = self._part.surfaces
+        s = self._part.surfaces  # all are there in such a scene
         pushes = np.array(self._part.terms.pushes_off)[self._contacts.of_pair(s.cell[source], s.cell[edge])]
         return pushes & np.isin(source, self._part.pushed)
 
@@ -239,12 +255,12 @@ class Segments:
 
     def _set_nodes(self, lists: NodeLists) -> None:
         """Set the kernel's nodes and sources of contact, and the ghosts that they need; collective."""
-        s, k, state = self._part.surfaces, self._kernel, self._state
-        numbering = self._part.numbering.extended(s.ids[lists.node])
+        s, k, state = lists.surfaces, self._kernel, self._state
+        numbering = self._part.numbering.extended(lists.ids)
         same = np.array_equal(numbering.ids, state.numbering.ids)
         if not self._part.comm.allreduce(same, MPI.LAND):
             state.renumber(numbering)
-        k["n_contact_nodes"], k["contact_node"] = len(lists.node), numbering.local(s.ids[lists.node])
+        k["n_contact_nodes"], k["contact_node"] = len(lists.node), numbering.local(lists.ids)
         k["contact_x"] = np.zeros((len(lists.node), self._part.scene.dimension))
         k["n_contact_segments"], k["contact_segment"] = len(lists.segment), lists.segment
         k["contact_length"] = s.size[lists.source]

@@ -8,8 +8,9 @@ from ..case.expression import evaluate
 from ..case.messages import CaseError, Mistake
 from ..case.schema import Case, particle_count
 from ..meshfree import formulas
-from ..meshfree.body import Scene, template
+from ..meshfree.body import template
 from ..meshfree.rkpm import factorised
+from ..meshfree.scene import Scene
 from ..model.director import initial, numbers
 from ..parallel.direct import solve_positive
 from .accounts import ACCOUNTS
@@ -17,21 +18,22 @@ from .accounts import ACCOUNTS
 LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in the setup
 
 
-def at_start(case: Case, scene: Scene) -> dict[str, np.ndarray]:
-    """Initial fields of all particles, by their names in the swarm.
+def at_start(case: Case, scene: Scene, cells: np.ndarray) -> dict[str, np.ndarray]:
+    """Initial fields of the particles of `cells` (k,) int, by their names in the swarm.
 
-    These are X, u (size, d) [µm], v (size, d) [µm/µs], director (size, 1) [rad] or (size, 3) [-], accounts (size, k),
-    zero.
+    These are id; X, u (n, d) [µm], v (n, d) [µm/µs], director (n, 1) [rad] or (n, 3) [-], accounts (n, k), zero.
     """
-    n, X = scene.size, scene.X
+    particles = scene.particles(scene.ids_of(cells))
+    n, X, end = len(particles.ids), particles.X, 0
     u, v, director = np.zeros(X.shape), np.zeros(X.shape), np.zeros((n, numbers(case.dimension)))
-    for i, c in enumerate(case.cells):
-        on, place = slice(*scene.offset[i : i + 2]), scene.templates[scene.kind[i]].X
+    for i in cells.tolist():
+        c, place = case.cells[i], scene.templates[scene.kind[i]].X
+        on = slice(end, end := end + len(place))
         u[on] = np.column_stack([evaluate(value, place) for value in c.displacement])
         v[on] = np.column_stack([evaluate(value, place) for value in c.velocity])
         v[on] += place @ np.array(c.velocity_gradient).T
         director[on] = initial(case.director, X[on] - np.array(c.centre))
-    return {"id": np.arange(n), "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, len(ACCOUNTS)))}
+    return {"id": particles.ids, "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, len(ACCOUNTS)))}
 
 
 def discretise(case: Case) -> Scene:

@@ -88,8 +88,9 @@ class State(GhostedField):
     def renumber(self, numbering: Numbering) -> None:
         """Change the ghosts; collective."""
         self.numbering = numbering
-        self.X[: len(numbering.ids)] = self._part.scene.X[numbering.ids]
-        self.set_ghosts(self._part.in_petsc[numbering.ids[self._part.n_owned :]])
+        self.X[: len(numbering.ids)] = self._part.scene.particles(numbering.ids).X
+        self.in_petsc = self._part.in_petsc(numbering)
+        self.set_ghosts(self.in_petsc[self._part.n_owned :])
         self.exchange()
         self._kernel["n_local"], self._kernel["state_vec"] = len(numbering.ids), self.handle
 
@@ -101,7 +102,7 @@ class State(GhostedField):
         k["n_shared_blocks"], k["n_owned_blocks"], k["n_blocks"] = blocks.n_shared, blocks.n_owned, n_blocks
         for name, values in stencil_arrays(scene, part.numbering, blocks, part.terms).items():
             k[name] = values
-        k["inverse_mass"] = 1.0 / scene.field("mass")[part.row_ids]
+        k["inverse_mass"] = 1.0 / part.rows.field("mass")
         k["step_memory"] = np.zeros(n_blocks, step_memory(part.terms))
         k["F"], k["bend"] = np.zeros((n_blocks, d * d, 4)), np.zeros((n_blocks, d, 4))
         if part.terms.renewal is not None:
@@ -111,21 +112,23 @@ class State(GhostedField):
         k["least_gap"], k["stiffest_contact"], k["J_range"] = np.full(1, np.inf), np.zeros(1), NO_J.copy()
         k["deepest_contact"] = np.zeros(1)
         for name in ("bound", "viscous_weight", "elastic_weight"):
-            k[name] = scene.field(name)[part.ids]
+            k[name] = part.owned.field(name)
         k["acceleration"] = part.terms.acceleration or (0.0,) * d
 
     def _set_base(self) -> None:
         """Set what F and C u are where u = 0, and the inverse of F when the neighbours were found."""
         part, d = self._part, self.dimension
         block, lane = part.blocks.lanes_of
-        base = part.scene.field("base")[part.row_ids]
+        base = part.rows.field("base")
         entries = np.concatenate([base[:, :d].transpose(0, 2, 1).reshape(len(base), -1), base[:, d]], axis=1)
         self._kernel["base"] = np.zeros((len(part.blocks.table), d * d + d, 4))
         self._kernel["base"][:, : d * d : d + 1] = 1.0  # where a block lacks lanes
         self._kernel["base"][block, :, lane] = entries
-        parts = [(t.F0 if t.F0 is not None else np.broadcast_to(np.eye(d), (len(t.X), d, d)))
-                 for t in (part.scene.templates[k] for k in part.scene.kind)]
-        self._inverse = np.linalg.inv(np.concatenate(parts)[part.ids])
+        F0 = np.broadcast_to(np.eye(d), (part.n_owned, d, d)).copy()
+        for kind, on, at in part.owned.by_kind():
+            if (found := part.scene.templates[kind].F0) is not None:
+                F0[on] = found[at]
+        self._inverse = np.linalg.inv(F0)
 
     def since_renewal(self) -> np.ndarray:
         """Deformation gradients (d, d, n_owned) [-] since the neighbours were found; as current as F."""

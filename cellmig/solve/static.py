@@ -280,8 +280,8 @@ def _rigid_motions_are_held(m: Mechanics) -> bool:
     """Whether supports hold the translations and rotations of every cell."""
     held, d = m.loads.boundary.held, m.scene.dimension
     for cell in range(len(m.scene.kind)):
-        particle, component = held[m.scene.cell[held[:, 0]] == cell].T
-        x = m.scene.X[particle] - m.scene.centre[cell]
+        particle, component = held[m.scene.cell_of(held[:, 0]) == cell].T
+        x = m.scene.particles(particle).X - m.scene.centre[cell]
         motion = rigid_motions(x)[:, np.arange(len(x)), component]
         if np.linalg.matrix_rank(motion, tol=1e-9 * np.abs(x).max(initial=1.0)) < d * (d + 1) // 2:
             return False

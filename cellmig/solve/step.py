@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..meshfree.body import Scene, Template
+from ..meshfree.body import Template
 from ..meshfree.renewal import at_rest
+from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
@@ -23,7 +24,7 @@ class NumericsError(RuntimeError):
         """The error at a time [µs], with a particle, by default the one with the largest |ln J|; collective."""
         particle, J = mechanics.worst_particle(particle)
         return cls(f"the simulation failed at {mechanics.scene.time_unit.text(time)}: {cause}; particle {particle} of "
-                   f"cell {int(mechanics.scene.cell[particle]) + 1} has J = {J:.4g}; {remedy}")
+                   f"cell {int(mechanics.scene.cell_of(particle)) + 1} has J = {J:.4g}; {remedy}")
 
 
 NO_EXTREMES = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}

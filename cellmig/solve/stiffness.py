@@ -35,8 +35,8 @@ class Stiffness:
         self.mechanics = m = mechanics
         base, scene, n = m.part.numbering, m.scene, m.n_owned
         self.dimension = d = scene.dimension
-        self._column = m.part.in_petsc[base.ids]
-        self.start = int(self._column[0]) if n else 0
+        self._column = m.state.in_petsc[: len(base.ids)]
+        self.start = m.part.first if n else 0
         self.shape = d * n, d * scene.size
         wide = [self._wide([t.G[k] for t in scene.templates], base.n_rows) for k in range(d)]
         self._G = wide[0]
@@ -55,16 +55,16 @@ class Stiffness:
             bending[np.searchsorted(_places(self._G), _places(near))] = near.data
             columns.append(bending)
             self._laplacian = csr_rows(scene, base, C, base.n_rows, len(base.ids))
-            self._base = scene.field("base")[m.part.row_ids, d]
+            self._base = m.part.rows.field("base")[:, d]
         lists = left.indptr, left.data, self._row, self._G.indptr, self._G.indices
         self._lists = d, len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
-        self._volume = scene.field("V")[m.part.row_ids]
-        self._damping = scene.field("damping")[m.part.row_ids] if m.terms.bulk_damped else None
-        self._bending = [there * scene.field(f"bending_{kind}")[m.part.row_ids]
+        self._volume = m.part.rows.field("V")
+        self._damping = m.part.rows.field("damping") if m.terms.bulk_damped else None
+        self._bending = [there * m.part.rows.field(f"bending_{kind}")
                          for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
         self._stored: tuple[sparse.bsr_matrix, ...] = ()
-        self._material = scene.material[m.part.row_ids]
+        self._material = m.part.rows.material
         self._modulus = np.array([law.density * law.sound_speed**2 for law in scene.materials])[self._material]
         self._modulus = self._modulus if m.grades() is None else m.grades() * self._modulus
 
@@ -150,7 +150,7 @@ class Stiffness:
         order = np.argsort(rows, kind="stable")
         ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.mechanics.n_owned))])
         m = self.mechanics  # contacts change the ghosts
-        wide = m.part.in_petsc[m.state.numbering.ids[columns[order]]]
+        wide = m.state.in_petsc[columns[order]]
         out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
         out.sum_duplicates()
         return out

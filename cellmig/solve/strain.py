@@ -48,7 +48,7 @@ class StrainWatch:
         """Watch the particles of viscous materials: an elastic solid depends on its reference at any strain."""
         self.mechanics = mechanics
         viscous = np.array([law.viscosity > 0.0 for law in mechanics.scene.materials])
-        self._fluid = viscous[mechanics.scene.material[mechanics.ids]]
+        self._fluid = viscous[mechanics.part.owned.material]
         self.largest: float | None = 1.0 if viscous.any() else None
         self.crossed_at: float | None = None
         self.longest = 1.0
@@ -84,7 +84,7 @@ class StrainWatch:
         self.largest = largest = max(before, most)
         if _doublings(largest) <= _doublings(before):
             return ""
-        cell = int(m.scene.cell[-particle]) + 1
+        cell = int(m.scene.cell_of(-particle)) + 1
         text = (f"WARNING at {m.scene.time_unit.text(time)}: particle {-particle} of cell {cell} is stretched "
                 f"{most:.3g}-fold, ")
         if self.crossed_at is not None:

@@ -10,9 +10,11 @@ import numpy as np
 from mpi4py import MPI
 
 from ..kernel.layout import Blocks, Numbering, make_blocks, number
-from ..meshfree.body import Scene
 from ..meshfree.contact import Surfaces
+from ..meshfree.scene import Particles, Scene
 from ..meshfree.terms import Terms
+from ..parallel.collect import fetched
+from ..parallel.partition import Owners
 
 
 @dataclass(frozen=True)
@@ -21,10 +23,9 @@ class Subdomain:
 
     Attributes
     ----------
-    scene, terms, surfaces : the same on all ranks.
-    owner : (size,) int -- ranks of all particles.
-    pushed : (k,) int -- all surface particles, ascending, of the protruding cells of which the rank has a part, or of
-        all of them where they push off other bodies.
+    scene, terms, owners : the same on all ranks.
+    surfaces : Surfaces -- of the cells of which the rank has a part, or of all where cells push off other bodies.
+    pushed : (k,) int -- all surface particles, ascending, of those of these cells that protrude.
     numbering : Numbering -- local numbers of owned particles and ghosts, but for those of contacts.
     blocks : Blocks -- the rows that the kernel computes, in fours.
     """
@@ -32,23 +33,23 @@ class Subdomain:
     comm: MPI.Intracomm
     scene: Scene
     terms: Terms
+    owners: Owners
     surfaces: Surfaces
-    owner: np.ndarray
     pushed: np.ndarray
     numbering: Numbering
     blocks: Blocks
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, scene: Scene, terms: Terms, owner: np.ndarray,
-           protruding: np.ndarray) -> Subdomain:
-        """The subdomain of this rank; `owner` (size,) int : ranks of the particles, `protruding` (cells,) bool."""
-        s = Surfaces.of(scene)
-        mine = owner[s.ids] == comm.rank
-        near = np.isin(s.cell, s.cell[mine]) | (terms.pushes_off is not None)  # what they push off may be here
+    def of(cls, comm: MPI.Intracomm, owners: Owners, terms: Terms, protruding: np.ndarray) -> Subdomain:
+        """The subdomain of this rank in the scene of the `owners`; `protruding` (cells,) bool."""
+        scene, cells = owners.scene, owners.cells(comm.rank)
+        s = Surfaces.of(scene, cells if terms.pushes_off is None else None)  # what they push off may be here
+        mine = owners.of(s.ids) == comm.rank
+        near = np.isin(s.cell, s.cell[mine]) | (terms.pushes_off is not None)
         pushed = np.flatnonzero(protruding[s.cell] & s.on_outside & near)
         around = np.concatenate([s.facets[s.touching(mine)].ravel(), pushed])
-        numbering = number(scene, np.flatnonzero(owner == comm.rank), s.ids[around])
-        return cls(comm, scene, terms, s, owner, pushed, numbering, make_blocks(scene, numbering))
+        numbering = number(scene, owners.ids(comm.rank), s.ids[around])
+        return cls(comm, scene, terms, owners, s, pushed, numbering, make_blocks(scene, numbering))
 
     @property
     def n_owned(self) -> int:
@@ -67,20 +68,36 @@ class Subdomain:
 
     @property
     def capacity(self) -> int:
-        """Length of arrays by particle: every surface particle may become a ghost."""
-        return len(self.numbering.ids) + len(self.surfaces.ids) + 8  # the kernel's last block may read past the end
+        """Length of arrays by particle: every surface particle may become a ghost; pages that are never written take no
+        memory.
+        """
+        return len(self.numbering.ids) + int(self.scene.first_surface[-1]) + 8  # the last block may read past the end
 
     @cached_property
-    def in_petsc(self) -> np.ndarray:
-        """Numbers of all particles in PETSc's order, rank by rank (size,) int."""
-        order = np.empty(self.scene.size, np.int64)
-        order[np.lexsort((np.arange(self.scene.size), self.owner))] = np.arange(self.scene.size)
-        return order
+    def rows(self) -> Particles:
+        """The particles whose stress is computed (n_rows), owned first."""
+        return self.scene.particles(self.row_ids)
+
+    @cached_property
+    def owned(self) -> Particles:
+        """The owned particles (n_owned)."""
+        return self.scene.particles(self.ids)
+
+    @cached_property
+    def first(self) -> int:
+        """Number of this rank's first particle in PETSc's order, which is rank by rank."""
+        return int(self.comm.scan(self.n_owned)) - self.n_owned
+
+    def in_petsc(self, numbering: Numbering) -> np.ndarray:
+        """Numbers of the particles of a `numbering` in PETSc's order (n_local,) int; collective."""
+        ghosts, first = numbering.ids[self.n_owned :], self.first
+        theirs = fetched(self.comm, self.owners.of(ghosts), ghosts, lambda ids: first + np.searchsorted(self.ids, ids))
+        return np.append(first + np.arange(self.n_owned), theirs)
 
     @cached_property
     def on_surface(self) -> np.ndarray:
-        """Whether surface particles belong to this rank (m,) bool."""
-        return self.owner[self.surfaces.ids] == self.comm.rank
+        """Whether the particles of `surfaces` belong to this rank (m,) bool."""
+        return self.owners.of(self.surfaces.ids) == self.comm.rank
 
     @cached_property
     def own_surface(self) -> np.ndarray:

@@ -7,70 +7,52 @@ import numpy as np
 from mpi4py import MPI
 
 from ..meshfree.contact import Surfaces, cells_around
+from ..meshfree.scene import Scene
+from ..parallel.collect import fetched, gathered
+from ..parallel.partition import Owners
 
 
 class SurfacePlaces:
     """Positions of surface particles, of which each rank has its own.
 
-    mine : (n,) int -- this rank's surface particles, ascending;  cells : their cells;  on : (k,) int -- all surface
-    particles of these cells.
+    surfaces : Surfaces -- of the cells of which this rank has a part;  mine : (n,) int -- its particles among these.
     """
 
-    def __init__(self, comm: MPI.Comm, surfaces: Surfaces, owner: np.ndarray, mine: np.ndarray):
-        """`owner` : (m,) int -- ranks of all surface particles;  `mine` : (n,) int."""
-        d = surfaces.facets.shape[1]
-        self.comm, self.mine, self._owner = comm, mine, owner
-        self._first = np.searchsorted(surfaces.cell, np.arange(surfaces.cell[-1] + 2))
-        self.cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
-        self.on = self.of_cells(self.cells)
-        self._x = np.empty((len(owner), d))  # pages that are never written take no memory
+    def __init__(self, comm: MPI.Comm, scene: Scene, owners: Owners, surfaces: Surfaces, mine: np.ndarray):
+        """Nothing is known of others before the first call of `near`."""
+        self.comm, self.surfaces, self.mine = comm, surfaces, mine
+        self._scene, self._owners = scene, owners
+        self._ids = surfaces.ids[mine]
+        self._order = np.argsort(self._ids)
+        self._around = surfaces
+        self._cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
 
-    def of_cells(self, cells: np.ndarray) -> np.ndarray:
-        """Surface particles (k,) int of `cells` (c,) int."""
-        return np.concatenate([np.arange(*self._first[c : c + 2]) for c in cells] or [np.zeros(0, int)])
+    def everywhere(self, own: np.ndarray) -> np.ndarray | None:
+        """Positions of all surface particles (m, d) [µm] on rank 0, from those of this rank, `own` (n, d) [µm]; None on
+        other ranks; collective.
+        """
+        return gathered(self.comm, self.surfaces.place[self.mine], own, int(self._scene.first_surface[-1]))
 
-    def everywhere(self, own: np.ndarray) -> np.ndarray:
-        """Positions of all surface particles (m, d) [µm], from those of this rank, `own` (n, d) [µm]; collective."""
-        counts = np.array(self.comm.allgather(len(own)))
-        x, where = np.empty_like(self._x), np.empty(len(self._x), np.int64)
-        self.comm.Allgatherv(self.mine, (where, counts))
-        everything = np.empty_like(x)
-        self.comm.Allgatherv(own, (everything, x.shape[1] * counts))
-        x[where] = everything
-        return x
-
-    def near(self, own: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Positions near this rank's surface particles; collective.
+    def near(self, own: np.ndarray, reach: float) -> tuple[Surfaces, np.ndarray]:
+        """Surfaces (m particles) of all cells near this rank's particles, and their positions (m, d) [µm]; collective.
 
         own : (n, d) float -- positions of this rank's surface particles [µm];  reach : float [µm].
-
-        Returns
-        -------
-        (m, d) float -- positions [µm], set for the particles of the second result only.
-        (k,) int -- surface particles of all cells within reach.
         """
         d = own.shape[1]
-        box = np.full((len(self._first) - 1, 2 * d), np.inf)
+        box = np.full((len(self._scene.kind), 2 * d), np.inf)
         if len(own):
-            box[self.cells] = np.minimum.reduceat(np.hstack([own, -own]), self._start)
+            box[self._cells] = np.minimum.reduceat(np.hstack([own, -own]), self._start)
         self.comm.Allreduce(MPI.IN_PLACE, box, MPI.MIN)
-        around = self.of_cells(cells_around(box[:, :d], -box[:, d:], self.cells, reach))
-        self._x[self.mine] = own
-        others = around[self._owner[around] != self.comm.rank]
-        self._x[others] = self._fetched(others)
-        return self._x, around
+        cells = np.union1d(cells_around(box[:, :d], -box[:, d:], self._cells, reach), self.surfaces.cells)
+        if not np.array_equal(cells, self._around.cells):
+            self._around = Surfaces.of(self._scene, cells)
+        around = self._around
+        x, owner = np.empty((len(around.ids), d)), self._owners.of(around.ids)
+        x[owner == self.comm.rank] = own
+        others = np.flatnonzero(owner != self.comm.rank)
+        x[others] = fetched(self.comm, owner[others], around.ids[others], lambda ids: own[self._number(ids)])
+        return around, x
 
-    def _fetched(self, wanted: np.ndarray) -> np.ndarray:
-        """Positions (k, d) [µm] of surface particles `wanted` (k,) of other ranks; collective."""
-        order = np.argsort(self._owner[wanted], kind="stable")
-        count = np.bincount(self._owner[wanted], minlength=self.comm.size).astype(np.int64)
-        asked = np.empty_like(count)
-        self.comm.Alltoall(count, asked)
-        names = np.empty(asked.sum(), np.int64)
-        self.comm.Alltoallv((wanted[order].astype(np.int64), count), (names, asked))
-        d = self._x.shape[1]
-        places = np.empty((len(wanted), d))
-        self.comm.Alltoallv((self._x[names], d * asked), (places, d * count))
-        out = np.empty_like(places)
-        out[order] = places
-        return out
+    def _number(self, ids: np.ndarray) -> np.ndarray:
+        """Numbers (k,) int of this rank's surface particles with global `ids` (k,) int."""
+        return self._order[np.searchsorted(self._ids, ids, sorter=self._order)]

@@ -19,9 +19,8 @@ def pairs(corners: list, spacing: float = 0.2, before: list | None = None) -> tu
     """
     x, surfaces = outline(corners, spacing)
     turn = outline(before, spacing)[1].turn if before else surfaces.turn
-    at = np.arange(len(x))
-    turn = surfaces.followed(turn, x, at)
-    found = contact_pairs(surfaces, x, 2 * THIN, lambda a, b: np.full(len(a), 2 * THIN), turn, at)
+    turn = surfaces.followed(turn, x)
+    found = contact_pairs(surfaces, x, 2 * THIN, lambda a, b: np.full(len(a), 2 * THIN), turn)
     between = np.abs(found[:, 0] - found[:, 1])
     return 0.5 * (x + x[surfaces.after])[found], np.minimum(between, len(x) - between)
 
@@ -36,8 +35,8 @@ def outline(corners: list, spacing: float) -> tuple[np.ndarray, Surfaces]:
     after, before = np.roll(at, -1), np.roll(at, 1)
     side = x[after] - x
     turn = polygons.turn(side[before], side)
-    return x, Surfaces(at, np.zeros(n, int), np.column_stack([at, after]), np.full(n, spacing), np.ones(n, bool), after,
-                       before, turn)
+    zero, facets, size = np.zeros(n, int), np.column_stack([at, after]), np.full(n, spacing)
+    return x, Surfaces(at, zero, facets, at, at, size, np.ones(n, bool), after, before, turn, zero, spacing)
 
 
 def test_both_sides_of_a_fold_are_pairs() -> None:

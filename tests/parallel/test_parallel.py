@@ -5,7 +5,9 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,10 +20,11 @@ from cellmig.case.registry import laws
 from cellmig.case.schema import Case
 from cellmig.geometry import polygons
 from cellmig.meshfree.contact import ContactLists, Surfaces, acting, contact_pairs
+from cellmig.meshfree.scene import Scene
 from cellmig.parallel import shared
 from cellmig.parallel.collect import computed_on_root
 from cellmig.parallel.ghosts import GhostedField
-from cellmig.parallel.partition import BALANCE, bisection, partition
+from cellmig.parallel.partition import BALANCE, SURFACE, Owners, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, global_maximum
 from cellmig.parallel.swarm import Swarm
@@ -99,39 +102,71 @@ def test_parts_are_cut_across_the_longer_side() -> None:
     assert X[owner == 0, 0].max() <= X[owner > 0, 0].min()
 
 
-def cells(sizes: np.ndarray, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, cells and materials of particles, a seventh of them of each cell's second material, by height."""
-    rng = np.random.default_rng(seed)
-    cell = np.repeat(np.arange(len(sizes)), sizes)
-    material = np.concatenate([np.arange(n) >= 6 * n // 7 for n in sizes]).astype(int)
-    X = rng.uniform(0, 1, (len(cell), 2)) + np.column_stack([2.0 * (cell % 8), 2.0 * (cell // 8)])
-    return X[np.lexsort((X[:, 1], material, cell))], cell, material
+def scene_of(sizes: np.ndarray, seed: int = 1) -> Scene:
+    """Cells in rows of eight, each of its own kind, a seventh of their particles of the nucleus, by height."""
+    rng, kinds = np.random.default_rng(seed), []
+    for n in sizes.tolist():
+        X, nucleus = rng.uniform(0, 1, (n, 2)), np.arange(n) < n // 7
+        kinds.append(SimpleNamespace(X=X[np.lexsort((X[:, 1], ~nucleus))], nucleus=nucleus,
+                                     surface=np.arange(round(4 * math.sqrt(n)))))
+    cell = np.arange(len(sizes))
+    return Scene(kinds, cell, 2.0 * np.column_stack([cell % 8, cell // 8]), [], [(0, 1)] * len(sizes))
 
 
-def test_cells_stay_whole_where_the_ranks_are_then_as_full() -> None:
-    X, cell, material = cells(np.random.default_rng(1).integers(90, 110, 40))
-    owner = partition(X, cell, material, 4)
-    assert all(np.ptp(owner[cell == c]) == 0 for c in range(40))
-    assert np.bincount(owner).max() <= (1.0 + BALANCE) * len(X) / 4
+def whole(scene: Scene, ranks: int) -> tuple[Owners, np.ndarray, np.ndarray]:
+    """Owners of all particles, as what stores them and one by one, and the cost of each rank over the mean."""
+    owners = partition(scene, ranks)
+    owner, cost = owners.of(np.arange(scene.size)), np.zeros(ranks)
+    for cell, t in enumerate(scene.templates):
+        share = np.bincount(owner[scene.cell == cell], minlength=ranks) / len(t.X)
+        cost += share * (len(t.X) + SURFACE * len(t.surface))
+    return owners, owner, cost / cost.mean()
+
+
+def test_cells_stay_whole_where_the_ranks_then_have_as_much_to_do() -> None:
+    scene = scene_of(np.random.default_rng(1).integers(90, 110, 40))
+    _, owner, cost = whole(scene, 4)
+    assert all(np.ptp(owner[scene.cell == c]) == 0 for c in range(40))
+    assert cost.max() <= 1.0 + BALANCE
+
+
+@pytest.mark.parametrize("ranks", [2, 3, 5, 7, 12])
+def test_of_many_cells_of_mixed_sizes_few_are_divided(ranks: int) -> None:
+    scene = scene_of(np.random.default_rng(ranks).integers(50, 1000, 40))
+    _, owner, cost = whole(scene, ranks)
+    assert cost.max() <= 1.05  # measured 1.003 to 1.027
+    shared = [len(np.unique(owner[scene.cell == c])) for c in range(40)]
+    assert sum(n > 1 for n in shared) < ranks and max(shared) <= 3
 
 
 @pytest.mark.parametrize(("ranks", "team"), [(2, 2), (4, 4), (6, 2), (8, 8)])
 def test_else_teams_of_ranks_share_whole_cells_cut_alike(ranks: int, team: int) -> None:
-    X, cell, material = cells(np.full(3, 7 * 2100))
-    owner = partition(X, cell, material, ranks)
-    assert np.ptp(np.bincount(owner)) <= 0.001 * len(X)
+    scene = scene_of(np.full(3, 7 * 2100))
+    _, owner, cost = whole(scene, ranks)
+    assert np.ptp(cost) <= 0.001
     for c in range(3):
-        own = owner[cell == c]
+        own, nucleus = owner[scene.cell == c], scene.templates[c].nucleus
         assert len(np.unique(own)) == team
-        assert np.array_equal(own % team, owner[cell == 0] % team)  # the same slice of every cell
-        assert all((np.diff(own[material[cell == c] == m]) >= 0).all() for m in (0, 1))  # slices, by height
+        assert np.array_equal(own % team, owner[scene.cell == 0] % team)  # the same slice of every cell
+        assert all((np.diff(own[nucleus == part]) >= 0).all() for part in (True, False))  # slices, by height
 
 
 def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
-    X, cell, material = cells(np.full(3, 400))
-    owner = partition(X, cell, material, 2)
+    scene = scene_of(np.full(3, 400))
+    _, owner, _ = whole(scene, 2)
     assert np.ptp(np.bincount(owner)) <= 1
-    assert X[owner == 0, 0].max() <= X[owner == 1, 0].min()
+    assert scene.X[owner == 0, 0].max() <= scene.X[owner == 1, 0].min()
+
+
+@pytest.mark.parametrize(("count", "size", "ranks"), [(40, 100, 4), (40, 700, 7), (3, 14700, 4), (3, 400, 2)])
+def test_each_rank_finds_its_particles_and_every_cell_has_one_head(count: int, size: int, ranks: int) -> None:
+    scene = scene_of(np.random.default_rng(3).integers(size // 2, size, count) if ranks == 7 else np.full(count, size))
+    owners, owner, _ = whole(scene, ranks)
+    for rank in range(ranks):
+        ids = owners.ids(rank)
+        assert np.array_equal(ids, np.flatnonzero(owner == rank))
+        assert np.array_equal(owners.cells(rank), np.unique(scene.cell[ids]))
+    assert sorted(np.concatenate([owners.heads(rank) for rank in range(ranks)]).tolist()) == list(range(count))
 
 
 def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
@@ -216,26 +251,26 @@ def test_ghosts_have_their_owners_values_after_an_exchange(comm: MPI.Comm, near:
 def test_a_rank_knows_where_surfaces_near_its_own_are_and_lists_all_their_contacts(comm: MPI.Comm, seed: int) -> None:
     grid = 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]'
     rng, scene = np.random.default_rng(seed), discretise(case("paper", "cells.0.repeat=[4, 3]", grid))
-    surfaces = Surfaces.of(scene)
-    x = scene.X[surfaces.ids] + rng.uniform(-0.3, 0.3, (len(surfaces.ids), 2))
-    owner = partition(scene.X, scene.cell, scene.material, comm.size)[surfaces.ids]
-    owner[surfaces.cell == 5] = rng.integers(0, comm.size, np.count_nonzero(surfaces.cell == 5))
-    mine = np.flatnonzero(owner == comm.rank)
-    places = SurfacePlaces(comm, surfaces, owner, mine)
-    assert np.array_equal(places.everywhere(x[mine]), x)
-    known, near = places.near(x[mine], 0.8)
-    assert np.array_equal(known[near], x[near]) and set(places.on) <= set(near)
-    own = owner == comm.rank
-
+    everything = Surfaces.of(scene)
+    x = scene.X[everything.ids] + rng.uniform(-0.3, 0.3, (len(everything.ids), 2))
+    free = rng.integers(0, comm.size, np.diff(scene.offset)[5])
+    owners = replace(partition(scene, comm.size), free={5: free})
+    own = owners.of(everything.ids) == comm.rank
+    surfaces = Surfaces.of(scene, owners.cells(comm.rank))
+    mine = np.flatnonzero(owners.of(surfaces.ids) == comm.rank)
+    places = SurfacePlaces(comm, scene, owners, surfaces, mine)
+    found = places.everywhere(x[own])
+    assert found is None if comm.rank else np.array_equal(found, x)
+    near, known = places.near(x[own], 0.8)
+    assert np.array_equal(known, x[near.place]) and set(surfaces.cells) <= set(near.cells)
 
     def within(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.where(a == b, 0.3, 0.8)
 
-    everything = contact_pairs(surfaces, x, 0.8, within, surfaces.turn, np.arange(len(x)))
-    of_near = contact_pairs(surfaces, known, 0.8, within, surfaces.turn, near)
-    found = [acting(surfaces, pairs, own) for pairs in (of_near, everything)]
-    assert 20 < len(found[0]) <= len(everything)
-    assert np.array_equal(*found)
+    pairs = [near.place[acting(near, contact_pairs(near, known, 0.8, within, near.turn), own[near.place])],
+             acting(everything, contact_pairs(everything, x, 0.8, within, everything.turn), own)]
+    assert len(pairs[0]) > 20
+    assert np.array_equal(*pairs)
 
 
 @pytest.mark.serial
@@ -244,7 +279,7 @@ def test_contact_lists_have_a_node_for_each_particle_and_cell_that_it_is_near() 
     scene = discretise(case("paper", "cells.0.repeat=[2, 2]", grid))
     surfaces = Surfaces.of(scene)
     pairs = contact_pairs(surfaces, scene.X[surfaces.ids], 0.8, lambda a, b: np.where(a == b, -1.0, 0.8),
-                          surfaces.turn, np.arange(len(surfaces.ids)))
+                          surfaces.turn)
     assert (surfaces.cell[pairs[:, 0]] != surfaces.cell[pairs[:, 1]]).all()
     lists = ContactLists.of(surfaces, pairs)
     of_pair = np.repeat(np.arange(len(lists.source)), np.diff(lists.first))

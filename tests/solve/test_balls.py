@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import pointwise
-from cellmig.meshfree.body import Scene
+from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Contacts, Frictions, Terms
 from cellmig.model.cortex import LineTension
 from cellmig.model.seifert import BetweenCells

@@ -16,7 +16,7 @@ from space import Space, balls, bar, smooth
 from mpi4py import MPI
 
 from cellmig.case.registry import laws
-from cellmig.meshfree.body import Scene
+from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Terms
 from cellmig.solve.restart import restore, saved
 
