@@ -18,7 +18,9 @@ from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
 from cellmig.verify import specimens
+from cellmig.verify.references.scenes import outlines as outlines
 from cellmig.verify.references.scenes import set_motion as set_motion
+from cellmig.verify.references.scenes import surfaces as surfaces
 
 DAMPED = ("materials.nucleus.stabilisation=0.05", "numerics.bulk_viscosity=0.05")  # for nucleus.toml, which is not
 ROOT = Path(__file__).resolve().parent.parent
@@ -64,6 +66,12 @@ def everywhere(sim: Simulation, owned: np.ndarray) -> np.ndarray:
     for ids, values in parts:
         out[ids] = values
     return out
+
+
+def in_petsc(sim: Simulation) -> np.ndarray:
+    """Numbers of all particles in PETSc's order (size,) int, by global id."""
+    m = sim.mechanics
+    return everywhere(sim, m.part.first + np.arange(m.n_owned)).astype(int)
 
 
 def forces(sim: Simulation) -> np.ndarray:

@@ -59,8 +59,9 @@ def sensed(*cells: tuple[np.ndarray, np.ndarray], fields: dict[str, Any] | None 
     x = np.concatenate([points for points, _ in cells])
     facets = np.concatenate([a + f for a, (_, f) in zip(start, cells, strict=False)])
     none = np.zeros(0, np.int64)
-    s = Surfaces(np.arange(len(x)), np.repeat(np.arange(len(cells)), counts), facets, np.ones(len(facets)),
-                 np.ones(len(facets), bool), none, none, np.zeros(0))
+    every, number = np.arange(len(x)), np.arange(len(facets))
+    s = Surfaces(every, np.repeat(np.arange(len(cells)), counts), facets, every, number, np.ones(len(facets)),
+                 np.ones(len(facets), bool), none, none, np.zeros(0), none, 1.0)
     still = np.zeros((len(cells), x.shape[1] - 1))
     return Surroundings(0.0, knot, seed, tuple(names or (f"Cell-{k + 1}" for k in range(len(cells)))), s, x,
                         still if polarity is None else np.asarray(polarity, float),

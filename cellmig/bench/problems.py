@@ -171,7 +171,7 @@ def spreading(sim: Simulation) -> dict[str, float]:
     """
     row, up = sim.sample()[0][1], sim.case.dimension - 1
     contact = row["substrate_contact_um"] if up == 1 else np.sqrt(row["substrate_contact_um2"] / np.pi)
-    height = float(np.ptp(sim.mechanics.segments.everywhere()[:, up]))
+    height = float(np.ptp(sim.comm.bcast(sim.mechanics.segments.everywhere())[:, up]))
     return {"contact": float(contact), "height": height, "centre": row[f"{'xyz'[up]}_um"]}
 
 

@@ -132,7 +132,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
         "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
         "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.part.numbering.n_rows),
-        "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": len(m.surfaces.ids),
+        "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": int(m.scene.first_surface[-1]),
         "neighbours": float(np.mean([t.G[0].nnz / len(t.X) for t in sim.scene.templates])),
         "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
         "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,

@@ -187,7 +187,7 @@ class Sampler:
             return
         f = np.sum([m.surface_force(term)[0][:, 0] for term in ("sliding", "push_off")
                     if present(term, m.terms)], axis=0)
-        x = m.scene.X[m.ids, 0] + m.state.u[:, 0]
+        x = m.part.owned.X[:, 0] + m.state.u[:, 0]
         energy, force, moment, place = self._sum(np.column_stack([strain_energy(m), f, x * f, self.mass * x])).T
         dipole = moment - place / self.cell_mass * force
         for row, *values in zip(rows, [energy.sum(), *energy], [dipole.sum(), *dipole], strict=True):

@@ -117,8 +117,8 @@ def fractions(nucleus: np.ndarray) -> np.ndarray:
 
 
 def slices(nucleus: np.ndarray, count: int) -> np.ndarray:
-    """Slice of each particle of a cell (n,) int, from 0: `count` of equal size of both parts; `nucleus` (n,) bool as for
-    `fractions`.
+    """Slice of each particle of a cell (n,) int, from 0: `count` equal ones of both parts, with a `nucleus` (n,) bool as
+    for `fractions`.
     """
     ends = np.arange(1, count) / count
     return np.searchsorted(ends, fractions(nucleus), side="right")

@@ -57,12 +57,13 @@ class Modes(GhostedField):
             self.exchange()
             k("respond", k["shear_modulus"], k["dilation_modulus"], self.memory, out, 0)
             k("respond", k["viscosity"], k["bulk_damping"], self.memory, out, self._width // 2)
-            largest = global_maximum(self._comm, _lengths(out).max(axis=0, initial=0.0))
+            largest = global_maximum(self._comm, _longest(out))
             self.owned[:] = out[: self._part.n_owned] * np.repeat(1.0 / np.maximum(largest, 1e-300), self._width // 2)
         sound, viscosity = (CAUTION * largest).tolist()
         return {"sound": sound, "viscosity": viscosity}
 
 
-def _lengths(modes: np.ndarray) -> np.ndarray:
-    """Lengths (n, 2) of both vectors of each particle, (n, 2 d)."""
-    return np.linalg.norm(modes.reshape(len(modes), 2, -1), axis=2)
+def _longest(modes: np.ndarray) -> np.ndarray:
+    """Largest lengths (2,) of both vectors of all particles, (n, 2 d)."""
+    squares = (sum(part**2 for part in vector) for vector in np.split(modes.T, 2))
+    return np.sqrt([square.max(initial=0.0) for square in squares])

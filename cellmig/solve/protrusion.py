@@ -96,7 +96,7 @@ class Protrusion:
         k["mover_of"] = np.searchsorted(cells, s.cell[segments.ends[:, 0]])
         k["firm"], k["drive_now"] = law.height, np.zeros((len(cells), sides, d))
         k["middle"], k["hold"] = np.zeros((len(cells), sides)), np.zeros((len(cells), sides))
-        self._cells, self._time, self._part, self._factor = cells, 0.0, part, np.ones(len(s.ids))
+        self._cells, self._time, self._part, self._factor = cells, 0.0, part, protruding.drives.factor
         k["hold_off"], k["pushed_off"] = np.zeros((len(cells), sides)), np.zeros((len(part.own_surface), d))
         k["n_own_surface"], k["own_surface"] = len(part.own_surface), part.at_surface
         self.drive(protruding.drives)
@@ -106,12 +106,16 @@ class Protrusion:
         """Push as these Drives say, from their time on."""
         k, self._time = self._kernel, drives.time
         k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
-        factor, places = drives.factor, self._surfaces.place[self._segments.ends]
-        k["push"] = self._push * (factor[places] if isinstance(factor, np.ndarray) else factor)
-        k["drive_clock"] = np.zeros(1)
         self._factor = drives.factor
+        k["push"] = self._push * self._factor_at(self._segments.ends)
+        k["drive_clock"] = np.zeros(1)
         if self._segments.lists is not None:
             self._renew_off()
+
+    def _factor_at(self, on: np.ndarray) -> np.ndarray | float:
+        """Factors of the push at surface particles `on` (...) int of this rank's cells (...), or one for all [-]."""
+        factor = self._factor
+        return factor[self._surfaces.place[on]] if isinstance(factor, np.ndarray) else factor
 
     def set_clock(self, time: float) -> None:
         """Push as in the Drives at a time [µs]."""
@@ -138,7 +142,7 @@ class Protrusion:
         at = self._segments.pushing()
         size = np.array([0.5 * law.push(bonds.work) for bonds in part.terms.contacts.laws])[k["contact_law"]]
         ends = self._segments.ends[at]
-        k["contact_push"] = size[:, None] * self._alpha[at] * self._factor[ends]
+        k["contact_push"] = size[:, None] * self._alpha[at] * self._factor_at(ends)
         k["contact_mover"] = np.where(at < 0, -1, k["mover_of"][at])
         own = np.full(len(part.surfaces.ids), -1)
         own[part.own_surface] = np.arange(len(part.own_surface))

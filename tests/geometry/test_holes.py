@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case
+from scenes import built, case, surfaces
 
 from mpi4py import MPI
 
@@ -28,7 +28,7 @@ def hollow(*more: dict, protrusion: bool = False, **shape: Any) -> dict:
 
 def in_holes(sim) -> np.ndarray:
     """Which particles are around holes (size,) bool."""
-    found, s = np.zeros(sim.scene.size, bool), sim.mechanics.surfaces
+    found, s = np.zeros(sim.scene.size, bool), surfaces(sim)
     found[s.ids[~s.outer]] = True
     return found
 
@@ -55,7 +55,7 @@ def test_cells_touch_with_their_outer_loops_alone() -> None:
     with built(from_dict(hollow(beside, holes=[["-2.5 um", "0 um", "1.4 um"]]))) as sim:
         inner, force = in_holes(sim), of_all(sim, "contact")
         assert np.abs(force).max() > 0.0 and not force[inner].any()
-        assert not inner[sim.mechanics.surfaces.ids[sim.mechanics.segments.lists.node]].any()
+        assert not inner[sim.mechanics.segments.lists.ids].any()
 
 
 @pytest.mark.serial

@@ -114,7 +114,7 @@ def test_the_table_has_the_whole_force_of_the_substrate_and_cells_pull_each_othe
                     for row in rows["substrate"])
         assert np.abs(sim.interval.width ** (d - 1) * table + whole).max() < 1e-14 * size  # measured 2e-16
         key, force = m.accounts.impulses.key[1:], m.powers()["contact_impulse"][1:]
-        on_by = exact_sum(sim.comm, force, 3 * m.surfaces.cell[key // 3] + key % 3, 9).reshape(3, 3, d)
+        on_by = exact_sum(sim.comm, force, 3 * m.scene.cell_at(key // 3) + key % 3, 9).reshape(3, 3, d)
         strength = exact_sum(sim.comm, np.abs(force)).sum()
         assert np.abs(on_by + on_by.swapaxes(0, 1)).max() < 1e-14 * strength  # measured 1e-16
         for row in rows["neighbours"]:

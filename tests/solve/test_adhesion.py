@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_motion
+from scenes import built, case, everywhere, outlines, set_motion, surfaces
 from scipy.integrate import quad
 from scipy.special import gamma
 
@@ -70,8 +70,8 @@ def test_substrate_adhesion_is_exact_along_the_segments(level: bool, tolerance: 
             X, low = sim.scene.X, np.random.default_rng(4).uniform(0.0099, 0.0102, sim.scene.size)
             u[:, 1] = np.where(X[:, 1] < 2.0, low, X[:, 1]) - X[:, 1]
         set_motion(sim, u)
-        law, s = sim.terms.substrate, sim.mechanics.surfaces
-        y = sim.mechanics.segments.everywhere()[:, 1]
+        law, s = sim.terms.substrate, surfaces(sim)
+        y = outlines(sim)[:, 1]
         ends = y, y[s.after]
         assert level or y.min() < law.cap  # some are capped, most are not
         expected = np.zeros((len(y), 3))  # energy and the two forces, by fine quadrature
@@ -121,7 +121,7 @@ def test_rigid_cylinder_is_pulled_with_the_closed_form_and_second_order(gap: flo
             law = sim.terms.substrate
             set_motion(sim, np.tile([0.0, gap - sim.scene.X[:, 1].min()], (sim.scene.size, 1)))
             exact = on_the_circle(law, 5.0, gap)
-            spacing.append(sim.mechanics.surfaces.size.max())
+            spacing.append(surfaces(sim).size.max())
             error.append(-force(sim, "substrate")[:, 1].sum() / exact - 1.0)
     order = np.polyfit(np.log(spacing), np.log(np.abs(error)), 1)[0]
     report = f"gap {gap}: h {spacing}, error {error}, order {order:.2f}"

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from cellmig.case.pairs import Pairing
 from cellmig.case.pointwise import pointwise
+from cellmig.meshfree.contact import Surfaces
 from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Contacts, Frictions, Terms
 from cellmig.model.cortex import LineTension
@@ -245,7 +246,7 @@ def test_the_random_push_is_a_function_of_the_place() -> None:
     for size in (400, 1500):
         scene = balls((FLUID, None), size)
         X = scene.X[scene.surface(0)] - scene.centre[0]
-        alpha = random_factor(scene, law, 2019, ["Cell-1"])
+        alpha = random_factor(scene, Surfaces.of(scene), law, 2019, ["Cell-1"])
         values.append([alpha[np.argsort(np.linalg.norm(X - way, axis=1))[:3]].mean() for way in 5.0 * np.eye(3)])
     assert np.abs(np.diff(values, axis=0)).max() < 0.1  # measured 0.04
     assert np.ptp(values) > 0.3  # measured 0.55

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from samples import slope
-from scenes import built, case, everywhere, set_motion
+from scenes import built, case, everywhere, in_petsc, set_motion, surfaces
 from scipy.integrate import quad
 
 from mpi4py import MPI
@@ -44,12 +44,12 @@ def sim() -> Iterator[Simulation]:
 
 def numbers(sim: Simulation) -> list[int]:
     """Number of surface particles of each cell."""
-    return [int(n) for n in np.bincount(sim.mechanics.surfaces.cell)]
+    return [int(n) for n in np.bincount(surfaces(sim).cell)]
 
 
 def placed(sim: Simulation, outlines: Outlines) -> np.ndarray:
     """Displacements (size, 2) [µm] that put surfaces on outlines; a cell without one goes far away."""
-    s, X = sim.mechanics.surfaces, sim.scene.X
+    s, X = surfaces(sim), sim.scene.X
     u = np.zeros_like(X)
     for c in range(len(sim.scene.kind)):
         on = s.ids[s.cell == c]
@@ -59,7 +59,7 @@ def placed(sim: Simulation, outlines: Outlines) -> np.ndarray:
 
 def lengths(sim: Simulation) -> Outlines:
     """Reference lengths of the segments of each cell [µm]."""
-    s = sim.mechanics.surfaces
+    s = surfaces(sim)
     return [s.size[s.cell == c] for c in range(len(sim.scene.kind))]
 
 
@@ -361,7 +361,7 @@ def test_the_tangent_is_the_derivative_of_the_force(kind: str, gap: float) -> No
         force(sim)
         K, d = Stiffness(m).surfaces(1.0, 0.0, ("contact",)), np.random.default_rng(5).standard_normal(u.shape)
         at = np.empty_like(d)
-        at[m.part.in_petsc] = d
+        at[in_petsc(sim)] = d
         found = everywhere(sim, (K @ at.ravel()).reshape(-1, 2))
         errors = [np.abs(found + slope(lambda s: force(moved(sim, u + s * d)), 0.0, h)).max() for h in
                   (1e-5, 1e-6, 1e-7, 1e-8)]

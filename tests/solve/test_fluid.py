@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_motion
+from scenes import built, case, everywhere, outlines, set_motion
 from scipy import sparse
 
 from mpi4py import MPI
@@ -301,7 +301,7 @@ def history(case: Case, times: np.ndarray, comm: MPI.Comm) -> tuple[np.ndarray, 
         for time in times:
             sim.go(float(time))
             rows, ledger = sim.sample()
-            x = sim.mechanics.segments.everywhere()
+            x = outlines(sim)
             size.append(np.ptp(x, axis=0))
             area.append(rows[1]["area_um2"])
             error.append(ledger["energy_error"])

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import built, case
+from scenes import built, case, outlines
 
 from mpi4py import MPI
 
@@ -44,11 +44,11 @@ def test_the_push_follows_the_membrane_from_knot_to_knot() -> None:
     found = on_gel("10000 + 2000*x Pa", HALF, 'time.end="1 us"', "time.samples=4")
     with built(found) as sim:
         before = sim.mechanics.kernel["push"].copy()
-        x = sim.mechanics.segments.everywhere()
+        x = outlines(sim)
         sim.go(0.25)
         k, ends = sim.mechanics.kernel, sim.mechanics.segments.ends
         then, now = (push_factor(found.ground, fields_of(found), at, 0.0)[ends]
-                     for at in (x, sim.mechanics.segments.everywhere()))
+                     for at in (x, outlines(sim)))
         np.testing.assert_allclose(k["push"] * then, before * now, rtol=1e-12)
         assert sim.comm.allreduce(bool((k["push"] != before).any()), MPI.LOR)
 

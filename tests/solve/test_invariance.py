@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_motion
+from scenes import built, case, everywhere, set_motion, surfaces
 
 from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError
@@ -87,7 +87,7 @@ def test_a_cell_that_touches_nothing_is_not_pushed(gap: float) -> None:
 def test_the_push_is_in_proportion_to_the_bonds_of_the_front_half(flat: float, hold: float) -> None:
     """A cell 0.3 µm above the substrate but for so many µm in front of and behind its middle, which are bonded."""
     with built(case("one_cell", ALONE, "protrusion.random=false", per_cell=600)) as sim:
-        X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
+        X, law, s = sim.scene.X, sim.terms.substrate, surfaces(sim)
         y = np.where((np.abs(X[:, 0]) < flat) & (X[:, 1] < 1.0), law.equilibrium_distance, X[:, 1] + 0.3)
         set_motion(sim, np.column_stack([np.zeros(len(X)), y - X[:, 1]]))
         force = push(sim)[:, 0].sum()

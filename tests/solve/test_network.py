@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from samples import assert_close, slope
-from scenes import built, everywhere, smooth
+from scenes import built, everywhere, in_petsc, smooth
 
 from mpi4py import MPI
 
@@ -79,7 +79,7 @@ def test_the_tangent_within_a_step_is_the_derivative_of_the_forces(dimension: in
 
         expected = -slope(force, 0.0, 1e-5)
         force(0.0)
-        at = everywhere(sim, d)[np.argsort(m.part.in_petsc)]
+        at = everywhere(sim, d)[np.argsort(in_petsc(sim))]
         found = (Stiffness(m)(1.0, 0.0) @ at.ravel()).reshape(-1, dimension)
         assert_close(found, expected, 1e-7)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere
+from scenes import built, case, everywhere, outlines, surfaces
 
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
@@ -80,7 +80,7 @@ def test_cells_without_bonds_or_with_few_keep_each_other_out(sets: str) -> None:
     with built(colliding("two", sets)) as sim:
         (momentum, _), first = per_particle(sim), sim.sample()[1]
         sim.go(4.0)
-        x, s = sim.mechanics.segments.everywhere(), sim.mechanics.surfaces
+        x, s = outlines(sim), surfaces(sim)
         ends = np.stack([x, x[s.after]], axis=1)
         gaps = [polygons.distance(x[s.cell == a], ends[s.cell == 1 - a]).min() for a in (0, 1)]
         history, ledger = sim.sample()

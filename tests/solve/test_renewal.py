@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, set_motion, smooth
+from scenes import built, case, everywhere, outlines, set_motion, smooth
 from test_fluid import MU, RADIUS, TIMES, Driven, drop, history, squeezed
 
 from mpi4py import MPI
@@ -110,11 +110,11 @@ def test_surfaces_of_fluids_are_divided_anew_and_what_they_carry_stays_on_the_ou
         m.accounts.impulses.bond[:] = 1.0
         mass, q = sim.scene.field("mass"), state(sim)
         turn = (mass @ cross(sim.scene.X + q["u"], q["v"]), *(mass @ q["u"]), *sim.sampler.momentum())
-        before, impulse = m.segments.everywhere(), np.array(m.accounts.impulses.bond)
+        before, impulse = outlines(sim), np.array(m.accounts.impulses.bond)
         alpha, sim.sampler.start = m.kernel["push"].copy(), None  # the ledger counts from here
         sim.sample()
         renew(m, 0.0)
-        q, after, new = state(sim), m.segments.everywhere(), m.scene.templates[m.scene.kind[0]]
+        q, after, new = state(sim), outlines(sim), m.scene.templates[m.scene.kind[0]]
         left = sim.sample()[1]["energy_error"]
     assert np.allclose((mass @ cross(sim.scene.X + q["u"], q["v"]), *(mass @ q["u"]), *sim.sampler.momentum()), turn,
                        rtol=1e-9, atol=1e-6)
@@ -234,7 +234,7 @@ def test_other_integrators_find_neighbours_anew_too(kind: str, comm: MPI.Comm) -
     time = dataclasses.replace(scene.time, integrator=kind, step="auto" if kind == "rk" else 0.1)
     with built(dataclasses.replace(scene, time=time), comm) as sim:
         sim.go(6.0)
-        ledger, x = sim.sample()[1], sim.mechanics.segments.everywhere()
+        ledger, x = sim.sample()[1], outlines(sim)
     assert sim.mechanics.renewals > 1
     assert ledger["energy_error"] < 1e-4  # measured 1.2e-5 of rk, 2e-14 of implicit types
     assert np.ptp(x[:, 0]) == pytest.approx(17.8, rel=0.01)
@@ -297,7 +297,7 @@ def test_a_drop_drawn_to_a_thread_keeps_its_step_and_its_width_agrees_with_finer
     for count in (300, 900):
         with built(renewing(squeezed(count, 0.5), 1.2), MPI.COMM_SELF) as sim:
             sim.go(8.0)
-            x = sim.mechanics.segments.everywhere()
+            x = outlines(sim)
             half.append(np.abs(x[np.abs(x[:, 0]) < 2.0, 1]).mean())
             steps.append(sim.integrator.extremes["dt_max"] / sim.integrator.extremes["dt_min"])
             assert sim.sample()[1]["energy_error"] < 1e-4
@@ -327,7 +327,7 @@ def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_str
         after = state(sim)
         sim.go(2e7)
         ledger = sim.sample()[1]
-        size = np.ptp(m.segments.everywhere(), axis=0)
+        size = np.ptp(outlines(sim), axis=0)
     assert np.abs(after["stress"] - before["stress"]).max() < 1e-6  # Pa, of 1,000; measured 7e-9
     assert ledger["energy_error"] < 1e-3 and m.renewals > 1  # measured 6e-8; 3
     assert np.abs(size - 2.0 * RADIUS).max() < 0.1  # µm: round again; measured 0.02
@@ -349,7 +349,7 @@ def test_steps_that_are_repeated_begin_with_the_neighbours_of_before(
     monkeypatch.setattr(Overdamped, "_accept", but_once)
     with built(slow_drop(), comm) as sim:
         sim.go(2e7)
-        ledger, size = sim.sample()[1], np.ptp(sim.mechanics.segments.everywhere(), axis=0)
+        ledger, size = sim.sample()[1], np.ptp(outlines(sim), axis=0)
     assert undone and sim.mechanics.renewals > 1
     assert ledger["energy_error"] < 1e-3
     assert np.abs(size - 2.0 * RADIUS).max() < 0.1

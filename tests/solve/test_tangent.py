@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from samples import assert_close, deformations, directions, fractions, gradients, networks, rates, slope, vectors
-from scenes import BALL, DAMPED, DISC, built, case, everywhere, example, forces, set_motion, smooth
+from scenes import BALL, DAMPED, DISC, built, case, everywhere, example, forces, in_petsc, set_motion, smooth
 from scipy import sparse
 from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
@@ -189,7 +189,7 @@ def applied(sim: Any, d: np.ndarray, by_u: float, by_v: float, *parts: str) -> n
     m = sim.mechanics
     m.rate()
     at = np.empty_like(d)
-    at[m.part.in_petsc] = d
+    at[in_petsc(sim)] = d
     stiffness = Stiffness(m)
     K = stiffness.surfaces(by_u, by_v, parts) if parts else stiffness(by_u, by_v)
     return everywhere(sim, (K @ at.ravel()).reshape(-1, d.shape[1]))

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scenes import CASES, built, case
+from scenes import CASES, built, case, outlines
 
 from mpi4py import MPI
 
@@ -231,7 +231,7 @@ def test_without_pruning_a_scene_without_substrate_may_lie_anywhere(tmp_path: Pa
 
 def test_cells_that_nothing_keeps_apart_end_a_run() -> None:
     with built(case("paper")) as sim:
-        s, x = Surfaces.of(sim.scene), sim.mechanics.segments.everywhere()
+        s, x = Surfaces.of(sim.scene), outlines(sim)
         assert overlap(s, x, True, True) is None
         apart = np.where(s.cell == 1, 0.4, 0.0)[:, None] * [1.0, 0.0]
         found = overlap(s, x + apart, True, False)

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from cellmig.case.load import from_dict, load
 from cellmig.case.schema import Case
 from cellmig.case.shipped import FOLDER
+from cellmig.meshfree.contact import Surfaces
 from cellmig.runs.cases import fluid_drop
 from cellmig.simulation import Simulation
 
@@ -55,6 +56,16 @@ def set_motion(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | Non
             m.state.owned[:, columns] = values[m.ids]
     m.state.exchange()
     m.renew_lists()
+
+
+def surfaces(sim: Simulation) -> Surfaces:
+    """Surfaces of all cells, on every rank."""
+    return Surfaces.of(sim.scene)
+
+
+def outlines(sim: Simulation) -> np.ndarray:
+    """Positions of all surface particles (m, d) [µm] on every rank; collective."""
+    return sim.comm.bcast(sim.mechanics.segments.everywhere())
 
 
 def set_state(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:

@@ -12,7 +12,7 @@ from cellmig.parallel.reduce import exact_sum
 from cellmig.verify import contact
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import built, by_id, case, set_state
+from .scenes import built, by_id, case, set_state, surfaces
 
 RADIUS = 5.0  # µm
 # So ε is half a spacing, not 1/25 of it.
@@ -48,7 +48,7 @@ def on_the_circle(law, a: float, R: float = RADIUS) -> float:
 def cylinder_on_plane(count: int) -> Measured:
     """Forces are integrated exactly along segments: the error is that of the shape."""
     with built(case("one_cell", count, *WIDE)) as sim:
-        law, h = sim.terms.substrate, float(sim.mechanics.surfaces.size.max())
+        law, h = sim.terms.substrate, float(surfaces(sim).size.max())
         eps = law.equilibrium_distance
         found = {f"F({k} ε)": abs(pull(sim, k * eps) / on_the_circle(law, k * eps) - 1.0) for k in (1.5, 2.5)}
         low, high = 0.7 * eps, 1.1 * eps
@@ -82,7 +82,7 @@ def closed_form(size: float) -> Measured:
 def flat_contact(count: int) -> Measured:
     """Bonds belong to reference lengths, so that the energy is proportional to those."""
     with built(case("one_cell", count)) as sim:
-        X, law, s = sim.scene.X, sim.terms.substrate, sim.mechanics.surfaces
+        X, law, s = sim.scene.X, sim.terms.substrate, surfaces(sim)
         low = X[:, 1] < 2.0
         u = np.zeros_like(X)
         u[:, 1] = np.where(low, law.equilibrium_distance, X[:, 1] + 3.0) - X[:, 1]
@@ -134,14 +134,14 @@ WIDE_BETWEEN = ('adhesion.cells.equilibrium_distance="0.1 um"', 'adhesion.cells.
 
 def outlines(sim) -> list[np.ndarray]:
     """Outlines of the first two cells as they lie in the reference configuration, each about its centre [µm]."""
-    s, X = sim.mechanics.surfaces, sim.scene.X
+    s, X = surfaces(sim), sim.scene.X
     on = [X[s.ids[s.cell == c]] for c in (0, 1)]
     return [x - 0.5 * (x.min(axis=0) + x.max(axis=0)) for x in on]
 
 
 def placed(sim, two: list[np.ndarray]) -> None:
     """Put the surfaces of the first two cells on outlines [µm], and the other cells far away."""
-    s, X = sim.mechanics.surfaces, sim.scene.X
+    s, X = surfaces(sim), sim.scene.X
     u = 100.0 * np.outer(sim.scene.cell, [0.0, 1.0])
     for c, x in enumerate(two):
         on = s.ids[s.cell == c]
@@ -183,7 +183,7 @@ def two_cylinders(count: int) -> Measured:
             pulled = float(by_id(sim, forces)[sim.scene.cell == 0, 0].sum())
             found[f"E({k} ε)"] = abs(float(energies.sum()) / right[0] - 1.0)
             found[f"F({k} ε)"] = abs(pulled / right[1] - 1.0)
-        return Measured(float(sim.mechanics.surfaces.size.max()), found, count)
+        return Measured(float(surfaces(sim).size.max()), found, count)
 
 
 @reference("rough-contact", shows="two outlines, convex and reflex at random, at a least gap of ε",
@@ -193,7 +193,7 @@ def two_cylinders(count: int) -> Measured:
 def rough_contact(count: int) -> Measured:
     """The radius of every particle of the surfaces is off by up to 5 %."""
     with built(case("all_protrude", count)) as sim:
-        rng, law, s = np.random.default_rng(count), sim.terms.contact, sim.mechanics.surfaces
+        rng, law, s = np.random.default_rng(count), sim.terms.contact, surfaces(sim)
         A, B = (x * (1.0 + rng.uniform(-0.05, 0.05, (len(x), 1))) for x in outlines(sim))
         two = [A, contact.brought_near([A], B, law.equilibrium_distance, [1.0, 0.2])]
         placed(sim, two)
