@@ -117,7 +117,7 @@ def fractions(nucleus: np.ndarray) -> np.ndarray:
 
 
 def slices(nucleus: np.ndarray, count: int) -> np.ndarray:
-    """Slice of each particle of a cell (n,) int, from 0: `count` equal ones of both parts, with a `nucleus` (n,) bool as
+    """Slice of each particle of a cell (n,) int, from 0: `count` equal ones of both parts, `nucleus` (n,) bool as
     for `fractions`.
     """
     ends = np.arange(1, count) / count
