@@ -45,6 +45,9 @@ GALLERY = (
             "A cell and its nucleus, traced in a picture in pixels: two CSV files are its shape."),
     Picture("colony", '--set particles.per_cell=200 --until "80 us"', "0 us,40 us,80 us", "shapes",
             "Two kinds of cells, in turn side by side, adhere more to their own kind."),
+    Picture("tissue", "", "200 us", "graph",
+            "Sixty cells from the CSV file of a segmented picture, from above: lines are contacts, as wide as these "
+            "are long, coloured by pull."),
     Picture("strip_with_hole", "", "1 us", "shapes",
             "A strip of the nucleus's law between grips, in equilibrium, with the largest stress beside its hole."),
     Picture("three_balls", '--set particles.per_cell=600 --until "40 us"', "0 us,40 us", "section",

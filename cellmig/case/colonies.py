@@ -13,7 +13,8 @@ from .messages import suggest
 from .schema import Cell
 from .values import declared
 
-BY_COLONY = ("repeat", "pitch", "centre", "corners", "nucleus_corners", "unit", "y_down", "centred")  # of outlines
+# Keys of a table of cells that outlines have in place of it.
+OF_OUTLINES = ("repeat", "pitch", "centre", "corners", "nucleus_corners", "unit", "y_down", "centred")
 # What stands for the outline of a cell until the colony gives it: an octagon larger than any nucleus.
 ROUND = [[f"{x} um", f"{y} um"] for x, y in ((9, 4), (4, 9), (-4, 9), (-9, 4), (-9, -4), (-4, -9), (4, -9), (9, -4))]
 
@@ -82,27 +83,26 @@ class Colonies:
         if path[1] not in self.of:
             return data
         law, at = self.items[self.of[path[1]]]
-        own = BY_COLONY if self._traced(law) else ("pitch",)
+        own = OF_OUTLINES if self._traced(law) else ("pitch",)
         for key in own:
             if key in data:
                 self.reject((*path, key), f"is that of {'.'.join(map(str, at))}, which places these cells: leave it "
                             "out")
         data = {key: value for key, value in data.items() if key not in own}
-        given = {"centre": ["0 um"] * dimension}
-        return ({"shape": "polygon"} | given | data | {"corners": ROUND} if self._traced(law)
-                else given | data)
+        data = {"centre": ["0 um"] * dimension} | data
+        return {"shape": "polygon"} | data | {"corners": ROUND} if self._traced(law) else data
 
-    def place(self, cells: list[tuple[Cell, tuple]], changed: Changed, floor: float | None,
+    def place(self, cells: list[tuple[Cell, tuple]], changed: Changed, floor: float | None, bond: float | None,
               found: Mapping[str, Any]) -> Placed:
         """The cells of all tables that colonies place, `cells` being those tables.
 
-        changed : copies that differ;  floor : height at which cells rest [µm], None without a substrate;  found : the
-        other parts of the case.
+        changed : copies that differ;  floor : height at which cells rest [µm], None without a substrate;  bond :
+        equilibrium distance of bonds between cells [µm], None without any;  found : the other parts of the case.
         """
-        placed: Placed = {}
+        placed: Placed = {at: [] for _, at in cells if at[1] in self.of}
         for number, (law, path) in enumerate(self.items):
             mine = [(cell, at) for cell, at in cells if self.of.get(at[1]) == number]
-            gap = law.gap if law.gap is not None else getattr(found["contact"], "equilibrium_distance", None)
+            gap = law.gap if law.gap is not None else bond
             if gap is None:
                 self.reject((*path, "gap"), "missing: without [adhesion.cells] there is no equilibrium distance")
             elif mine and found["particles"] is not None and found["seed"] is not None:
@@ -116,7 +116,6 @@ class Colonies:
                     self.reject((*path, key) if key in declared(type(law)) and getattr(law, key) is not None else path,
                                 str(error))
                     every = []
-                placed |= {at: [] for _, at in mine}
                 for cell, at in self._rested(law, every, floor):
                     placed[mine[0][1] if self._traced(law) else at[:2]].append((cell, at))  # outlines in their order
         return placed
@@ -151,7 +150,7 @@ class Colonies:
             raise ValueError(f"expects places of {d - 1} or {d} coordinates in {d} dimensions, not {law.axes}")
         cells, prints = [], []
         for (cell, at), size in zip(copies, law.sizes(len(copies), seed).tolist(), strict=True):
-            key = cell.shape, size, cell.rest or cell.centre[-1]
+            key = cell.shape, size, cell.rest, cell.centre[-1]
             if key not in known:
                 shape = scaled(cell.shape, size)
                 height = -shape.lowest() if cell.rest else cell.centre[-1]

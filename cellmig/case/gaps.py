@@ -15,6 +15,7 @@ from .pairs import paired
 from .schema import Case
 
 OUTLINE = 720  # points of an outline: that of a disc of radius 5 µm deviates by 0.05 nm
+FEW = 100  # corners of polygons each of whose edges is tried as a line between it and another
 MANY = 12  # corners of a polygon that need no points between them: in an overlap, there are corners
 
 
@@ -187,9 +188,16 @@ def _with_middle(shape: Any, points: np.ndarray) -> np.ndarray:
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
     """Largest depth [µm] of a corner, or the mean of the corners, of one of the polygons a, b (k, 2) in the other."""
     axis = b.mean(axis=0) - a.mean(axis=0)
-    if (a @ axis).max() < (b @ axis).min():
+    if (a @ axis).max() < (b @ axis).min() or (len(a) <= FEW and _side_by_side(a, b)):
         return 0.0  # a straight line separates them, as is usual for neighbours
     return max(_inside(_probes(a), b), _inside(_probes(b), a))
+
+
+def _side_by_side(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether the line through an edge of the counterclockwise polygon a (k, 2) separates it from b (m, 2)."""
+    edge = np.roll(a, -1, axis=0) - a
+    out = np.stack([edge[:, 1], -edge[:, 0]])
+    return bool(((a @ out).max(axis=0) < (b @ out).min(axis=0)).any())
 
 
 def _probes(polygon: np.ndarray) -> np.ndarray:

@@ -98,7 +98,9 @@ class _Reader:
         found = {name: self.part(f, self.find(case_path(f)), case_path(f)) for name, f in fields.items()}
         on_substrate = self.find(("adhesion", "substrate")) is not None
         floor = getattr(found["substrate"], "equilibrium_distance", 0.0) if on_substrate else None
-        placed = self.colonies.place(found["cells"], self.changed, floor, found)
+        wrong = 0.0 if self.find(("adhesion", "cells")) is not None else None  # its mistakes are told
+        bond = getattr(found["contact"], "equilibrium_distance", wrong)
+        placed = self.colonies.place(found["cells"], self.changed, floor, bond, found)
         found["cells"], found["colony"] = expand(self.reject, found["cells"], floor, self.changed, placed), []
         if not self.partial:
             resolution(self.source)

@@ -22,6 +22,7 @@ from .random_packing import Unfit, permutation, uniform
 
 CLASSES = 8  # sizes of equal shapes that stand for a distribution: cells of one size are built once
 DIGITS = 9  # decimals of a centre [µm]
+MOST = 1e6  # largest coordinate [µm]
 TRIES, CLOSE = 12, 0.8  # changes of the region of a given mean gap, at least this share of which it has to have
 
 
@@ -59,11 +60,12 @@ class Packing:
                              items="table")
     box: tuple | None = quantity("um", "two opposite corners of the region; with a coordinate less than the case has "
                                  "dimensions, it is a part of the substrate, and `rest` or `centre` of the cells gives "
-                                 "their height", None, shape=(2, None))
+                                 "their height", None, minimum=-MOST, maximum=MOST, shape=(2, None))
     corner: tuple | None = quantity("um", "in place of a box, the lower corner of a region that is as large as needed, "
-                                    "and as square as possible", None, shape=(None,))
+                                    "and as square as possible", None, minimum=-MOST, maximum=MOST,
+                                    shape=(None,))
     gap: float | None = quantity("um", "least gap between cells; by default the equilibrium distance of adhesion.cells",
-                                 None, minimum=0)
+                                 None, minimum=0, maximum=1000)
     order: str = parameter("whether cells of several tables are \"mixed\" at random, or follow each other as \"given\"",
                            "mixed", choices=("mixed", "given"))
     size_spread: float = quantity("", f"standard deviation of the cells' lengths over their mean; {CLASSES} sizes "
@@ -167,6 +169,8 @@ class _Lattice(Packing):
             columns = np.floor((self._widths - size) / step + 1e-9).astype(int) + 1
             if (columns < 1).any():
                 raise Unfit(f"is narrower than a cell, {size.max():.4g} um")
+            for axis in range(self.axes):  # a row may lack its last place; more rows than needed are left out
+                columns[axis] = min(columns[axis], 1 + -(-n // np.prod(np.maximum(columns[:axis] - 1, 1))))
         else:  # as square as possible
             columns = np.ones(self.axes, int)
             while len(self._points(columns)) < n:
@@ -224,7 +228,8 @@ class Random(Packing):
     """
 
     mean_gap: float | None = quantity("um", "mean of the gaps between a cell and its nearest one, along a line between "
-                                      "neighbours; the region is as large as it takes", None, minimum=0)
+                                      "neighbours; the region is as large as it takes", None, minimum=0,
+                                      maximum=1000)
 
     def __post_init__(self) -> None:
         """Check the region and the mean gap.
@@ -259,11 +264,18 @@ class Random(Packing):
     def _spaced(self, start: np.ndarray, radius: np.ndarray, gap: float) -> np.ndarray:
         """Places (n, k) [µm] in a square or cube with the mean gap."""
         k, want, size = start.shape[1], float(self.mean_gap or 0.0), 2.0 * float(radius.mean())
-        side = (len(radius) ** (1.0 / k)) * (size + want)
+        if len(start) == 1:
+            return np.full((1, k), radius[0])
+        side, least = (len(radius) ** (1.0 / k)) * (size + want), np.inf
         for _ in range(TRIES):
-            places = random_packing.packed(start, radius, gap, np.full(k, side))
-            found = random_packing.mean_gap(places, radius)
-            if CLOSE * want <= found <= want:
+            try:
+                places = random_packing.packed(start, radius, gap, np.full(k, side))
+            except Unfit:
                 break
-            side *= (size + 0.95 * want) / (size + found)
+            least = random_packing.mean_gap(places, radius)
+            if CLOSE * want <= least <= want:
+                break
+            side *= (size + 0.95 * want) / (size + least)
+        if least > want:
+            raise Unfit(f"{want:.4g} um was not reached at random: take more, or a lattice", "mean_gap")
         return random_packing.stretched(places, radius, want)

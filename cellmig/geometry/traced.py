@@ -13,7 +13,7 @@ from ..case.outline_table import OutlineTable
 from ..case.registry import law, parameter, quantity
 from . import polygons
 
-MOST = 1e6  # largest coordinate [µm]
+MOST, MOST_POINTS = 1e6, 1e6  # largest coordinate [µm]; most points of all outlines
 DIGITS = 6  # decimals of a corner and of a centre [µm]
 PASSES = 30  # most moves of all outlines
 ENOUGH = 0.02  # of the gap that may lack
@@ -42,13 +42,13 @@ class Outlines:
                                   "header tells", None, above=0)
     y_down: bool = parameter("whether the file's y axis points down, as in images", False)
     gap: float | None = quantity("um", "gap between neighbours; by default the equilibrium distance of adhesion.cells",
-                                 None, minimum=0)
+                                 None, minimum=0, maximum=1000)
     close: float = quantity("um", "outlines that are nearer to each other than this are drawn out to the gap, such as "
-                            "over the line of pixels between cells", 0.0, minimum=0)
+                            "over the line of pixels between cells", 0.0, minimum=0, maximum=1000)
     spacing: float | None = quantity("um", "distance of the points of the outlines; by default that of the particles",
                                      None, above=0)
     centre: tuple | None = quantity("um", "where the middle of the colony goes; by default it stays where the file has "
-                                    "it", None, shape=(2,))
+                                    "it", None, minimum=-MOST, maximum=MOST, shape=(2,))
 
     def __post_init__(self) -> None:
         """Check the unit and the size.
@@ -99,6 +99,9 @@ class Outlines:
             return {}, self._few(wrong)
         size = {name: polygons.area(p) for name, p in found.items()}
         spacing = self.spacing or particles.spacing or float(np.sqrt(np.mean(list(size.values())) / particles.per_cell))
+        if (number := sum(float(polygons.sides(p).sum()) for p in found.values()) / spacing) > MOST_POINTS:
+            return {}, [f"a spacing of {spacing:.3g} um makes {number:.2g} points of all outlines, at most "
+                        f"{MOST_POINTS:.0e} are possible"]
         for name, area in size.items():
             if area < LEAST * spacing**2:
                 wrong.append(f"the cell '{name}', {self.lines(name)}, has {area:.3g} um^2, less than {LEAST} times the "
