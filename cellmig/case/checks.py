@@ -99,6 +99,9 @@ def _renewal(source: Source, found: dict[str, Any]) -> None:
             source.reject(("numerics", "renewal"), why)
 
 
+_ALONG_P = "cells with a polarity push along that: leave it out; polarity.start is where they begin"
+
+
 def _pushes(source: Source, found: dict[str, Any]) -> None:
     """Note directions of another dimension, polarities of cells that do not push, and times that never come."""
     push, polarity, n = found["protrusion"], found["polarity"], (found["dimension"] or 2) - 1
@@ -123,9 +126,14 @@ def _pushes(source: Source, found: dict[str, Any]) -> None:
         source.reject(("polarity", "cells"), f"'{idle[0]}' does not protrude: name it in protrusion.cells, too")
     if polarity is not None and found["time"] is not None and found["time"].integrator == "static":
         source.reject(("polarity",), "nothing moves in a static case")
+    polar = () if polarity is None or push is None else polarity.cells or push.cells
+    if polar and push is not None and push.direction and set(polar) >= set(push.cells):
+        source.reject(("protrusion", "direction"), _ALONG_P)
     for cell, path in found["cells"]:
         if cell.push is None:
             continue
+        if cell.push.direction and cell.name in polar:
+            source.reject((*path, "push", "direction"), _ALONG_P)
         if push is not None and cell.name not in push.cells:
             source.reject((*path, "push"), f"'{cell.name}' does not protrude: name it in protrusion.cells")
         if cell.push.end is not None and cell.push.end <= cell.push.begin:

@@ -91,7 +91,9 @@ def _row(name: str, f: Any) -> str:
         allowed = [", ".join(registry.laws(meta["kind"]))]
     if "record" in meta:
         allowed = ["; ".join(f"`{key}`: {one.metadata['doc']}" for key, one in declared(meta["record"]).items())]
-    unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({_TYPES.get(type_name(f), 'table')})")
+    read = [{"string": "text"}.get(name, name) for name in np.atleast_1d(meta.get("as_type", []))]
+    kind = " or ".join(read) or _TYPES.get(type_name(f), "table")
+    unit = meta.get("unit") or ("" if "unit" in meta or "kind" in meta else f"({kind})")
     cells = [f"`{name}`", unit, default, ", ".join(filter(None, allowed)), _sentence(meta["doc"])]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 

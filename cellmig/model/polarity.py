@@ -23,12 +23,17 @@ class _Polarity:
     persistence: float
     start: tuple = quantity("", "p at the start: [1] or [-1], in space [x, y]; by default drawn at random", (),
                             shape=(None,))
-    cells: tuple = parameter("names of cells that have a polarity; by default all that protrude", (), items="cell")
+    cells: tuple = parameter("names of cells that have a polarity; by default, and where none is named, all that "
+                             "protrude", (), items="cell")
 
     @property
     def interval(self) -> float:
         """Time from knot to knot h [µs]."""
         return self.persistence / KNOTS
+
+    def begun(self, start):
+        """Polarities (…, n) [-] at the start, for a given `start` (n,) [-]."""
+        return np.array(start)
 
     @property
     def kept(self) -> float:
@@ -78,6 +83,12 @@ class SwitchingPolarity(_Polarity):
 
     persistence: float = quantity("s", "mean time τ between new directions", above=0)
     spread: float = quantity("", "size of p", 1.0, minimum=0)
+    start: tuple = quantity("", "direction of p at the start, of any length: [1] or [-1], in space [x, y]; by default "
+                            "drawn at random", (), shape=(None,))
+
+    def begun(self, start):
+        """Polarities (…, n) [-] at the start along a given `start` (n,) [-]."""
+        return self.spread * np.array(start) / np.linalg.norm(start)
 
     def drawn(self, towards, noise):
         """Polarities (…, n) [-] in a new direction, for cues `towards` and normal numbers `noise` (…, n) [-]."""

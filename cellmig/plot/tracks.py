@@ -75,8 +75,12 @@ def squares(found: Tracks) -> Figure | None:
                         linewidth=0.0)
     if 0.0 < fit.time < np.inf:
         ax.loglog(dt * fitted, persistent(dt * fitted, fit.speed, fit.time), color=COLOURS[1], ls="--",
-                  label=f"v = {fit.speed:.3g} µm/{unit}, τ = {fit.time:.3g} {unit}")
-    ax.loglog(t, mean[0] * (t / t[0]) ** 2, color="0.4", ls=":", linewidth=0.8, label="straight, t²")
+                  label=f"fit: v = {fit.speed:.3g} µm/{unit}, τ = {fit.time:.3g} {unit}")
+    ax.loglog(t, mean[0] * (t / t[0]) ** 2, color="0.4", ls=":", linewidth=0.8, label="∝ t²")
+    for axis, ends in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
+        some = "25" if ends[1] < 100.0 * ends[0] else ""  # first digits of what is named between powers of ten
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(lambda x, _, some=some: f"{x:g}" if f"{x:e}"[0] in some else "")
     ax.set(xlabel=f"lag [{unit}]", ylabel="mean square displacement [µm²]")
     legend_above(ax, 3)
     return figure

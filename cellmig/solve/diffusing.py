@@ -114,8 +114,17 @@ class DiffusingField:
         lost, turnover = self.molecules.lost, self.molecules.turnover
         allowed = self.molecules.rounded if self.law.quasi_steady else 0.0  # else the next step has what was rounded
         if not abs(lost) <= BALANCED * turnover + allowed:
-            raise NumericsError(f"field {self.name}: {lost:.3g} of {turnover:.6g} molecules are lost")
+            raise NumericsError(f"field {self.name}: {lost:.3g} of {turnover:.6g} molecules are lost to rounding: "
+                                + self._remedy(interval))
         return until
+
+    def _remedy(self, interval: float) -> str:
+        """What to do where rounding of fluxes, over an `interval` [µs], is more than the account allows."""
+        crossed = float(np.max(self.transport.grid.size * self.transport.grid.count)) ** 2 / self.law.diffusion
+        if crossed < interval and not self.law.quasi_steady:
+            return (f"it crosses the box in {1e-6 * crossed:.2g} s, far less than the {1e-6 * interval:.2g} s from one "
+                    f"time to the next at which it is known: fields.{self.name}.quasi_steady = true is for such fields")
+        return f"a larger fields.{self.name}.spacing, or a smaller diffusion, loses less"
 
     def _steps_by_error(self, interval: float, before: np.ndarray, x: np.ndarray) -> None:
         """As few equal steps as errors allow; their number is found anew after each."""

@@ -146,7 +146,8 @@ class Guidance:
             pull, centre = self._pulls(x) if self._modules is not None else pull, around.centre
         cues = sum(parts.values(), np.zeros_like(self.p))
         if law is not None and not self.knot:
-            self.p = np.where(self._polar[:, None], law.start or law.drawn(cues, self._normal("start")), self.p)
+            first = law.begun(law.start) if law.start else law.drawn(cues, self._normal("start"))
+            self.p = np.where(self._polar[:, None], first, self.p)
         return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
 
     @cached_property

@@ -153,7 +153,8 @@ class Transport:
                 return c, imbalance
             best = size
             c = np.maximum(c + self._correction(left, V / tau + self._taken(c)[1]), 0.0)
-        raise NumericsError(f"field {self._name}: Newton's method leaves {size:.3g} of {scale:.3g} molecules/µs")
+        raise NumericsError(f"field {self._name}: Newton's method leaves {size:.3g} of {scale:.3g} molecules/µs; a "
+                            "smaller uptake, a larger `half`, or a larger spacing is easier to solve")
 
     def _correction(self, left: np.ndarray, more: np.ndarray) -> np.ndarray:
         """Solution of (A + more) d = left: by standing waves, at once where `more` is the same everywhere; or by

@@ -25,7 +25,10 @@ def guide(rng: np.random.Generator, tables: Tables, low: np.ndarray, high: np.nd
     if rng.random() < 0.5:
         tables["substrate"] = _substrate(rng, about)
     if rng.random() < 0.85:
-        tables["polarity"] = _polarity(rng, about, push["cells"])
+        tables["polarity"] = found = _polarity(rng, about, push["cells"])
+        for cell in tables["cells"]:
+            if cell["name"] in found.get("cells", push["cells"]):
+                cell.get("push", {}).pop("direction", None)  # it pushes along its polarity
         tables["fields"] = {"signal": {"formula": _formula(rng, about)}}
         if rng.random() < 0.3:
             tables["fields"]["made"] = _diffusing(rng, about)

@@ -192,6 +192,14 @@ def test_standing_waves_solve_diffusion_between_walls_of_any_kind(dimension: int
     grid.close()
 
 
+@pytest.mark.serial
+def test_a_field_that_is_too_fast_for_steps_is_told_to_be_quasi_steady() -> None:
+    fast = ('fields.c.diffusion="1e14 um^2/s"', "fields.c.quasi_steady=false")
+    with pytest.raises(NumericsError, match=r"fields\.c\.quasi_steady = true is for such fields"):
+        with built(case("all_protrude", *LIVING, *fast, per_cell=60)) as sim:
+            sim.go(2.0)
+
+
 # ------------------------------------------------------------------------------------------ ranks, checkpoints, time
 
 

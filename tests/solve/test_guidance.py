@@ -94,6 +94,12 @@ def test_neighbours_that_do_not_push_have_no_polarity() -> None:
         assert cue[1, 0] == pytest.approx(-1.0)  # of two at rest on either side
 
 
+def test_a_polarity_of_constant_size_begins_in_the_given_direction_with_that_size() -> None:
+    small = ("polarity.law=switching", "polarity.spread=0.5", "polarity.start=[-5]")
+    with built(case("all_protrude", *POLAR, *small)) as sim:
+        assert sim.guidance.p[:, 0].tolist() == [-0.5, -0.5, -0.5]
+
+
 def test_in_space_the_push_is_along_the_polarity() -> None:
     with built(case("three_balls", "protrusion.direction=[3, 4]")) as sim:
         sim.go(1.0)
@@ -118,6 +124,8 @@ def test_a_basal_push_spreads_a_cell_and_leaves_it_where_it_is(name: str) -> Non
 
 @pytest.mark.parametrize(("sets", "key"), [
     (['polarity.start=[1, 0]'], "polarity.start"), (["protrusion.direction=[0]"], "protrusion.direction"),
+    (["protrusion.direction=[-1]"], "protrusion.direction: cells with a polarity push along that"),
+    (["cells.Cell-1.push.direction=[-1]"], "push.direction: cells with a polarity push along that"),
     (['cells.Cell-1.push={begin="2 us", end="1 us"}'], "push.end"), (["protrusion.cells=[]"], "polarity")])
 def test_what_makes_no_sense_is_refused_with_its_key(sets: list[str], key: str) -> None:
     with pytest.raises(CaseError, match=key):
