@@ -86,6 +86,8 @@ def test_a_case_from_the_wheel_runs_on_two_ranks_in_an_empty_folder(installed: P
                 "1 us", "--set", "particles.per_cell=100", cwd=tmp_path, env=outside)
     assert "2 ranks" in said and "done: 1 µs" in said
     assert "Three monocytes, all protrude" in done(program, "info", "output/all_protrude", cwd=tmp_path, env=outside)
+    done(program, "report", "output/all_protrude", cwd=tmp_path, env=outside)
+    assert "uPlot" in (tmp_path / "output/all_protrude/report.html").read_text(encoding="utf-8")
     pytest.importorskip("pandas", reason="no pandas here: apt install python3-pandas")
     done(installed / "python", "first_look.py", cwd=tmp_path, env=outside)
     assert (tmp_path / "output/first_look/shapes.png").exists()

@@ -49,6 +49,20 @@ def _runs_in(folder: Path) -> list[str]:
     return sorted(path.parent.name for path in folder.glob(f"*/{MANIFEST}"))
 
 
+def at_work(directory: Path) -> bool:
+    """Whether a run or a command holds the lock of a directory; False where the file system has no locks."""
+    handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
+
+
 def together(comm: MPI.Intracomm, action: Callable[[], Any], root_only: bool = False) -> list[Any]:
     """Call `action` on every rank, or on rank 0 alone; raise the error of one rank on all.
 

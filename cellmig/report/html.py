@@ -35,18 +35,15 @@ def whole(title: str, lead: str, sections: Iterable[tuple[str, str, str]], data:
     body = "\n".join(f'<section id="{name}">\n<h2>{escape(heading)}</h2>\n{html}\n</section>'
                      for name, heading, html in shown)
     text = json.dumps(plain(data), ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    return Template(_web("page.html")).substitute(
+    return Template(part("page.html")).substitute(
         title=escape(title), lead=lead, links=links, sections=body, data=text, version=__version__,
-        style="\n".join(map(_web, STYLES)), scripts="\n".join(f"<script>\n{_web(name)}\n</script>" for name in SCRIPTS))
-
-
-def _web(name: str) -> str:
-    return (WEB / name).read_text(encoding="utf-8")
+        style="\n".join(map(part, STYLES)), licence=escape(part("uPlot.LICENSE")),
+        scripts="\n".join(f"<script>\n{part(name)}\n</script>" for name in SCRIPTS))
 
 
 def part(name: str) -> str:
-    """A file of HTML that belongs to a section."""
-    return _web(name)
+    """The text of a file that pages consist of."""
+    return (WEB / name).read_text(encoding="utf-8")
 
 
 def pairs(rows: Iterable[tuple[str, Any]]) -> str:

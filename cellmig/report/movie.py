@@ -57,7 +57,7 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
     substrate = case is None or "substrate" in case.get("adhesion", {})
     return {"dimension": dimension, "unit": of_time.label, "substrate": substrate, "left_out": left_out,
             "cells": {str(k): names.get(k, f"cell {k}") for k in np.unique(first["cell"]).tolist()},
-            "materials": list((case or {}).get("materials") or {}), "frames": len(found),
+            "materials": list((case or {}).get("materials") or {}),
             "colours": (np.array(colormaps[MAP].colors) * 255).round().astype(int).ravel().tolist(),
             "fields": {name: {"label": _label(name), "unit": in_print(units[name]), "parts": list(parts[name]),
                               "meaning": FIELDS[name].meaning if name in FIELDS else ""}
@@ -71,20 +71,22 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
 def _thinned(found: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mapping[str, int]], dimension: int
              ) -> tuple[dict[str, Any], str]:
     """Moving data of as many frames and fields as fit, and what was left out, as text."""
-    fewest, fields, every, left_out = min(FEWEST, len(found)), dict(parts), 1, []
-    every = max(1, min(len(found) // fewest, int(_LETTERS * len(found) * len(kept) * _columns(fields) / BUDGET)))
-    while True:
-        chosen = [*found[:-1:every], found[-1]]
-        data = _moving(chosen, kept, fields, dimension)
-        if size(data) <= BUDGET:
-            break
-        if len(found) // (every + 1) >= fewest:
-            every = max(every + 1, int(every * size(data) / BUDGET))
-        elif further := [name for name in sorted(fields, key=lambda name: -len(fields[name])) if name not in _FIRST]:
+    columns = sum(map(len, parts.values())) + dimension
+    most = max(1, len(found) // min(FEWEST, len(found)))  # frames of which one is kept, while fields are
+    every = max(1, min(most, int(_LETTERS * len(found) * len(kept) * columns / BUDGET)))
+    left_out: list[str] = []
+    chosen, data = _moving(found, every, kept, parts, dimension)
+    while size(data) > BUDGET:
+        values = data["values"]
+        if every < most:
+            every = min(most, max(every + 1, int(every * size(data) / BUDGET)))
+            chosen, data = _moving(found, every, kept, parts, dimension)
+        elif further := [name for name in sorted(values, key=lambda name: -len(values[name])) if name not in _FIRST]:
             left_out.append(further[0])
-            del fields[further[0]]
+            del values[further[0]]
         elif len(chosen) > 2:
-            fewest, every = 2, every + 1
+            every *= 2
+            chosen, data = _moving(found, every, kept, {name: parts[name] for name in values}, dimension)
         else:
             break
     told = [f"{len(chosen)} of {len(found)} frames are here"] if len(chosen) < len(found) else []
@@ -92,13 +94,10 @@ def _thinned(found: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mappi
     return {**data, "chosen": chosen}, ", ".join(told)
 
 
-def _columns(parts: Mapping[str, Mapping[str, int]]) -> int:
-    return sum(map(len, parts.values())) + 2
-
-
-def _moving(chosen: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mapping[str, int]], dimension: int
-            ) -> dict[str, Any]:
-    """Times, positions and fields of some frames."""
+def _moving(found: Sequence[Frame], every: int, kept: np.ndarray, parts: Mapping[str, Mapping[str, int]],
+            dimension: int) -> tuple[list[Frame], dict[str, Any]]:
+    """One of `every` frames, and the last; their times, positions and fields."""
+    chosen = [*found[:-1:every], found[-1]]
     places, fields = [], {name: [] for name in parts}
     for frame in chosen:
         read = frame.read()
@@ -109,7 +108,7 @@ def _moving(chosen: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mappi
     data["x"] = [rounded(axis, PLACE_BITS) for axis in np.moveaxis(np.array(places), 2, 0)]
     for name, values in fields.items():
         data["values"][name] = [evened(one, FIELD_BITS) for one in np.moveaxis(np.array(values, float), 2, 0)]
-    return data
+    return chosen, data
 
 
 def _label(name: str) -> str:

@@ -35,7 +35,8 @@ def write_study(out: Path, title: str, lines: Sequence[str], figures: Iterable[P
     gallery = "".join(picture(_url(path), path.stem.replace("_", " ")) for path in shown)
     charts = [tables.compared(runs)] if runs else []
     data = {"charts": [chart for chart in charts if chart]}
-    place = '<div class="charts" data-chart="history"></div>' if data["charts"] else ""
+    place = "".join(f'<div class="charts" data-chart="history"></div><p class="note">{chart["left_out"]}</p>'
+                    for chart in data["charts"])
     page = whole(title, escape(f"{len(runs)} runs in {out}" if runs else str(out)), [
         ("said", "What it says", f"<pre>{escape(chr(10).join(lines).strip())}</pre>" if lines else ""),
         ("curves", "Runs over each other", place),

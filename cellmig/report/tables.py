@@ -34,7 +34,8 @@ class Kind:
 
 
 KINDS = {
-    "history": Kind("Cells", ("name",), ("ux_um", *MEASURES[2], *MEASURES[3], "effective_stress_pa")),
+    "history": Kind("Cells", ("name",), ("ux_um", *MEASURES[2][:2], *MEASURES[3][:2], "effective_stress_pa", "area_um2",
+                                         "height_um", "volume_um3")),
     "neighbours": Kind("Forces between cells", ("name", "neighbour_name"),
                        ("pull_pn_per_um", "pull_pn", "cell_contact_um", "cell_contact_um2")),
     "cues": Kind("Polarity and cues", ("name",), ("polarity", "polarity_x", "push_pn_per_um", "push_x_pn")),
@@ -68,6 +69,8 @@ def _chart(name: str, kind: Kind, table: Table) -> dict[str, Any] | None:
     samples = np.unique(table[time])
     some = samples[thinned(len(samples), SAMPLES)]
     columns = [column for column in table if column != time and column not in _KEYS and _told(table[column])]
+    if not columns:
+        return None
     place = {line: k for k, line in enumerate(lines)}
     which = np.array([place.get(word, -1) for word in whose])
     rows = np.flatnonzero((which >= 0) & np.isin(table[time], some))
@@ -94,11 +97,14 @@ def compared(runs: Mapping[str, Path]) -> dict[str, Any] | None:
     some = samples[thinned(len(samples), SAMPLES)]
     columns = [column for column in first if column not in (time, *_KEYS)
                and any(_told(table[column]) for table in means.values() if column in table)]
+    if not columns:
+        return None
     values = [[np.interp(some, table[time], table[column], left=np.nan, right=np.nan) if column in table
                else np.full(len(some), np.nan) for table in means.values()] for column in columns]
     return {"name": "history", "title": "Runs", "unit": unit.label, "lines": list(means),
             "first": [column for column in KINDS["history"].first if column in columns][:4] or columns[:1],
-            "left_out": "", "columns": {column: label(column) for column in columns}, "time": packed(some),
+            "left_out": f"{len(runs) - LINES} more runs are not drawn" if len(runs) > LINES else "",
+            "columns": {column: label(column) for column in columns}, "time": packed(some),
             "values": packed(np.array(values))}
 
 

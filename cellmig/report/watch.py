@@ -20,7 +20,8 @@ _LOOKED_AT = (INDEX, MANIFEST, "history.csv", "run.log")  # files that tell news
 class Server(ThreadingHTTPServer):
     """A server of the page of one run; it reads files, and writes none.
 
-    port : of the machine, 0 for a free one;  make : the page of a directory.
+    port : of the machine, 0 for a free one;  make : the page of a directory.  Raises OutputError where the port cannot
+    be used.
     """
 
     daemon_threads = True
@@ -28,7 +29,11 @@ class Server(ThreadingHTTPServer):
     def __init__(self, directory: Path, port: int, make: Callable[[Path], str]) -> None:
         self.directory, self._make, self._lock = directory, make, Lock()
         self._made = "", ""
-        super().__init__((HOST, port), _Handler)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            raise OutputError(f"port {port} of {HOST} cannot be used ({error.strerror}); without --port a free one is "
+                              "taken") from error
 
     @property
     def url(self) -> str:
@@ -86,7 +91,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def serve(directory: Path, port: int, make: Callable[[Path], str]) -> None:
-    """Serve until Ctrl-C or SIGTERM.  Raises OSError where the port is taken."""
+    """Serve until Ctrl-C or SIGTERM.  Raises OutputError where the port is taken."""
     for sign in (signal.SIGINT, signal.SIGTERM):  # whatever the shell that started this has done to them
         signal.signal(sign, signal.default_int_handler)
     with Server(directory, port, make) as server:

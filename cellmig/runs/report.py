@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from cellmig.exits import DONE, FAILED, STOPPED
-from cellmig.output.directory import OutputError, existing_run, replace
+from cellmig.output.directory import OutputError, at_work, existing_run, replace
 from cellmig.output.log import clock, simulated
 from cellmig.output.manifest import read_manifest, time_unit
-from cellmig.output.tables import read_table, time_column, unit_of
+from cellmig.output.tables import time_column, unit_of
 from cellmig.report.page import About, page
+from cellmig.report.tables import read
 from cellmig.report.watch import serve
 
 from .info import about
@@ -48,7 +49,7 @@ def report(directory: Path, out: Path | None = None) -> Path:
 def watch(directory: Path, port: int = 0) -> None:
     """Serve the page of a run that goes on, to this machine alone, until Ctrl-C; nothing is left in the directory.
 
-    port : 0 for a free one.  Raises OutputError where the directory is no run's, OSError where the port is taken.
+    port : 0 for a free one.  Raises OutputError where the directory is no run's, or the port is taken.
     """
     serve(existing_run(directory), port, lambda run: page(run, describe(run), live=True))
 
@@ -57,7 +58,7 @@ def describe(directory: Path) -> About:
     """What a run tells of itself."""
     manifest, log = read_manifest(directory), _log(directory)
     summary = about(directory)
-    return About(_lead(manifest), summary, list(_scene(log, {key for key, _ in summary})),
+    return About(_lead(directory, manifest), summary, list(_scene(log, {key for key, _ in summary})),
                  list(_warnings(directory, manifest, log)), _motion(directory))
 
 
@@ -76,13 +77,15 @@ def _motion(directory: Path) -> tuple[list[str], list[list[Any]]]:
     return list(head.values()), [list(row) for row in rows]
 
 
-def _lead(manifest: dict[str, Any]) -> str:
+def _lead(directory: Path, manifest: dict[str, Any]) -> str:
     """One sentence on how the run stands."""
     status, unit = manifest.get("exit_status"), time_unit(manifest)
-    ended = {None: "Not ended: it runs, or was killed", DONE: "Done", FAILED: "The simulation failed",
+    ended = {None: "It runs" if at_work(directory) else "It was killed", DONE: "Done", FAILED: "The simulation failed",
              STOPPED: "Stopped on request"}.get(status, f"Ended with exit code {status}")
     parts = [ended]
-    if (time := manifest.get("time_us")) is not None:
+    if status is None and (table := read(directory, "history")) and "end_us" in manifest:
+        parts.append(f"{table[time_column(table)][-1]:.4g} of {unit.text(manifest['end_us'])}")
+    elif (time := manifest.get("time_us")) is not None:
         parts.append(f"{simulated(time, unit)} of {simulated(manifest.get('end_us', time), unit)} in "
                      f"{manifest.get('steps', 0):,} steps")
     if (wall := manifest.get("wall_seconds")) is not None:
@@ -117,8 +120,8 @@ def _scene(log: list[str], told: set[str]) -> Iterator[tuple[str, str]]:
 def _warnings(directory: Path, manifest: dict[str, Any], log: list[str]) -> Iterator[tuple[str, str]]:
     """Warnings of a run, each with what to do unless it says so itself."""
     status = manifest.get("exit_status")
-    if status is None and manifest:
-        yield "The run has not ended, or was killed.", f"If it does not run: cellmig resume {directory}"
+    if status is None and manifest and not at_work(directory):
+        yield "The run was killed.", f"cellmig resume {directory}"
     elif status == STOPPED:
         yield "The run was stopped on request.", f"cellmig resume {directory}"
     elif status:
@@ -133,8 +136,7 @@ def _warnings(directory: Path, manifest: dict[str, Any], log: list[str]) -> Iter
 
 
 def _energy(directory: Path) -> Iterator[tuple[str, str]]:
-    path = directory / "ledger.csv"
-    table = read_table(path) if path.exists() else {}
+    table = read(directory, "ledger")
     if not table or not np.isfinite(table["energy_error"]).any():
         return
     worst = np.nanargmax(np.abs(table["energy_error"]))

@@ -21,14 +21,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from mpi4py import MPI
+
 from cellmig import commands
-from cellmig.output.directory import OutputError
+from cellmig.output.directory import Claim, OutputError
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.plot.style import save
 from cellmig.report import encode, html, movie
 from cellmig.report.page import toml
 from cellmig.report.study import write_study
+from cellmig.report.watch import Server
 from cellmig.runs.report import describe, report
 from cellmig.usage import UsageError, parse
 
@@ -188,6 +191,15 @@ def test_numbers_in_tables_have_four_digits(value: float, text: str) -> None:
     assert html.number(value) == text
 
 
+def test_a_run_of_one_sample_has_a_page(copy: Path) -> None:
+    for name in ("history", "ledger", "substrate", "neighbours"):
+        head, *rows = (copy / f"{name}.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+        first = [row for row in rows if row.startswith("0.0,")]
+        (copy / f"{name}.csv").write_text(head + "".join(first), encoding="utf-8")
+    data = data_of(report(copy))
+    assert data["charts"] and data["traction"] is None
+
+
 @pytest.mark.parametrize("lost", [["cells.xdmf"], ["history.csv", "ledger.csv"], ["run.log"], ["manifest.json"],
                                   ["substrate.csv", "neighbours.csv"]])
 def test_a_run_without_some_files_has_a_page_of_the_others(copy: Path, lost: list[str]) -> None:
@@ -211,6 +223,9 @@ def test_an_incomplete_run_says_how_to_go_on(copy: Path) -> None:
     del manifest["exit_status"]
     (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     assert f"cellmig resume {copy}" in report(copy).read_text(encoding="utf-8")
+    assert describe(copy).lead.startswith("It was killed; 20 of 20 µs")
+    with Claim(copy, MPI.COMM_SELF):
+        assert describe(copy).lead.startswith("It runs; 20 of 20 µs") and not describe(copy).warnings
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
@@ -238,6 +253,11 @@ def test_the_page_of_a_study_has_its_figures_tables_and_runs(run: Path, tmp_path
     assert "<th scope=col><button type=button>empty" not in text
     chart, = data_of(path)["charts"]
     assert chart["lines"] == ["one"]
+
+
+def test_a_port_that_is_taken_is_told(run: Path) -> None:
+    with Server(run, 0, str) as server, pytest.raises(OutputError, match="without --port a free one is taken"):
+        Server(run, server.server_address[1], str)
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
