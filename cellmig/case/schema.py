@@ -321,9 +321,10 @@ class Case:
     @property
     def gels(self) -> frozenset[str]:
         """Names of the bodies that are no cells: without a cortex, or off which others push and which do not push."""
-        push = self.protrusion.cells if self.protrusion is not None else ()
-        off = {name for pair in self.pairs if pair.push for side in pair.cells for name in side}
-        return frozenset(cell.name for cell in self.cells if not cell.cortex) | (off - set(push))
+        push = set(self.protrusion.cells) if self.protrusion is not None else set()
+        sides = [side for pair in self.pairs if pair.push for side in (pair.cells, pair.cells[::-1])]
+        off = {name for left, right in sides if push.intersection(left) for name in right}
+        return frozenset(cell.name for cell in self.cells if not cell.cortex) | (off - push)
 
     def friction_of(self, cell: Cell) -> Any:
         """Law of friction of a cell, None without."""

@@ -124,7 +124,8 @@ Units are in the names of the columns; that of times is the one in which the cas
   The first sample has no means; a place or a pair without a row had no force.  The mean force on a particle is spread
   over the way that it went, in three dimensions over the rectangle around it.  Tractions of all places times their
   width, in three dimensions its square, are the whole force on the substrate.
-- `tracks.csv`: the way of each cell, of every run without inertia or with `[polarity]`.
+- `tracks.csv`: the way of each cell, of every run without inertia or with `[polarity]`.  Bodies without a cortex, or
+  that others push off, are no cells, and have none.
 - `cues.csv`: who steers whom, of every run with `[polarity]`.
 
 """

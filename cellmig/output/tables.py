@@ -6,7 +6,7 @@ import csv
 import errno
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -185,11 +185,13 @@ class Tracks(_Table):
     """Writer of `tracks.csv`: centres of cells [µm] by name; collective; ranks other than 0 may pass None."""
 
     name, kinds = "tracks.csv", TRACKS
+    gels: Set[str] = frozenset()  # names of bodies without tracks
 
     def write(self, time: float, rows: Sequence[Mapping[str, float]]) -> None:
         """Add a sample at `time` [us] from the rows of history, of which the aggregate has no track."""
         self._write(lambda: ({**{name: rows[cell].get(name, np.nan) for name in self.columns[2:]},
-                              "id": self.names[cell], "time_us": float(time)} for cell in range(1, len(rows))))
+                              "id": self.names[cell], "time_us": float(time)} for cell in range(1, len(rows))
+                             if self.names[cell] not in self.gels))
 
 
 class Surroundings(_Table):
@@ -238,11 +240,12 @@ class Tables:
     ends : dict -- ends of tables to resume, by name, as `ends` returned them; empty for a new run.
     unit : TimeUnit -- of times in them.
     cues : tuple of str -- columns of cues.csv besides CUES, as `cue_columns` has them.
+    gels : set of str -- names of bodies that are no cells, and have no tracks.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, names: Sequence[str], more: tuple[str, ...],
                  present: Mapping[str, bool], ends: Mapping[str, Any], dimension: int = 2,
-                 unit: TimeUnit = MICROSECOND, cues: tuple[str, ...] = ()) -> None:
+                 unit: TimeUnit = MICROSECOND, cues: tuple[str, ...] = (), gels: Set[str] = frozenset()) -> None:
         self._comm = comm
 
         def opened(kind: type[_Table], more: tuple[str, ...] = ()) -> Any:
@@ -252,6 +255,8 @@ class Tables:
 
         self.history, self.ledger = opened(History, more), opened(Ledger)
         self.tracks = opened(Tracks) if present.get("tracks") else None
+        if self.tracks is not None:
+            self.tracks.gels = gels
         kinds: dict[str, tuple[type[_Table], tuple[str, ...]]] = {
             "substrate": (Substrate, ()), "neighbours": (Neighbours, ()), "cues": (Cues, cues),
             "molecules": (Molecules, ())}

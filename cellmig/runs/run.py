@@ -119,7 +119,7 @@ class Run:
                    "tracks": self.case.overdamped or self.case.polarity is not None,
                    "cues": self.simulation.polar, "molecules": bool(self.simulation.fields.diffusing)}
         self.tables = Tables(self.directory, self.comm, names, self.simulation.sampler.columns, present, ends,
-                             self.case.dimension, self.case.time_unit, self.simulation.cue_columns)
+                             self.case.dimension, self.case.time_unit, self.simulation.cue_columns, self.case.gels)
         self.frames_before = ends["frames"]
         if "history" in ends:
             cut_frames(self.directory, self.comm, self.frames_before)

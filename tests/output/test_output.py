@@ -174,6 +174,13 @@ def test_tracks_have_the_columns_that_celltrackr_reads_in_its_order_and_no_aggre
     assert found["x_um"].tolist() == [10.0, 20.0] * 2 and found[f"{axes[-1]}_um"][0] == 9.0 + dimension
 
 
+def test_gels_have_no_tracks(shared_tmp):
+    tables = Tables(shared_tmp, COMM, ["Gel", "Cell"], (), {"tracks": True}, {}, gels={"Gel"})
+    tables.write(0.0, [{"x_um": float(cell), "y_um": 0.0} for cell in range(3)], {}, {})
+    tables.flush()
+    assert read_table(shared_tmp / "tracks.csv")["id"].tolist() == ["Cell"]
+
+
 def test_cues_have_polarity_push_and_the_part_of_each_cue(shared_tmp):
     names = cue_columns(("occupancy", "contact"), 3)
     assert names == ("occupancy_x", "occupancy_y", "contact_x", "contact_y") and cue_columns(("given",)) == ("given",)

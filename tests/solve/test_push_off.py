@@ -94,11 +94,12 @@ def test_a_stiff_gel_is_the_rigid_substrate() -> None:
 
 
 def resting_on_a_gel() -> Case:
-    """A cell between a gel and a neighbour, which senses both."""
-    tree = crawling(polarity={"persistence": "10 s", "spread": 0.0, "start": [1.0]},
-                    cues=[{"law": "neighbours"}, {"law": "contact"}]).resolved()
+    """A cell that senses what is around it, on a gel."""
+    tree = crawling().resolved()
+    del tree["protrusion"]["direction"]
     tree["protrusion"]["gate"] = "1 um"
-    return from_dict(tree)
+    return from_dict(tree | {"polarity": {"persistence": "10 s", "spread": 0.0, "start": [1.0]},
+                             "cues": [{"law": "neighbours"}, {"law": "contact"}]})
 
 
 def test_a_gel_is_no_neighbour() -> None:
@@ -107,6 +108,12 @@ def test_a_gel_is_no_neighbour() -> None:
         at(sim, 5.0)
         assert not any(part.any() for part in sim.guidance.parts.values())
         assert sim.sampler.push()[1, 0] == pytest.approx(np.exp(-0.5) * speed_and_push_at_once(), rel=0.01)
+
+
+@pytest.mark.serial
+def test_a_cell_that_does_not_push_is_no_gel() -> None:
+    assert case("slab_crawl").gels == {"Gel"}
+    assert crawling().gels == {"Gel"}  # whose cortex has no tension, as there is none
 
 
 def speed_and_push_at_once() -> float:
