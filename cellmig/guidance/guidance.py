@@ -50,8 +50,8 @@ def guidance(out: Path, seeds: int, at_once: int | None = None, quick: bool = Fa
     files = {"Claims": out / "claims.csv", "Runs": out / "runs.csv"}
     write_claims(files["Claims"], judged)
     _write_runs(files["Runs"], jobs, results, failed | bad)
-    figures = draw(results, out)
-    page = write_study(out, "How cells find their way: published facts", said, figures, files)
+    figures, runs = draw(results, out), {f"{name}, seed {seed}": job.directory for (name, seed), job in sound.items()}
+    page = write_study(out, "How cells find their way: published facts", said, figures, files, runs)
     print("", *map(str, [*figures, *files.values(), page]), sep="\n")
     return next((ended.code for ended in (failed | bad).values()), DONE)
 

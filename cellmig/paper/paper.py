@@ -128,8 +128,9 @@ def _variant(out: Path, seeds: int, at_once: int | None, quick: bool, claims: Se
     files = {"Claims": out / "claims.csv", "Runs": out / "runs.csv"}
     write_claims(files["Claims"], judged)
     _write_runs(files["Runs"], jobs, results, failed | bad)
-    figures = draw(results, out)
-    page = write_study(out, f"Claims of the paper{' in three dimensions' * (dimension == 3)}", said, figures, files)
+    figures, runs = draw(results, out), {f"{name}, seed {seed}": job.directory for (name, seed), job in sound.items()}
+    title = f"Claims of the paper{' in three dimensions' * (dimension == 3)}"
+    page = write_study(out, title, said, figures, files, runs)
     print("", *map(str, [*figures, *files.values(), page]), sep="\n")
     return next((ended.code for ended in (failed | bad).values()), DONE), asked
 

@@ -16,7 +16,8 @@ from cellmig.version import __version__
 WEB = files(__package__) / "web"
 STYLES = ("uPlot.min.css", "page.css")
 # Each uses those before it.
-SCRIPTS = ("uPlot.iife.min.js", "data.js", "raster.js", "view.js", "player.js", "charts.js", "tables.js", "page.js")
+SCRIPTS = ("uPlot.iife.min.js", "data.js", "raster.js", "view.js", "drawing.js", "player.js", "gallery.js",
+           "charts.js", "tables.js", "page.js")
 PAPER = ("Bai, J., Lin, L., Zeng, X. (2019). Computational Study of Collective Cell Migration By Meshfree Method. "
          "Computer Modeling in Engineering & Sciences 121(3), 787-800.", "10.32604/cmes.2019.07159")
 

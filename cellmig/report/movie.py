@@ -20,6 +20,7 @@ from .backdrop import backdrop
 from .encode import evened, packed, rounded, size
 
 BUDGET = 4_200_000  # letters that frames may take in a page; with all the rest it stays below 5 MB
+STILLS = 24  # runs whose last frames are beside each other
 FEWEST = 25  # frames that are kept, though fields are left out
 PLACE_BITS, FIELD_BITS = 14, 11  # of positions and fields
 _LETTERS = 0.5  # by component, particle and frame, about
@@ -45,20 +46,16 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
     found = frames(directory)
     if not found:
         return None
-    manifest = read_manifest(directory)
-    case = manifest.get("case")
+    case = read_manifest(directory).get("case")
     first, units = found[0].read(), found[0].units()
-    dimension = 3 if (directory / "mesh.h5").exists() else 2
-    shape = _surface(directory, first) if dimension == 3 else _plane(first)
-    kept = shape.pop("kept")
+    shape, kept, dimension = _shape(directory, first)
     parts = {name: _PARTS[values[:1].size, dimension] for name, values in first.items() if name not in _GIVEN}
     moving, left_out = _thinned(found, kept, parts, dimension)
     of_time = found[0].unit
-    substrate = case is None or "substrate" in case.get("adhesion", {})
-    return {"dimension": dimension, "unit": of_time.label, "substrate": substrate, "left_out": left_out,
+    return {"dimension": dimension, "unit": of_time.label, "left_out": left_out,
             "cells": {str(k): names.get(k, f"cell {k}") for k in np.unique(first["cell"]).tolist()},
             "materials": list((case or {}).get("materials") or {}),
-            "colours": (np.array(colormaps[MAP].colors) * 255).round().astype(int).ravel().tolist(),
+            "colours": colours(),
             "fields": {name: {"label": _label(name), "unit": in_print(units[name]), "parts": list(parts[name]),
                               "meaning": FIELDS[name].meaning if name in FIELDS else ""}
                        for name in moving["values"]},
@@ -111,8 +108,44 @@ def _moving(found: Sequence[Frame], every: int, kept: np.ndarray, parts: Mapping
     return chosen, data
 
 
+def colours() -> list[int]:
+    """Red, green and blue of the 256 colours of all fields, from 0 to 255, one after the other."""
+    return (np.array(colormaps[MAP].colors) * 255).round().astype(int).ravel().tolist()
+
+
+def stills(runs: Mapping[str, Path], field: str = "effective_stress") -> dict[str, Any] | None:
+    """The last frames of the first STILLS runs, with a field and the range of its colours; None without any."""
+    pictures, every, unit = [], [], ""
+    for name, directory in list(runs.items())[:STILLS]:
+        found = frames(directory)
+        if not found or field not in found[-1].units():
+            continue
+        unit, last = in_print(found[-1].units()[field]), found[-1].read()
+        shape, kept, dimension = _shape(directory, last)
+        places, values = (last["X"] + last["u"])[kept, :dimension], last[field][kept].astype(float)
+        every.append(values[np.isfinite(values)])
+        pictures.append({"name": name, "time": found[-1].time, "unit": found[-1].unit.label, "dimension": dimension,
+                         "x": [rounded(axis[None], PLACE_BITS) for axis in places.T],
+                         "values": evened(values[None], FIELD_BITS), **shape})
+    if not any(map(len, every)):
+        return None
+    values = np.concatenate(every)
+    low, high = np.percentile(values, [1.0, 99.0])
+    return {"low": low, "high": high if high > low else low + 1.0, "beyond": [values.min() < low, values.max() > high],
+            "label": _label(field), "unit": unit, "colours": colours(), "runs": pictures}
+
+
 def _label(name: str) -> str:
     return _NAMES.get(name, name.replace("_", " "))
+
+
+def _shape(directory: Path, frame: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, int]:
+    """Triangles of a run and whether it has a substrate; the particles (k,) that they are of; dimensions."""
+    case = read_manifest(directory).get("case")
+    dimension = 3 if (directory / "mesh.h5").exists() else 2
+    shape = _surface(directory, frame) if dimension == 3 else _plane(frame)
+    shape["substrate"] = case is None or "substrate" in case.get("adhesion", {})
+    return shape, shape.pop("kept"), dimension
 
 
 def _plane(first: Mapping[str, np.ndarray]) -> dict[str, Any]:

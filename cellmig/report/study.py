@@ -13,6 +13,7 @@ from cellmig.output.directory import replace
 
 from . import tables
 from .html import citation, picture, table, whole
+from .movie import STILLS, stills
 
 NAME = "report.html"
 ROWS = 2000  # of a table, at most
@@ -29,16 +30,19 @@ def write_study(out: Path, title: str, lines: Sequence[str], figures: Iterable[P
     lines : list of str -- what it says on the screen.
     figures : Paths -- its figures; those that are PNG are in the page.
     tables_ : dict -- its tables as CSV, by their headings.
-    runs : dict -- directories of runs by name, whose curves are laid over each other.
+    runs : dict -- directories of runs by name, whose last frames stand beside and whose curves lie over each other.
     """
     shown = [path for path in figures if path.suffix == ".png"]
     gallery = "".join(picture(_url(path), path.stem.replace("_", " ")) for path in shown)
     charts = [tables.compared(runs)] if runs else []
-    data = {"charts": [chart for chart in charts if chart]}
+    shapes = stills(runs) if runs else None
+    data = {"charts": [chart for chart in charts if chart], "stills": shapes}
+    left = f'<p class="note">{len(runs) - STILLS} more runs are not shown.</p>' if runs and len(runs) > STILLS else ""
     place = "".join(f'<div class="charts" data-chart="history"></div><p class="note">{chart["left_out"]}</p>'
                     for chart in data["charts"])
     page = whole(title, escape(f"{len(runs)} runs in {out}" if runs else str(out)), [
         ("said", "What it says", f"<pre>{escape(chr(10).join(lines).strip())}</pre>" if lines else ""),
+        ("ends", "How they ended", f"<div data-stills></div>{left}" if shapes else ""),
         ("curves", "Runs over each other", place),
         ("figures", "Figures", f'<div class="gallery">{gallery}</div>' if gallery else ""),
         *((path.stem, heading, _table(path, out)) for heading, path in tables_.items() if path.exists()),

@@ -226,9 +226,14 @@ def test_the_page_of_a_study_shows_its_runs_over_each_other(
         browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
     (tmp_path / "rows.csv").write_text("name,number\nb,2\na,10\n", encoding="utf-8")
     path = write_study(tmp_path, "A study", [], [], {"Rows": tmp_path / "rows.csv"},
-                       {name: coarse(name) for name in RUNS[::2]})
+                       {name: coarse(name) for name in RUNS})
     browser.open(path.as_uri())
     assert browser.does("return document.querySelectorAll('.u-wrap canvas').length") >= 3
+    assert min(browser.does(
+        "return [...document.querySelectorAll('#ends figure canvas')].map(one => new Set(new Uint32Array("
+        "one.getContext('2d').getImageData(0, 0, one.width, one.height).data.buffer)).size)")) > 50
+    captions = browser.does("return [...document.querySelectorAll('#ends figcaption')].map(one => one.textContent)")
+    assert [text.split(" at ")[0] for text in captions] == list(RUNS)
     for column, order in ((1, "a10b2"), (2, "b2a10")):
         browser.chrome.find_element(By.CSS_SELECTOR, f"#rows th:nth-child({column}) button").click()
         assert browser.does("return document.querySelector('#rows tbody').textContent") == order

@@ -61,7 +61,8 @@ function setUpControls() {
         byId("play").textContent = player.playing ? "❚❚" : "▶";
         byId("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
         byId("stage").setAttribute("aria-label", `Cells filled with ${player.label} at ${clock}; the table below has numbers`);
-        drawBar();
+        const ends = player.beyond.some(Boolean) ? "; beyond the ends: 1 % of the values each" : "";
+        drawBar(byId("bar"), { ...player.range, label: player.label + ends });
         if (!player.playing) fillNow();
     });
     const own = player;  // a page that renews itself takes another, and this one out of the page
@@ -138,32 +139,6 @@ async function tellValues(x, y) {
                                top: `${Math.max(0, Math.min(y - 20, player.view.height - box.offsetHeight))}px` });
 }
 
-/* The colour bar, with numbers. */
-function drawBar() {
-    const canvas = byId("bar"), g = canvas.getContext("2d"), ratio = player.ratio, wide = canvas.clientWidth, left = 44;
-    Object.assign(canvas, { width: wide * ratio, height: 52 * ratio });
-    g.scale(ratio, ratio);
-    const across = Math.min(wide - left - 20, 560), { low, high } = player, colours = player.movie.colours;
-    for (let k = 0; k < across; k++) {
-        const c = 3 * Math.round(255 * k / across);
-        g.fillStyle = `rgb(${colours[c]} ${colours[c + 1]} ${colours[c + 2]})`;
-        g.fillRect(left + k, 6, 1.5, 12);
-    }
-    g.fillStyle = "#333";
-    g.font = "11px system-ui, sans-serif";
-    g.textAlign = "center";
-    const marks = ticks(low, high, across / 90);
-    marks.forEach(value => {
-        const x = left + across * (value - low) / (high - low);
-        g.fillRect(x, 18, 1, 4);
-        g.fillText(shown(value), x, 33);
-    });
-    if (player.beyond[0]) g.fillText("◀", left - 8, 16);
-    if (player.beyond[1]) g.fillText("▶", left + across + 9, 16);
-    g.textAlign = "left";
-    g.fillText(player.label + (player.beyond.some(Boolean) ? "; beyond the ends: 1 % of the values each" : ""), left, 48);
-}
-
 /* The frame in numbers: a row for each cell. */
 function fillNow() {
     const table = byId("now"), values = player.shownValues[player.frame], cells = new Map();
@@ -208,6 +183,7 @@ async function start(before = {}) {
         if (before.view) Object.assign(player.view, before.view);
         player.resize();
     }
+    if (d?.stills) await showStills(document.querySelector("[data-stills]"), d.stills);
     const seek = time => player?.seekTime(time);
     const place = name => document.querySelector(`[data-chart="${name}"]`);
     for (const chart of d?.charts ?? []) marks.push(await tableCharts(place(chart.name), chart, seek));
