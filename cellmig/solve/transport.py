@@ -62,7 +62,7 @@ class Transport:
         with default_options(self._defaults):
             self._ksp.setFromOptions()
         self._reuse = REUSE_ITERATIONS.get(self._ksp.getPC().getType(), 12)
-        self._waves = None
+        self._waves, self._mean = None, 0.0  # mean of what is on the diagonal besides A, by which they solve
         if self._ksp.getPC().getType() == "python":
             given = [(not isinstance(low, str), not isinstance(high, str)) for low, high in law.sides]
             self._waves = Waves(law.volumes, law.diffusion * self.grid.volume / self.grid.size**2, given)
