@@ -95,7 +95,7 @@ def test_without_pandas_the_message_says_what_to_do(case, shared_tmp, monkeypatc
 def test_forces_on_the_substrate_and_between_cells_are_drawn_of_scenes_that_have_them(tmp_path):
     case = cellmig.change(cellmig.load(CASES["all_protrude"]), COARSE)
     made = plot(cellmig.run(case, out=tmp_path, quiet=True).directory, formats=("png",))
-    assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between"]
+    assert [path.stem for path in made] == ["shapes", "displacement", "ledger", "traction", "between", "graph"]
 
 
 @pytest.mark.serial

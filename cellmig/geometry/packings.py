@@ -263,10 +263,10 @@ class Random(Packing):
 
     def _spaced(self, start: np.ndarray, radius: np.ndarray, gap: float) -> np.ndarray:
         """Places (n, k) [µm] in a square or cube with the mean gap."""
-        k, want, size = start.shape[1], float(self.mean_gap or 0.0), 2.0 * float(radius.mean())
+        k, want, size = start.shape[1], float(self.mean_gap or 0.0), 2.0 * float(np.cumsum(radius)[-1]) / len(radius)
         if len(start) == 1:
             return np.full((1, k), radius[0])
-        side, least = (len(radius) ** (1.0 / k)) * (size + want), np.inf
+        side, least = round(len(radius) ** (1.0 / k) * (size + want), DIGITS), np.inf
         for _ in range(TRIES):
             try:
                 places = random_packing.packed(start, radius, gap, np.full(k, side))

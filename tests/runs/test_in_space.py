@@ -96,7 +96,7 @@ def test_a_body_from_a_file_has_the_same_bits_on_other_ranks_and_is_resumed_with
 
 def test_tables_and_frames_have_three_dimensions(row: Path) -> None:
     history, ledger = (read_table(row / f"{name}.csv") for name in ("history", "ledger"))
-    assert tuple(history) == (*HISTORY[3], *MOTION[3], "name") and tuple(ledger) == LEDGER[3]
+    assert tuple(history) == (*HISTORY[3], *MOTION[3], "neighbours", "name") and tuple(ledger) == LEDGER[3]
     assert all(np.isfinite(history[name]).all() for name in HISTORY[3])
     one = history["cell"] == 1
     assert history["volume_um3"][one] == pytest.approx(4 / 3 * np.pi * 125.0, rel=0.06)  # measured 0.04: coarse
