@@ -100,7 +100,7 @@ def test_a_run_leaves_the_files_of_the_contract(runs, ranks):
 
 def test_the_tables_have_a_row_for_every_sample_and_cell_and_the_ledger_closes(runs):
     history, ledger = (read_table(runs[2] / name) for name in ("history.csv", "ledger.csv"))
-    assert tuple(history) == (*HISTORY[2], *MOTION[2], "name") and tuple(ledger) == LEDGER[2]
+    assert tuple(history) == (*HISTORY[2], *MOTION[2], "neighbours", "name") and tuple(ledger) == LEDGER[2]
     assert history["name"].tolist() == ["all", "Cell-1", "Cell-2", "Cell-3"] * 2
     assert all(np.isnan(history[name]).tolist() == [True] * 4 + [False] * 4 for name in MOTION[2])
     assert history["cell"].tolist() == [0, 1, 2, 3] * 2
