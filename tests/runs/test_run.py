@@ -91,7 +91,7 @@ def test_a_run_leaves_the_files_of_the_contract(runs, ranks):
                                                      *(f"{name}.xdmf" for name in names)}
     assert (run / "history.csv").read_text().splitlines()[0] == (
         "time_us,cell,x_um,y_um,ux_um,uy_um,substrate_contact_um,cell_contact_um,area_um2,perimeter_um,"
-        "effective_stress_pa,sigma11_lower_centre_pa,vx_um_per_us,vy_um_per_us,speed_um_per_us,name")
+        "effective_stress_pa,sigma11_lower_centre_pa,vx_um_per_us,vy_um_per_us,speed_um_per_us,neighbours,name")
     assert (run / "ledger.csv").read_text().splitlines()[0] == (
         "time_us,kinetic_pn,elastic_pn,compression_pn,director_pn,adhesion_substrate_pn,adhesion_cells_pn,"
         "external_work_pn,viscous_loss_pn,network_loss_pn,friction_loss_pn,medium_loss_pn,artificial_dissipation_pn,"
