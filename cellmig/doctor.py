@@ -85,11 +85,12 @@ def _findings() -> Iterator[Finding]:
 
 
 def _petsc_remedy() -> str:
-    """What to do where PETSc cannot be used: install it or, where it is there, a Python that it goes with."""
-    if not importlib.util.find_spec("petsc4py"):
-        return "apt install python3-petsc4py"
-    return ("install cellmig in an environment of Debian's Python, for which Debian's petsc4py is: "
-            "/usr/bin/python3 -m venv --system-site-packages DIR")
+    """What to do where PETSc cannot be used: install it or, where Debian's is there, a Python that it goes with."""
+    there = importlib.util.find_spec("petsc4py")
+    if there and "petscdir" in str(there.origin):
+        return ("install cellmig in an environment of Debian's Python, for which Debian's petsc4py is: "
+                "/usr/bin/python3 -m venv --system-site-packages DIR")
+    return "apt install python3-petsc4py"
 
 
 def _checked(name: str, probe: Callable[[], str], remedy: str) -> Finding:

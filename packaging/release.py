@@ -83,7 +83,8 @@ def installed(checks: Checklist, scratch: Path, wheel: Path) -> bool:
     checks.environment["PATH"] = f"{home / 'bin'}{os.pathsep}{os.environ['PATH']}"
     right = [checks.step("an environment over the system's packages", "/usr/bin/python3", "-m", "venv",
                          "--system-site-packages", home, cwd=here),
-             checks.step("pip install cellmig", home / "bin/pip", "install", "--quiet", wheel, cwd=here)]
+             checks.step("pip install --no-deps cellmig", home / "bin/pip", "install", "--quiet", "--no-deps", wheel,
+                         cwd=here)]
     for words in CALLS:
         right.append(checks.step(f"cellmig {words}", program, *shlex.split(words), cwd=here))
     run = on_ranks(2, [str(program), "all_protrude.toml", "--until", "20 us", "--out", "output/two"])

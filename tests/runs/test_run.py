@@ -357,6 +357,17 @@ def test_a_missing_module_is_named_with_what_installs_it(alone, tmp_path):
     refused(done, 3, "h5py", "cellmig doctor")
 
 
+def test_a_petsc_of_another_python_is_told_with_the_python_that_it_goes_with(alone, tmp_path):
+    """As that of Debian is for a Python of conda's, whose NumPy is another one."""
+    place = tmp_path / "petscdir/petsc4py"
+    place.mkdir(parents=True)
+    (place / "__init__.py").write_text("raise ValueError('dtype size changed, may indicate binary incompatibility')\n")
+    other = {"PYTHONPATH": str(place.parent)}
+    refused(alone(PAPER, *SHORT, "--out", tmp_path / "run", env=other), 3, "binary incompatibility", "cellmig doctor")
+    told = alone("doctor", env=other)
+    assert told.returncode == 3 and "/usr/bin/python3 -m venv --system-site-packages DIR" in told.stdout
+
+
 # ------------------------------------------------------------------------------------------------------- how a run ends
 
 
