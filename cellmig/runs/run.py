@@ -376,8 +376,8 @@ class Run:
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))
         self.log(self.timers.summary(self.comm))
-        if status == STOPPED:
-            self.log(f"'cellmig resume {self.directory}' goes on")
+        if status in summary.NEXT:
+            self.log(summary.NEXT[status].format(self.directory))
         if status in (FAILED, INPUT_OUTPUT):
             self.log.error(f"cellmig: {cause}")
 

@@ -14,6 +14,7 @@ from cellmig.case import units
 from cellmig.case.gaps import Arrangement, arrangement
 from cellmig.case.schema import Case
 from cellmig.case.time_unit import MICROSECOND, TimeUnit
+from cellmig.exits import DONE, STOPPED
 from cellmig.meshfree.terms import Terms
 from cellmig.model.ground import fields_of
 from cellmig.model.protocols import Adhesion
@@ -29,6 +30,8 @@ LISTED = 4  # the same of a pair, and of kinds of cells in space
 WIDE = 104  # largest number of letters in a row of absent terms
 COARSE = 0.05  # share of a body's volume that its particles may leave out
 CRAWLING = 1e-7  # speed of a crawling cell [µm/µs]
+# What a user may do after a run, by its exit code; {} is its directory.
+NEXT = {DONE: "'cellmig report {}' makes a page of it", STOPPED: "'cellmig resume {}' goes on"}
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
 
