@@ -186,7 +186,7 @@ def test_a_wrong_call_gets_one_message_from_all_ranks_together(cellmig, tmp_path
 
 
 @pytest.mark.parametrize(("call", "parts"), [
-    ([], ["required", "usage: cellmig CASE.toml"]),
+    ([], ["'cellmig cases' lists the cases"]),
     (["validat", "x.toml"], ["did you mean 'validate'"]),
     (["diff", "one"], ["directory", "'cellmig diff --help' tells more"]),
     ([PAPER, "--until", "3"], ["--until", "no unit"]),
