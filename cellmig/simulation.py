@@ -81,7 +81,7 @@ class Simulation:
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
         self.time = 0.0
-        self.sample()  # the ledger counts from here
+        self.sample(everywhere=False)  # the ledger counts from here
 
     def _decide(self, scene: Scene | None) -> tuple:
         """Everything that depends on the last bits of libraries and processors, for rank 0; `scene` : if it exists."""
@@ -130,10 +130,12 @@ class Simulation:
             self.time = self.integrator.advance_to(stop)
         return self.time
 
-    def sample(self) -> tuple[list[dict[str, float]], dict[str, float]]:
+    def sample(self, everywhere: bool = True) -> tuple[list[dict[str, float]], dict[str, float]]:
         """Rows of history.csv and the row of ledger.csv now; updates F and the swarm; collective.
 
         Later steps do not depend on samples.
+
+        everywhere : whether all ranks get the rows of history, or rank 0 alone.
         """
         m = self.mechanics
         if self.integrator.leapfrog:
@@ -144,21 +146,29 @@ class Simulation:
             widen(self.integrator.extremes, "J", seen.J_min, seen.J_max)
         m.store(self.swarm)
         self._powers = m.powers() if self._half_step else {}
-        return self.sampler.history(), self.sampler.ledger(acceleration, self._half_step, self._powers)
+        rows = self.sampler.history()
+        rows = self.comm.bcast(rows) if everywhere else rows
+        return rows, self.sampler.ledger(acceleration, self._half_step, self._powers)
 
     @property
     def _half_step(self) -> float:
         """Time that velocities and impulses of leapfrog are behind positions [µs]."""
         return 0.5 * self.mechanics.times.dt_prev if self.integrator.leapfrog else 0.0
 
-    def next_row(self, rows: list[dict[str, float]]) -> dict[str, list[dict[str, float]]]:
-        """Add means since the last sample to its rows, and return the rows of other tables; collective."""
+    def next_row(self, rows: list[dict[str, float]], everywhere: bool = True) -> dict[str, list[dict[str, float]]]:
+        """Add means since the last sample to its rows, and return the rows of other tables; collective.
+
+        everywhere : whether all ranks get them, or rank 0 alone.
+        """
         touches = self.terms.substrate is not None or self.terms.contacts is not None
         powers = self.mechanics.powers() if touches and not self._powers else self._powers
         found = self.interval.next(self.time, rows, self._half_step, powers, self.sampler.contacts)
         guided = self.guidance if self.polar else None
         found |= {"cues": self._cue_rows(guided)} if guided is not None else {}
-        return found | ({"molecules": self.fields.rows()} if self.fields.diffusing else {})
+        found |= {"molecules": self.fields.rows()} if self.fields.diffusing else {}
+        if everywhere:
+            found, rows[:] = self.comm.bcast((found, rows))
+        return found
 
     @property
     def polar(self) -> bool:

@@ -90,7 +90,8 @@ class Space:
         m = self.mechanics
         m.set_aside()
         acceleration, half = self.integrator.rate(), 0.5 * m.times.dt_prev
-        return self.sampler.history()[0], self.sampler.ledger(acceleration, half, m.powers() if half else {})
+        rows = self.comm.bcast(self.sampler.history())
+        return rows[0], self.sampler.ledger(acceleration, half, m.powers() if half else {})
 
     def everywhere(self, owned: np.ndarray) -> np.ndarray:
         """Values at the owned particles of all ranks, by global id."""

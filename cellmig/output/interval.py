@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..parallel.reduce import exact_sum
+from ..parallel.reduce import exact_sums
 from .tables import ALONG, FORCE, MEASURES
 from .view import View
 
@@ -30,9 +30,9 @@ class Interval:
 
     def next(self, time: float, rows: Rows, half: float, powers: Mapping[str, np.ndarray],
              contacts: tuple[np.ndarray, np.ndarray]) -> dict[str, Rows]:
-        """Rows of substrate.csv and neighbours.csv at a time [µs]; collective.
+        """Rows of substrate.csv and neighbours.csv at a time [µs], on rank 0; collective.
 
-        Adds velocities and numbers of neighbours to those of history.
+        Adds velocities and numbers of neighbours to `rows` of history, which other ranks need not have.
 
         Impulses of leapfrog end `half` a step [µs] before `time`; the current forces, in `powers`, complete them.
         `contacts` : of each facet of this rank near another cell both cells (k, 2) int, and how much of it touches (k,)
@@ -44,7 +44,7 @@ class Interval:
             row |= {f"v{axis}_um_per_us": one for axis, one in zip("xyz", v, strict=False)}
             row |= {"speed_um_per_us": math.hypot(*v)}
         # The first row has no means: its columns are nan in the table.
-        self._kinds = ("", "_now") if self.moved else ("_now",)
+        self._kinds = ("", "_now") if math.isfinite(self.time) else ("_now",)
         self.time, self.moved = time, [tuple(row[f"u{axis}_um"] for axis in "xyz"[: m.scene.dimension]) for row in rows]
         found: dict[str, Rows] = {}
         if m.terms.substrate is None and m.terms.contact is None:
@@ -57,7 +57,8 @@ class Interval:
         if m.terms.contact is not None:
             mean = (counted.contact + contact) / elapsed
             found["neighbours"] = self._neighbours(mean, powers["contact_impulse"], contacts, rows)
-            _count_neighbours(rows, found["neighbours"], MEASURES[m.scene.dimension][1])
+            if rows:
+                _count_neighbours(rows, found["neighbours"], MEASURES[m.scene.dimension][1])
         counted.begin(m.segments.own_places()[:, :-1], -bond, -contact)
         return found
 
@@ -78,8 +79,10 @@ class Interval:
             forces[:, columns] = -share[:, None] * values[on][particle]
             parts.append((cell[on][particle], place, forces))
         cell, place, forces = (np.concatenate(part) for part in zip(*parts, strict=True))
-        keys, sums = self._sums(np.column_stack([cell, place]), forces)
-        rows = []
+        found, rows = exact_sums(m.comm, forces, np.column_stack([cell, place])), list[dict[str, float]]()
+        if found is None:
+            return rows
+        keys, sums = found
         for (c, *at), force in zip(keys.tolist(), (sums / w ** (d - 1)).tolist(), strict=True):
             row = {"cell": c + 1, **{f"{axis}_um": (k + 0.5) * w for axis, k in zip("xy", at, strict=False)}}
             for kind in self._kinds:
@@ -103,8 +106,11 @@ class Interval:
         both, size = contacts
         near = (size > 0.0) & (both[:, 0] != both[:, 1])
         parts = np.pad(values[on], ((0, 0), (0, 1))), np.pad(0.5 * size[near, None], ((0, 0), (2 * d, 0)))
-        keys, sums = self._sums(np.concatenate([pairs[on], np.sort(both[near], axis=1)]), np.concatenate(parts))
-        axes, unit, rows = "xyz"[:d], FORCE[d], []
+        found = exact_sums(m.comm, np.concatenate(parts), np.concatenate([pairs[on], np.sort(both[near], axis=1)]))
+        axes, unit, rows = "xyz"[:d], FORCE[d], list[dict[str, float]]()
+        if found is None:
+            return rows
+        keys, sums = found
         for (a, b), (*force, contact) in zip(keys.tolist(), sums.tolist(), strict=True):
             apart = [cells[b + 1][f"{axis}_um"] - cells[a + 1][f"{axis}_um"] for axis in axes]
             row: dict[str, float] = {"cell": a + 1, "neighbour": b + 1, MEASURES[d][1]: contact}
@@ -115,14 +121,6 @@ class Interval:
                 row[f"pull{kind}_{unit}"] = pull
             rows.append(row)
         return rows
-
-    def _sums(self, keys: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distinct keys (g, 2) int of all ranks, ascending, and sums (g, c) of values by keys (k, 2); collective."""
-        comm = self.mechanics.comm
-        every = np.unique(np.concatenate(comm.allgather(np.unique(keys, axis=0))), axis=0)
-        number = {tuple(key): i for i, key in enumerate(every.tolist())}
-        group = np.array([number[tuple(key)] for key in keys.tolist()], np.intp)
-        return every, exact_sum(comm, values, group, len(every))
 
     def saved(self) -> dict[str, Any]:
         """Time and displacements of the last row, for a checkpoint; impulses are saved with the mechanics."""

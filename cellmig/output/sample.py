@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from mpi4py import MPI
+
 from ..case.pointwise import pointwise
 from ..kernel.terms import present
 from ..meshfree.body import Template
@@ -15,7 +17,7 @@ from ..meshfree.boundary import Probes
 from ..meshfree.recovery import Recovery
 from ..meshfree.simplices import facet_sizes, share_below, volumes_below
 from ..model.tensors import determinant
-from ..parallel.reduce import exact_sum, global_maximum
+from ..parallel.reduce import exact_sum, exact_sums
 from .energies import energies, strain_energy
 from .fields import FIELDS
 from .tables import ENERGY, HELD, MEASURES, ON_GELS, PROBED, further_columns
@@ -63,9 +65,10 @@ class Sampler:
             self._recovered = m.part, found
         return found
 
-    def _sum(self, values: np.ndarray) -> np.ndarray:
-        """Sums by cell of values at the owned particles; collective."""
-        return exact_sum(self.mechanics.comm, values, self.cell, self.n_cells)
+    def _sum(self, values: np.ndarray) -> np.ndarray | None:
+        """Sums (cells, k) of values (n_owned, k) by cell on rank 0, None on others; collective."""
+        found = exact_sums(self.mechanics.comm, values, self.cell)
+        return None if found is None else found[1]
 
     # ------------------------------------------------------------ per particle
 
@@ -129,7 +132,7 @@ class Sampler:
     # ------------------------------------------------------------ per cell
 
     def history(self) -> list[dict[str, float]]:
-        """Rows of history.csv: the aggregate (cell 0), then the cells; collective."""
+        """Rows of history.csv on rank 0, none on others: the aggregate (cell 0), then the cells; collective."""
         m = self.mechanics
         stresses = self.stresses()
         u, X = m.state.u, m.part.owned.X
@@ -137,13 +140,23 @@ class Sampler:
         sums = self._sum(np.column_stack([mass * u, mass * (X + u), self.V * stresses["effective_stress"],
                                           self._surfaces(), watched]))
         d = m.scene.dimension
+        heights = self._heights(X + u) if d == 3 else np.zeros(0)
+        rows = self._rows(sums, heights) if sums is not None else []
+        self._add_strains(rows)
+        self._add_probes(rows)
+        self._add_reactions(rows)
+        return rows
+
+    def _rows(self, sums: np.ndarray, heights: np.ndarray) -> list[dict[str, float]]:
+        """Rows of history.csv for the sums of `history` (cells, k) and, in space, heights (cells,) [µm]."""
+        d = self.mechanics.scene.dimension
         means, totals = sums[:, : 2 * d] / self.cell_mass[:, None], sums[:, 2 * d + 1 : -1]
         columns = {f"{what}{axis}_um": means[:, d * k + c] for k, what in ((1, ""), (0, "u"))
                    for c, axis in enumerate("xyz"[:d])}
         names = MEASURES[d]
         columns |= dict(zip(names, totals.T, strict=True))
         if d == 3:
-            columns |= {"height_um": self._heights(X + u),
+            columns |= {"height_um": heights,
                         "sphericity": np.cbrt(np.pi * (6.0 * totals[:, 2]) ** 2) / totals[:, 3]}
         columns |= {"effective_stress_pa": sums[:, 2 * d] / self.cell_volume, "sigma11_lower_centre_pa": sums[:, -1]}
         rows = [{name: float(c[i]) for name, c in columns.items()} for i in range(self.n_cells)]
@@ -152,11 +165,7 @@ class Sampler:
             whole[name] = share * float(columns[name].sum())
         if d == 3:
             whole["height_um"] = float(columns["height_um"].max())
-        rows = [whole, *rows]
-        self._add_strains(rows)
-        self._add_probes(rows)
-        self._add_reactions(rows)
-        return rows
+        return [whole, *rows]
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -174,7 +183,9 @@ class Sampler:
         push = np.zeros((self.n_cells, m.scene.dimension - 1))
         for term in ("protrusion", "push_off"):
             if present(term, m.terms):
-                push += self._sum(m.surface_force(term)[0][:, :-1])
+                of_term = self._sum(m.surface_force(term)[0][:, :-1])
+                push += 0.0 if of_term is None else of_term
+        m.comm.Bcast(push)
         return push * m.protruding[:, None]
 
     def _add_strains(self, rows: list[dict[str, float]]) -> None:
@@ -188,7 +199,10 @@ class Sampler:
         f = np.sum([m.surface_force(term)[0][:, 0] for term in ("sliding", "push_off")
                     if present(term, m.terms)], axis=0)
         x = m.part.owned.X[:, 0] + m.state.u[:, 0]
-        energy, force, moment, place = self._sum(np.column_stack([strain_energy(m), f, x * f, self.mass * x])).T
+        sums = self._sum(np.column_stack([strain_energy(m), f, x * f, self.mass * x]))
+        if sums is None:
+            return
+        energy, force, moment, place = sums.T
         dipole = moment - place / self.cell_mass * force
         for row, *values in zip(rows, [energy.sum(), *energy], [dipole.sum(), *dipole], strict=True):
             row |= dict(zip(ON_GELS, map(float, values), strict=True))
@@ -204,13 +218,15 @@ class Sampler:
         moved = np.hstack([m.scene.particles(p.id[mine]).X + u, u])
         means = exact_sum(m.comm, p.weight[mine, None] * moved, p.probe[mine], len(p.names))
         for name, cell, mean in zip(p.names, p.cell, means.tolist(), strict=True):
-            for row in (rows[0], rows[1 + cell]):
+            for row in rows[0:1] + rows[1 + cell : 2 + cell]:
                 row |= dict(zip((f"{name}_{what}_um" for what in PROBED[m.scene.dimension]), mean, strict=True))
 
     def _add_reactions(self, rows: list[dict[str, float]]) -> None:
         """Add forces of supports and plates on each cell and on the aggregate; collective."""
         names = self.mechanics.loads.boundary.names
         for name, by_cell in zip(names, list(self.reactions()) if names else [], strict=True):
+            if not rows:
+                continue
             for row, force in zip(rows, [by_cell.sum(axis=0), *by_cell], strict=True):
                 row |= {f"{name}_force_{c}": float(f) for c, f in zip(HELD[len(force)], force, strict=True)}
 
@@ -218,14 +234,19 @@ class Sampler:
         """Forces of supports and plates on the cells (names, cells, d) [pN/µm, in space pN]; collective."""
         force, particle, number = self.mechanics.loads.reactions()
         names, cells = len(self.mechanics.loads.boundary.names), self.n_cells
-        sums = exact_sum(self.mechanics.comm, force, cells * number + self.cell[particle], names * cells)
+        found = exact_sums(self.mechanics.comm, force, cells * number + self.cell[particle])
+        sums = np.zeros((names * cells, self.mechanics.scene.dimension))
+        if found is not None:
+            sums[found[0]] = found[1]
+        self.mechanics.comm.Bcast(sums)
         return sums.reshape(names, cells, -1)
 
     def _heights(self, x: np.ndarray) -> np.ndarray:
-        """Heights (cells,) [µm] of the tops of the cells, from positions x (n_owned, 3) [µm]; collective."""
+        """Heights (cells,) [µm] of the tops of the cells, on rank 0, from positions x (n_owned, 3) [µm]; collective."""
         highest = np.full(self.n_cells, -np.inf)
         np.maximum.at(highest, self.cell, x[:, 2])
-        return global_maximum(self.mechanics.comm, highest)
+        self.mechanics.comm.Reduce(MPI.IN_PLACE if self.mechanics.comm.rank == 0 else highest, highest, MPI.MAX)
+        return highest
 
     def _surfaces(self) -> np.ndarray:
         """Contributions (n_owned, 4) of surface particles to the MEASURES, in their order and units."""
@@ -266,8 +287,9 @@ class Sampler:
         columns = np.column_stack([np.broadcast_to(c, m.n_owned) for c in parts.values()])
         entries = dict(zip(parts, exact_sum(m.comm, columns).tolist(), strict=True))
         entries["renewal_loss"] = m.renewal_loss
-        drift = self._sum(self.mass[:, None] * v)
-        error = self._energy_error(entries, float(0.5 * ((drift**2).sum(axis=1) / self.cell_mass).sum()))
+        momentum = self._sum(self.mass[:, None] * v)
+        drift = 0.0 if momentum is None else float(0.5 * ((momentum**2).sum(axis=1) / self.cell_mass).sum())
+        error = self._energy_error(entries, m.comm.bcast(drift))
         unit = ENERGY[m.scene.dimension]
         return {**{f"{name}_{unit}": value for name, value in entries.items()}, "energy_error": error}
 

@@ -19,7 +19,7 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     ----------
     values : (n, ...) -- in any unit.
     group : (n,) int -- group of each value, from 0; None for a single sum.
-    groups : int -- number of groups.
+    groups : int -- number of groups, which is small: of many see `exact_sums`.
 
     Returns
     -------
@@ -30,29 +30,76 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     """
     values = np.asarray(values, float)
     flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    top = np.abs(flat).max(axis=0, initial=0.0)
+    shape = values.shape[1:] if group is None else (groups, *values.shape[1:])
+    exponent = _exponents(comm, flat)
+    if exponent is None:
+        return np.full(shape, np.nan)
+    group = np.zeros(len(flat), np.intp) if group is None else group
+    present, some = _limbs(flat, exponent, group)
+    limbs = np.zeros((3, groups, flat.shape[1]), np.int64)
+    limbs[:, present] = some
+    comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
+    return _rounded(limbs, exponent).reshape(shape)
+
+
+def exact_sums(comm: MPI.Comm, values: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Sums over the ranks by keys, of which each rank has some; collective.
+
+    Parameters
+    ----------
+    values : (n, c) -- in any unit.
+    keys : (n,) or (n, m) int -- of each value.
+
+    Returns
+    -------
+    (g,) or (g, m) int and (g, c), or None -- on rank 0 the distinct keys, ascending, and the sums, NaN if a value is
+    not finite, of the same bits as `exact_sum`; None on other ranks.
+    """
+    of_rank, group = np.unique(keys, axis=0, return_inverse=True)
+    exponent = _exponents(comm, values)
+    own = _limbs(values, exponent, group.ravel())[1] if exponent is not None else np.zeros((3, len(of_rank), 0), int)
+    parts = comm.gather((of_rank, own))
+    if parts is None:
+        return None
+    every, number = np.unique(np.concatenate([found for found, _ in parts]), axis=0, return_inverse=True)
+    if exponent is None:
+        return every, np.full((len(every), values.shape[1]), np.nan)
+    limbs = np.zeros((3, len(every), values.shape[1]), np.int64)
+    ends = np.cumsum([len(found) for found, _ in parts])[:-1]
+    for at, (_, some) in zip(np.split(number.ravel(), ends), parts, strict=True):
+        limbs[:, at] += some
+    return every, _rounded(limbs, exponent)
+
+
+def _exponents(comm: MPI.Comm, values: np.ndarray) -> np.ndarray | None:
+    """Exponents (c,) int of the largest of values (n, c) of all ranks; None where one is not finite; collective."""
+    top = np.abs(values).max(axis=0, initial=0.0)
     top = np.where(np.isnan(top), np.inf, top)
     comm.Allreduce(MPI.IN_PLACE, top, MPI.MAX)
-    shape = values.shape[1:] if group is None else (groups, *values.shape[1:])
     top = np.maximum(top, 1e-200)  # all units of the limbs are normal numbers
-    if not np.isfinite(top).all():
-        return np.full(shape, np.nan)
-    exponent = np.frexp(top)[1]
-    group = np.zeros(len(flat), np.intp) if group is None else group
+    return np.frexp(top)[1] if np.isfinite(top).all() else None
+
+
+def _limbs(values: np.ndarray, exponent: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Groups that are present (g,) int, and sums (3, g, c) int of the limbs of values (n, c) by `group` (n,) int."""
     order = np.argsort(group, kind="stable")
     present, start = np.unique(group[order], return_index=True)
-    limbs = np.zeros((3, groups, flat.shape[1]), np.int64)
-    for k in range(flat.shape[1] if len(flat) else 0):  # one column at a time saves memory
-        rest = flat[order, k]
+    limbs = np.zeros((3, len(present), values.shape[1]), np.int64)
+    for k in range(values.shape[1] if len(values) else 0):  # one column at a time saves memory
+        rest = values[order, k]
         for i in range(3):
             unit = int(exponent[k]) - _BITS * (i + 1)
             whole = np.rint(rest * math.ldexp(1.0, -unit))
-            limbs[i, present, k] = np.add.reduceat(whole.astype(np.int64), start)
+            limbs[i, :, k] = np.add.reduceat(whole.astype(np.int64), start)
             rest -= whole * math.ldexp(1.0, unit)
-    comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
+    return present, limbs
+
+
+def _rounded(limbs: np.ndarray, exponent: np.ndarray) -> np.ndarray:
+    """Values (g, c) of limbs (3, g, c) int."""
     exact = [(int(a) << 2 * _BITS) + (int(b) << _BITS) + int(c) for a, b, c in limbs.reshape(3, -1).T]
-    powers = np.tile(exponent - 3 * _BITS, groups)
-    return np.array([math.ldexp(w, int(e)) for w, e in zip(exact, powers, strict=True)]).reshape(shape)
+    powers = np.tile(exponent - 3 * _BITS, limbs.shape[1])
+    return np.array([math.ldexp(w, int(e)) for w, e in zip(exact, powers, strict=True)]).reshape(limbs.shape[1:])
 
 
 def global_maximum(comm: MPI.Comm, values: np.ndarray) -> np.ndarray:

@@ -251,14 +251,14 @@ class Run:
     def _write_outputs(self, sample: bool, frame: bool) -> None:
         s = self.simulation
         with np.errstate(all="ignore"):  # values that are not finite are reported below
-            rows, entries = s.sample()
+            rows, entries = s.sample(everywhere=False)
         if not all(map(math.isfinite, entries.values())):
             self._integrator.fail("an energy is not finite")
         self.worst_energy_error, self.entries = max(self.worst_energy_error, entries["energy_error"]), entries
         if warning := self.strain.check(s.time):
             self.log(warning)
         if sample:
-            self.tables.write(s.time, rows, entries, s.next_row(rows))
+            self.tables.write(s.time, rows, entries, s.next_row(rows, everywhere=False))
         if frame:
             self._write_frame()
         m, terms = s.mechanics, s.terms
