@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,14 @@ from .case.schema import Case
 from .kernel.source import c_source
 from .laws import register
 from .meshfree.boundary import Boundary, Probes
-from .meshfree.contact import Surfaces
 from .meshfree.scene import Scene
 from .meshfree.terms import Terms, find_terms
 from .output.interval import Interval
 from .output.sample import Sampler
 from .output.tables import CUES, cue_columns
-from .parallel.collect import broadcast, computed_on_root, gathered
+from .parallel.collect import Arrays, Rows, Whole, computed_on_root, gathered
 from .parallel.options import IMPLICIT, requested_integrator
-from .parallel.partition import partition
+from .parallel.partition import Owners, partition
 from .parallel.swarm import Swarm
 from .solve.fields import Fields
 from .solve.guidance import Guidance, steady
@@ -50,10 +50,10 @@ class Simulation:
     """
 
     def __init__(self, case: Case, comm: MPI.Intracomm = MPI.COMM_WORLD, prune: bool = True,
-                 parts: tuple[Scene, Terms] | None = None, start: dict[str, np.ndarray] | None = None):
+                 parts: tuple[Scene, Terms] | None = None, start: Arrays | Mapping[str, np.ndarray] | None = None):
         """Build all parts; collective.
 
-        prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : on rank 0 arrays of a
+        prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : arrays of a
         checkpoint of the same particles, whose u, v, director and network are the initial ones.
         """
         case = without_inertia(case) if case.overdamped else case
@@ -63,9 +63,10 @@ class Simulation:
             comm, lambda: self._decide(parts[0] if parts else None))
         self.scene = owners.scene
         state = at_start(case, self.scene, owners.heads(comm.rank))
-        begun = self._begun(start) if start is not None else None
+        begun = self._begun(start, owners) if start is not None else None
         if begun is not None:
-            state |= dict(zip("uv", np.split(begun.pop("state")[state["id"]], 2, axis=1), strict=True))
+            before = begun.rows("particle state", state["id"])
+            state |= dict(zip("uv", np.split(before, 2, axis=1), strict=True))
         self.swarm = Swarm(comm, state)
         self.swarm.migrate(owners.of(state["id"]))
         self.mechanics = Mechanics(owners, self.terms, boundary, protruding, self.swarm)
@@ -94,22 +95,16 @@ class Simulation:
                                 steady(case, self.terms))
         return (partition(scene, self.comm.size), control, Boundary.of(case, scene), Probes.of(case, scene), protruding)
 
-    def _begun(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Initial state, director and network of all particles from arrays of a checkpoint; collective.
-
-        Raises CaseError.
-        """
+    def _begun(self, arrays: Arrays | Mapping[str, np.ndarray], owners: Owners) -> Arrays:
+        """Arrays of a checkpoint that have the initial state, director and network; collective.  Raises CaseError."""
+        arrays = Whole(self.comm, arrays) if isinstance(arrays, Mapping) else arrays
         why = "a static case is solved from rest" if self.case.static else ""
-        if not same_places(arrays, self.scene, self.comm):
+        if not same_places(arrays, owners, self.comm):
             why = ("the run to start from has other particles: shapes, places, nuclei and [particles] have to be the "
                    "same; materials, adhesion, protrusion … may differ")
         if why:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
-        found = broadcast(self.comm, {name.removeprefix("particle "): values for name, values in arrays.items()
-                                      if name in ("particle state", "particle director", "particle network")})
-        if self.case.director is None:
-            found.pop("director", None)
-        return found
+        return arrays
 
     def go(self, stop: float) -> float:
         """Integrate to the time `stop` [µs]; returns the time reached, less after -ts_max_steps steps; collective.
@@ -186,14 +181,18 @@ class Simulation:
         names = (*CUES[self.case.dimension][3:], *self.cue_columns)  # after time, number and name
         return [{"cell": cell + 1, **dict(zip(names, row, strict=True))} for cell, row in enumerate(values.tolist())]
 
-    def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """State for a checkpoint: numbers, and on rank 0 arrays in the order of ids; collective.
+    def saved(self) -> tuple[dict[str, Any], dict[str, np.ndarray | Rows]]:
+        """State for a checkpoint: numbers, and arrays, on rank 0 or each rank's rows of them; collective.
 
         It is complete after a batch of steps if the integrator allows it, else after a sample.
         """
-        about, arrays = saved(self.mechanics)
-        if self.comm.rank == 0:
-            arrays |= {"X": self.scene.X, "surface": Surfaces.of(self.scene).ids, **self.integrator.arrays()}
+        m = self.mechanics
+        about, arrays = saved(m)
+        own, s = m.part.owned, m.surfaces
+        arrays |= {"X": Rows(m.ids, own.X, self.scene.size),
+                   "surface": Rows(s.place[m.part.own_surface], s.ids[m.part.own_surface],
+                                   int(self.scene.first_surface[-1]))}
+        arrays |= self.integrator.arrays() if self.comm.rank == 0 else {}
         found = {"mechanics": about, "integrator": self.integrator.saved(), "ledger": self.sampler.start,
                  "interval": self.interval.saved()}
         if self.fields.diffusing:
@@ -204,8 +203,9 @@ class Simulation:
             arrays |= more if self.comm.rank == 0 else {}
         return found, arrays
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Set the state from the results of `saved`, on any number of ranks; collective."""
+    def restore(self, about: dict[str, Any], arrays: Arrays | Mapping[str, np.ndarray | Rows]) -> None:
+        """Set the state from the results of `saved`, or what was stored of them, on any number of ranks; collective."""
+        arrays = Whole(self.comm, arrays) if isinstance(arrays, Mapping) else arrays
         restore(self.mechanics, about["mechanics"], arrays)
         if self.fields.diffusing:
             self.fields.restore(about["fields"], arrays)

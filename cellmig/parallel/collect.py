@@ -6,8 +6,9 @@ import io
 import math
 import pickle
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -69,14 +70,78 @@ def fetched(comm: MPI.Comm, owner: np.ndarray, wanted: np.ndarray,
     return out
 
 
-def broadcast(comm: MPI.Comm, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The `arrays` of rank 0, by name and of any shape, on all ranks; collective."""
-    shapes = comm.bcast({name: (a.shape, a.dtype.str) for name, a in arrays.items()})
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of an array that one rank has, of an array that all ranks have together.
+
+    number : (n,) int -- which they are;  values : (n, ...) -- in any unit;  size : int -- number of rows of all ranks.
+    """
+
+    number: np.ndarray
+    values: np.ndarray
+    size: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole array."""
+        return (self.size, *self.values.shape[1:])
+
+    def whole(self, comm: MPI.Comm) -> np.ndarray | None:
+        """The whole array (size, ...), of any unit, on rank 0, None on others; collective."""
+        return gathered(comm, self.number, self.values, self.size)
+
+
+def broadcast(comm: MPI.Comm, arrays: Mapping[str, np.ndarray | Rows]) -> dict[str, np.ndarray]:
+    """The `arrays` of rank 0, by name and of any shape, and those of all ranks in `Rows`, on all ranks; collective."""
+    here = {name: values.whole(comm) if isinstance(values, Rows) else values for name, values in sorted(arrays.items())}
+    shapes = comm.bcast({name: (a.shape, a.dtype.str) for name, a in here.items() if a is not None})
     out = {}
     for name, (shape, kind) in shapes.items():
-        out[name] = np.ascontiguousarray(arrays[name]) if comm.rank == 0 else np.empty(shape, kind)
+        out[name] = np.ascontiguousarray(here[name]) if comm.rank == 0 else np.empty(shape, kind)
         comm.Bcast(out[name].view(np.uint8).reshape(-1) if out[name].ndim else out[name])
     return out
+
+
+class Arrays(Protocol):
+    """Arrays by name, of which a rank takes what it needs."""
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of an array."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """An array (n, ...), in its unit."""
+
+    def rows(self, name: str, number: np.ndarray) -> np.ndarray:
+        """Rows `number` (k,) int of an array (k, ...), in its unit."""
+
+
+class Whole:
+    """Arrays that every rank has as a whole."""
+
+    def __init__(self, comm: MPI.Comm, arrays: Mapping[str, np.ndarray | Rows]):
+        """From those of rank 0, and those that ranks have in `Rows`; collective."""
+        self._arrays = broadcast(comm, arrays)
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+        return list(self._arrays)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of an array."""
+        return self._arrays[name].shape
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """An array (n, ...), in its unit."""
+        return self._arrays[name]
+
+    def rows(self, name: str, number: np.ndarray) -> np.ndarray:
+        """Rows `number` (k,) int of an array (k, ...), in its unit."""
+        return self._arrays[name][number]
 
 
 def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:

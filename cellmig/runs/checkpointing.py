@@ -29,7 +29,7 @@ from cellmig.simulation import Simulation
 from cellmig.solve.restart import same_places
 from cellmig.version import __version__
 
-FORMAT = 6  # version of names and contents of checkpoints
+FORMAT = 7  # version of names and contents of checkpoints
 GO_ON, SAVE, STOP = 0, 1, 2
 INTERVAL = 300.0  # default interval of checkpoints in wall time [s]
 SHARE = 0.02  # largest share of the wall time for checkpoints at the default interval
@@ -123,7 +123,7 @@ def check_method(state: Checkpoint, simulation: Simulation, options: dict[str, s
     if then["kernel"] != now["kernel"]:
         raise OutputError("the checkpoint is of another version of cellmig, whose steps are not these: go on with "
                           "that, or begin anew")
-    if not same_places(state.arrays, simulation.scene, simulation.comm):
+    if not same_places(state.stored, simulation.mechanics.part.owners, simulation.comm):
         raise OutputError("the checkpoint is of other particles than are laid out by this version of cellmig on this "
                           f"processor ({processor()}; it is of {state.about['processor']}): go on there, or begin anew")
     for name in ("integrator", "step"):

@@ -103,7 +103,7 @@ class Run:
     def _build(self, prune: bool, origin_state: Checkpoint | None) -> Simulation:
         try:
             case, self.reason = choose(self.case, self.comm)
-            return Simulation(case, self.comm, prune, start=origin_state.arrays if origin_state else None)
+            return Simulation(case, self.comm, prune, start=origin_state.stored if origin_state else None)
         except (CaseError, NumericsError) as error:  # found only once there are particles
             status = FAILED if isinstance(error, NumericsError) else INVALID_INPUT
             self._save_manifest(exit_status=status, cause=str(error))
@@ -217,7 +217,7 @@ class Run:
                            "past": run, "state": about}, arrays)
 
     def _restore(self, state: Checkpoint) -> None:
-        self.simulation.restore(state.about["state"], state.arrays)
+        self.simulation.restore(state.about["state"], state.stored)
         run = state.about["past"]
         self.output_time, self.worst_energy_error = run["output_time"], run["worst_energy_error"]
         self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]

@@ -9,11 +9,12 @@ from mpi4py import MPI
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
 from ..meshfree.contact import NodeLists
-from ..parallel.collect import gathered
+from ..parallel.collect import Arrays, Rows
 from ..parallel.reduce import exact_sum
 from .segments import Segments
 from .subdomain import Subdomain
 
+AT_ONCE = 1 << 20  # impulses of a checkpoint that are looked at at a time
 # Of particles.
 ACCOUNTS = ("viscous_loss", "artificial_dissipation", "friction_loss", "medium_loss", "protrusion_impulse",
             "external_work", "network_loss")
@@ -141,14 +142,20 @@ class Impulses:
         np.add.at(total, surfaces.facets[self._segments], values)
         return total[self.mine]
 
-    def saved(self, comm: MPI.Comm) -> dict[str, np.ndarray | None]:
-        """Keys (k,) and impulses (k, 2) [pN µs/µm] for a checkpoint, ordered by key, on rank 0; collective."""
-        key = np.sort(np.concatenate(comm.allgather(self.key[1:])))
-        values = gathered(comm, np.searchsorted(key, self.key[1:]), self.contact[1:], len(key))
-        return {"contact key": key if comm.rank == 0 else None, "contact impulse": values}
+    def saved(self, comm: MPI.Intracomm) -> dict[str, Rows]:
+        """Keys (k,) int and impulses (k, d) [pN µs/µm] for a checkpoint, rank by rank; collective."""
+        count = len(self.key) - 1
+        last, size = comm.scan(count), comm.allreduce(count)
+        number = np.arange(last - count, last)
+        return {"contact key": Rows(number, self.key[1:].copy(), size),
+                "contact impulse": Rows(number, self.contact[1:].copy(), size)}
 
-    def restore(self, key: np.ndarray, values: np.ndarray) -> None:
-        """Set this rank's impulses from `key` (k,) int and `values` (k, 2) [pN µs/µm], which `saved` returned."""
-        mine = np.isin(key // self.cells, self._part.surfaces.place[self.mine])
-        slots = self._slots(key[mine])
-        self.contact[slots] = values[mine]
+    def restore(self, arrays: Arrays) -> None:
+        """Set this rank's impulses from arrays (k,) int and (k, d) [pN µs/µm] that `saved` returned."""
+        own, size = self._part.surfaces.place[self.mine], arrays.shape("contact key")[0]
+        for first in range(0, size, AT_ONCE):
+            number = np.arange(first, min(size, first + AT_ONCE))
+            key = arrays.rows("contact key", number)
+            mine = np.isin(key // self.cells, own)
+            slots = self._slots(key[mine])
+            self.contact[slots] = arrays.rows("contact impulse", number[mine])

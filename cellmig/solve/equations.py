@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..model.tensors import cofactors, contracted, determinant
+from ..parallel.collect import Arrays
 from ..parallel.reduce import largest
 from .mechanics import Mechanics
 from .stiffness import Stiffness, fill
@@ -121,7 +122,7 @@ class Equations:
             return {}, {}
         return {"by_v": self._by_v, "exact": self.exact, "iterations": self._iterations}, self.stiffness.saved()
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the tangent from the results of `saved`, arrays (nnz, …) [Pa], int; without them it is made anew."""
         if about and self.matrix_free and self.mechanics.comm.size == 1:
             self._by_v, self.exact, self._iterations = about["by_v"], about["exact"], about["iterations"]

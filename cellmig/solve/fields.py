@@ -12,6 +12,7 @@ from ..case.schema import Case
 from ..meshfree.contact import Surfaces
 from ..model.ground import fields_of
 from ..output.grids import OnGrid
+from ..parallel.collect import Arrays
 from .diffusing import DiffusingField
 from .exchange import Exchanging
 from .mechanics import Mechanics
@@ -106,12 +107,13 @@ class Fields:
             arrays |= {BOTH.format(name, key): values for key, values in found.items()}
         return about, arrays
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Set the state from the results of `saved`, whose arrays are on rank 0; collective."""
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
+        """Set the state from the results of `saved`; collective."""
         self.knot = about["knot"]
         for name, field in self.diffusing.items():
             start = BOTH.format(name, "")
-            field.restore(about["fields"][name], {key.removeprefix(start): values for key, values in arrays.items()
+            here = arrays.names if self._mechanics.comm.rank == 0 else []
+            field.restore(about["fields"][name], {key.removeprefix(start): arrays[key] for key in here
                                                   if key.startswith(start)})
 
     def close(self) -> None:

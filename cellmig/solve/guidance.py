@@ -15,7 +15,7 @@ from ..cues.surroundings import Surroundings
 from ..meshfree.contact import Surfaces
 from ..meshfree.terms import Terms
 from ..model.ground import push_factor
-from ..parallel.collect import broadcast, computed_on_root
+from ..parallel.collect import Arrays, computed_on_root
 from ..parallel.random import normal, uniform
 from .clutches import Modules, edges
 from .mechanics import Mechanics
@@ -220,9 +220,9 @@ class Guidance:
                  "pull": self._pull.tolist()},
                 {"guidance factor": self._factor, "guidance centre": self._centre} | clutches)
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Set the state from the results of `saved`, whose arrays are on rank 0; collective."""
-        found = broadcast(self._mechanics.comm, {name: a for name, a in arrays.items() if name.startswith("guidance")})
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
+        """Set the state from the results of `saved`; collective."""
+        found = {name: arrays[name] for name in arrays.names if name.startswith("guidance")}
         self.knot, self._at, self._factor = about["knot"], about["at"], found["guidance factor"]
         self._centre = found["guidance centre"]
         self.p, self.then, self._pull = (np.array(about[name]) for name in ("p", "then", "pull"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from petsc4py import PETSc
 
-from ..parallel.collect import computed_on_root
+from ..parallel.collect import Arrays, computed_on_root
 from ..parallel.options import default_options, original_errors, requested_integrator, requested_step
 from .leapfrog import Leapfrog
 from .mechanics import Mechanics
@@ -140,7 +140,7 @@ class Integrator:
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
         return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint, of any shape and unit.
 
         Call it after the state of the mechanics was restored.

@@ -15,6 +15,7 @@ from ..meshfree.boundary import Boundary
 from ..meshfree.division import divisible
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
+from ..parallel.collect import Arrays
 from ..parallel.partition import Owners
 from ..parallel.reduce import global_maximum, largest
 from ..parallel.swarm import Swarm
@@ -131,14 +132,16 @@ class Mechanics:
             self.director.start(swarm["director"][at])
         self.state.exchange()
 
-    def begin_from(self, arrays: dict[str, np.ndarray]) -> None:
-        """Begin with "director" (size, 2 m) [rad], [-] and "network" (size, d²) [-] of a checkpoint, as far as they are
+    def begin_from(self, arrays: Arrays) -> None:
+        """Begin with directors (size, 2 m) [rad], [-] and networks (size, d²) [-] of a checkpoint, as far as they are
         in `arrays`; without them bonds of networks form where particles are.  Collective.
         """
-        if self.director is not None and "director" in arrays:  # anchors keep their angles at the case's start
-            self.director.set(np.split(arrays["director"], 2, axis=1)[0][self.ids])
+        name = "particle director"
+        if self.director is not None and name in arrays.names:  # anchors keep their angles at the case's start
+            self.director.set(np.split(arrays.rows(name, self.ids), 2, axis=1)[0])
         if self.network is not None:
-            self.network.begin_from(arrays.get("network"))
+            name = "particle network"
+            self.network.begin_from(arrays.rows(name, self.part.row_ids) if name in arrays.names else None)
 
     def store(self, swarm: Swarm) -> None:
         """Copy state and accounts to the swarm."""

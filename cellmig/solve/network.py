@@ -74,11 +74,11 @@ class Network:
         self.begin()
 
     def begin_from(self, particles: np.ndarray | None) -> None:
-        """Begin with A of all `particles` (size, d²) [-], or with bonds without stress; F has to be current."""
+        """Begin with A of the rows' `particles` (n_rows, d²) [-], or with bonds without stress; F has to be current."""
         for _, law, on in self._laws:
             self._set(on, law.unstressed, self._kernel["F"])
         if particles is not None:
-            self._state.set_by_row(self._kernel["network"], particles[self._row_ids])
+            self._state.set_by_row(self._kernel["network"], particles)
         self.begin()
 
     def _set(self, on: np.ndarray, formula: Callable[..., Any], *given: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..case.schema import Case
+from ..parallel.collect import Arrays
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
@@ -230,7 +231,7 @@ class Overdamped(Implicit):
         """The tangent that is reused (nnz, …) [Pa]."""
         return self.equations.saved()[1]
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint (nnz, …) [Pa]."""
         super().restore(about, arrays)
         self.last, self.least, self._descends = about["last"], about["least"], about["descends"]

@@ -9,6 +9,7 @@ from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
 from ..output.energies import energies
+from ..parallel.collect import Whole, broadcast
 from ..parallel.reduce import exact_sum, global_maximum
 from .mechanics import Mechanics
 from .restart import restore, saved
@@ -62,12 +63,13 @@ def renew(m: Mechanics, time: float) -> None:
     cells = np.flatnonzero(_due(m))
     m.rate()  # completes the work of the last step, with the forces of before
     before = _energy(m)
-    about, arrays = saved(m)
+    about, rows = saved(m)
+    arrays = broadcast(m.comm, rows)
     if m.comm.rank == 0:
         for c in cells.tolist():
             _move(m, arrays, c)
     try:
-        restore(m, about, arrays)
+        restore(m, about, Whole(m.comm, arrays))
     except ValueError as error:
         raise NumericsError.at(m, time, f"neighbours cannot be found anew: {error}", None,
                                "try finer particles, or numerics.renewal = \"never\"") from error

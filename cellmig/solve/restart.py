@@ -13,16 +13,17 @@ from ..meshfree.contact import Surfaces
 from ..meshfree.renewal import with_renewed
 from ..meshfree.rkpm import factorised
 from ..meshfree.scene import Scene
-from ..parallel.collect import broadcast, computed_on_root, gathered
+from ..parallel.collect import Arrays, Rows, computed_on_root
 from ..parallel.direct import solve_positive
+from ..parallel.partition import Owners
 from .mechanics import Mechanics
 from .start import LARGE
 
 SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rounding is 1e-15
 
 
-def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """State between two steps: numbers, the same on all ranks, and arrays on rank 0; collective.
+def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray | Rows]]:
+    """State between two steps: numbers, the same on all ranks, and arrays, of which each rank has its rows; collective.
 
     Arrays (size, ...) are by particle, in the order of ids, (m, ...) by surface particle, or (f, ...) by facet; they
     have the units of the fields.
@@ -32,48 +33,45 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if m.loads.there:
         about["clock"] = m.loads.clock
     by_row = {name: m.state.by_row(blocks)[: m.n_owned] for name, blocks in _by_blocks(m).items()}
-    arrays = {f"particle {name}": gathered(m.comm, m.ids, values, m.scene.size)
-              for name, values in (_of_particles(m) | by_row).items()}
+    arrays: dict[str, Any] = {f"particle {name}": Rows(m.ids, np.array(values), m.scene.size)
+                              for name, values in (_of_particles(m) | by_row).items()}
     of_surface = _of_surface(m) | ({"turn": m.segments.turn[m.part.own_surface]} if len(m.segments.turn) else {})
     places, scene = m.surfaces.place[m.part.own_surface], m.scene
-    arrays |= {f"surface {name}": gathered(m.comm, places, values, int(scene.first_surface[-1]))
+    arrays |= {f"surface {name}": Rows(places, np.array(values), int(scene.first_surface[-1]))
                for name, values in of_surface.items()}
     own = m.part.on_surface[m.segments.ends[:, 0]]  # every facet is of the rank of its first corner
     facets = m.surfaces.number[m.segments.number[own]]
-    arrays |= {f"facet {name}": gathered(m.comm, facets, values[own], int(scene.first_facet[-1]))
+    arrays |= {f"facet {name}": Rows(facets, values[own], int(scene.first_facet[-1]))
                for name, values in _of_segments(m).items()}
     if m.terms.contacts is not None:
         arrays |= m.accounts.impulses.saved(m.comm)
     if m.terms.renewal is not None and m.comm.rank == 0:
         arrays |= _reference(m.scene)
-    return about, {name: values for name, values in arrays.items() if values is not None}
+    return about, arrays
 
 
-def restore(m: Mechanics, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit on rank 0; collective."""
+def restore(m: Mechanics, about: dict[str, Any], arrays: Arrays) -> None:
+    """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit; collective."""
     m.undo.aside = False
-    everything = broadcast(m.comm, arrays)
     if m.terms.renewal is not None:
-        _find_neighbours(m, *(everything[f"neighbours {name}"] for name in ("x", "F", "along")))
-    particle, surface, facet = ({name.removeprefix(kind): values for name, values in everything.items()
-                                 if name.startswith(kind)} for kind in ("particle ", "surface ", "facet "))
+        _find_neighbours(m, *(arrays[f"neighbours {name}"] for name in ("x", "F", "along")))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     places = m.surfaces.place[m.part.own_surface]
-    m.state.u[m.part.at_surface] = surface["renewed"][places]
-    if "turn" in surface:
-        m.segments.turn = surface["turn"][m.surfaces.place]
+    m.state.u[m.part.at_surface] = arrays.rows("surface renewed", places)
+    if "surface turn" in arrays.names:
+        m.segments.turn = arrays.rows("surface turn", m.surfaces.place)
     m.state.exchange()
     m.renew_lists()
     for name, values in _of_surface(m).items():
-        values[:] = surface[name][places]
+        values[:] = arrays.rows(f"surface {name}", places)
     for name, values in _of_segments(m).items():
-        values[:] = facet[name][m.surfaces.number[m.segments.number]]
+        values[:] = arrays.rows(f"facet {name}", m.surfaces.number[m.segments.number])
     if m.terms.contacts is not None:
-        m.accounts.impulses.restore(everything["contact key"], everything["contact impulse"])
+        m.accounts.impulses.restore(arrays)
     for name, values in _of_particles(m).items():
-        values[:] = particle[name][m.ids]
+        values[:] = arrays.rows(f"particle {name}", m.ids)
     for name, blocks in _by_blocks(m).items():  # with the rows of ghosts, which have the same bits
-        m.state.set_by_row(blocks, particle[name][m.part.row_ids])
+        m.state.set_by_row(blocks, arrays.rows(f"particle {name}", m.part.row_ids))
     m.segments.renewals, (m.renewals, m.renewal_loss) = about["renewals"], about["neighbours"]
     for name in asdict(m.times):
         setattr(m.times, name, about[name])
@@ -155,11 +153,14 @@ def _of_segments(m: Mechanics) -> dict[str, np.ndarray]:
     return found | ({"bond_impulse": m.accounts.impulses.bond} if m.terms.substrate is not None else {})
 
 
-def same_places(arrays: dict[str, np.ndarray], scene: Scene, comm: MPI.Comm) -> bool:
-    """Whether arrays of a checkpoint, on rank 0, belong to the particles of a scene, up to rounding; collective."""
-    same = True
-    if comm.rank == 0:
-        X, surface, spacing = arrays["X"], arrays["surface"], min(t.spacing for t in scene.templates)
-        same = (X.shape == scene.X.shape and bool(np.abs(X - scene.X).max() <= SAME * spacing)
-                and np.array_equal(surface, Surfaces.of(scene).ids))
-    return comm.bcast(same)
+def same_places(arrays: Arrays, owners: Owners, comm: MPI.Comm) -> bool:
+    """Whether arrays of a checkpoint belong to the particles of the owners' scene, up to rounding; collective."""
+    scene = owners.scene
+    same = ("X" in arrays.names and arrays.shape("X") == (scene.size, scene.dimension)
+            and arrays.shape("surface") == (scene.first_surface[-1],))
+    if same:
+        cells, spacing = owners.heads(comm.rank), min(t.spacing for t in scene.templates)
+        of_cells, s = scene.particles(scene.ids_of(cells)), Surfaces.of(scene, cells)
+        away = np.abs(arrays.rows("X", of_cells.ids) - of_cells.X).max(initial=0.0)
+        same = bool(away <= SAME * spacing) and np.array_equal(arrays.rows("surface", s.place), s.ids)
+    return comm.allreduce(same, MPI.LAND)

@@ -14,6 +14,7 @@ from scipy import sparse
 from petsc4py import PETSc
 
 from ..model.tensors import determinant
+from ..parallel.collect import Arrays
 from ..parallel.options import default_options, original_errors
 from .mechanics import Mechanics
 from .plates import PlateContact
@@ -115,7 +116,7 @@ class Static:
         """State for a checkpoint at a sample: time, last load step and all counts."""
         return deepcopy({name: getattr(self, name) for name in _COUNTED})
 
-    def restore(self, about: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, after that of the mechanics was restored; collective.
 
         arrays : those of the checkpoint, of any shape and unit.

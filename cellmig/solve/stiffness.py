@@ -15,6 +15,7 @@ from ..kernel.kernel import assemble
 from ..kernel.layout import csr_rows
 from ..meshfree.stabilisation import BulkDamping, Stabilisation
 from ..model.tensors import cofactors
+from ..parallel.collect import Arrays
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
@@ -198,7 +199,7 @@ class Stiffness:
                  for name in ("data", "indices", "indptr")}
         return parts | {"tangent room": self._room}
 
-    def restore(self, mat: PETSc.Mat, arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, mat: PETSc.Mat, arrays: Arrays) -> None:
         """Set a Mat as `saved` found it, from arrays (nnz, …) [Pa], int."""
         shape = self.mechanics.n_owned, self.mechanics.scene.size
         self._allocate(mat, _of_places(arrays["tangent room"], shape))

@@ -13,13 +13,17 @@ from mpi4py import MPI
 from cellmig.output import checkpoint
 from cellmig.output.checkpoint import Checkpoint, newest, write
 from cellmig.output.directory import OutputError
+from cellmig.parallel.collect import Rows
 
 COMM = MPI.COMM_WORLD
 
 
 def state(number: int) -> Checkpoint:
-    """A state that only rank 0 has, and that says its number."""
-    arrays = {"u": np.full((50, 2), number / 7), "few": np.zeros((0, 3))} if COMM.rank == 0 else {}
+    """A state of which each rank has its rows, and that says its number."""
+    own = np.arange(50)[COMM.rank :: COMM.size]
+    u = np.column_stack([own, np.full(len(own), number / 7)])
+    arrays = {"u": Rows(own, u, 50), "no": Rows(own[:0], own[:0], 0)}
+    arrays |= {"few": np.zeros((0, 3)), "whole": np.arange(5.0)} if COMM.rank == 0 else {}
     return Checkpoint({"number": number, "case": {"title": "µ" * 50_000}, "time": 1 / 3}, arrays)
 
 
@@ -35,8 +39,12 @@ def read(directory):
     """The number of the newest, and what was said."""
     said = []
     found = newest(directory, COMM, said.append)
-    if found and COMM.rank == 0:
-        assert (found.arrays["u"] == found.about["number"] / 7).all() and found.arrays["few"].shape == (0, 3)
+    if found:
+        stored, some = found.stored, np.array([7, 3, 49])
+        assert stored.shape("u") == (50, 2) and stored.shape("few") == (0, 3) and stored.shape("no") == (0,)
+        assert (stored.rows("u", some) == np.column_stack([some, np.full(3, found.about["number"] / 7)])).all()
+        assert stored["few"].shape == (0, 3) and (stored["whole"] == np.arange(5.0)).all()
+        assert sorted(stored.names) == ["few", "no", "u", "whole"]
     return found and found.about["number"], said
 
 
@@ -55,7 +63,7 @@ def test_the_last_two_are_kept_and_the_newest_is_read_on_all_ranks(three):
 
 def test_hdf5_opens_it_as_it_is(three):
     with h5py.File(three / "checkpoint" / "c00000003.h5", locking=False) as file:
-        assert (file["u"][()] == 2 / 7).all()
+        assert (file["u"][:, 0] == np.arange(50)).all() and (file["u"][:, 1] == 2 / 7).all()
 
 
 def test_where_nothing_was_written_there_is_none(shared_tmp):

@@ -20,6 +20,7 @@ from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Contacts, Frictions, Terms
 from cellmig.model.cortex import LineTension
 from cellmig.model.seifert import BetweenCells
+from cellmig.parallel.collect import Whole
 from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.restart import restore, saved
 
@@ -210,7 +211,7 @@ def test_a_ball_goes_on_with_the_same_bits_after_a_checkpoint(comm: MPI.Comm) ->
         right = space.state()
     with Space(cells(2), ALL, comm) as space:
         (about, arrays), integrator = kept
-        restore(space.mechanics, about, arrays)
+        restore(space.mechanics, about, Whole(comm, arrays))
         space.integrator.restore(integrator, {})
         space.integrator.advance_to(0.4)
         assert space.state() == right

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from cellmig.case.registry import laws
 from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import Terms
+from cellmig.parallel.collect import Whole
 from cellmig.solve.restart import restore, saved
 
 FLUID, SOLID = replace(example("material", "nematic"), eta=1e4, zeta=0.0), example("material", "mooney-rivlin")
@@ -260,7 +261,7 @@ def test_a_director_goes_on_with_the_same_bits_after_a_checkpoint_and_a_look(com
         space.integrator.advance_to(0.1)
         looked = ends(space)
     with Space(scene, terms, comm) as space:
-        restore(space.mechanics, about, arrays)
+        restore(space.mechanics, about, Whole(comm, arrays))
         space.integrator.restore(integrator, {})
         space.integrator.advance_to(0.1)
         assert ends(space) == looked

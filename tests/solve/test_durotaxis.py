@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import cellmig
 from cellmig.case.schema import Case
+from cellmig.parallel.collect import broadcast
 
 SECOND = 1e6  # µs
 # Clutches a million times as fast as those of filopodia, for cells of the paper; a knot every 0.1 µs.
@@ -98,7 +99,8 @@ def test_what_is_saved_stays_as_it_is_while_the_run_goes_on() -> None:
         before = deepcopy((about, arrays))
         sim.go(1.0)
         assert about == before[0]
-        assert all(np.array_equal(values, before[1][name]) for name, values in arrays.items())
+        now, then = (broadcast(sim.comm, found) for found in (arrays, before[1]))
+        assert all(np.array_equal(values, then[name]) for name, values in now.items())
 
 
 def test_without_clutches_cells_have_no_sides_and_nothing_is_stored() -> None:
