@@ -93,7 +93,8 @@ class Simulation:
         names, law = [c.name for c in case.cells], self.terms.protrusion
         protruding = Protruding(np.array([law is not None and name in law.cells for name in names]), case.seed, names,
                                 steady(case, self.terms))
-        return (partition(scene, self.comm.size), control, Boundary.of(case, scene), Probes.of(case, scene), protruding)
+        return (partition(scene, self.comm.size, self.terms.reach), control, Boundary.of(case, scene),
+                Probes.of(case, scene), protruding)
 
     def _begun(self, arrays: Arrays | Mapping[str, np.ndarray], owners: Owners) -> Arrays:
         """Arrays of a checkpoint that have the initial state, director and network; collective.  Raises CaseError."""

@@ -151,6 +151,11 @@ class Terms:
         return (self.contacts.pushes if self.contacts is not None and self.protrusion is not None else ()) or None
 
     @property
+    def reach(self) -> float:
+        """Largest distance at which surfaces of cells act on each other [µm], 0 without contacts."""
+        return float(self.contacts.reach.max()) if self.contacts is not None else 0.0
+
+    @property
     def on_gels(self) -> bool:
         """Whether bodies rub or push off each other."""
         return self.sliding is not None or self.pushes_off is not None

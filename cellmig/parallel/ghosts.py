@@ -64,7 +64,8 @@ class GhostedField:
 @cache
 def _petsc_functions() -> tuple[int, ...]:
     """Addresses of VecGhostUpdateBegin and VecGhostUpdateEnd."""
-    return shared.addresses(ctypes.CDLL(petsc_library()), "VecGhostUpdateBegin", "VecGhostUpdateEnd")
+    begin, end = shared.addresses(ctypes.CDLL(petsc_library()), "VecGhostUpdateBegin", "VecGhostUpdateEnd")
+    return shared.messages(begin, end)
 
 
 def petsc_library() -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..meshfree.scene import Scene
+from .cost import cost_of_cells
 
-BALANCE = 0.03  # imbalance that is accepted for whole cells: cost of the fullest rank over the mean, minus 1
+BALANCE = 0.02  # imbalance that is accepted for whole cells: cost of the fullest rank over the mean, minus 1
 THICK = 15.0  # least thickness of a slice of a cell [spacings]: a thinner one has almost as many ghosts as particles
 MANY = 2  # cells per rank from which only those on the cuts between ranks are divided
-SURFACE = 1.0  # cost of a surface particle in contact beside that of its stress: 18 of 20 ns, by `cellmig bench`
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Owners:
     pieces : dict -- cells that ranks share otherwise: the fractions (k - 1,) at which slices end [-], their ranks (k,)
         int.
     free : dict -- cells that are cut in space: owners (n,) int of their particles.
+    load : (ranks,) -- expected work of each rank in a step over the mean [-].
     """
 
     scene: Scene
@@ -34,6 +35,7 @@ class Owners:
     team: int = 1
     pieces: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     free: dict[int, np.ndarray] = field(default_factory=dict)
+    load: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     @cached_property
     def _apart(self) -> np.ndarray:
@@ -75,32 +77,51 @@ class Owners:
         ids = self.scene.ids_of(cells)
         return ids if self.team == 1 and not len(self._apart) else ids[self.of(ids) == rank]
 
+    def loaded(self, cost: np.ndarray, ranks: int) -> Owners:
+        """The same with the `load` of each of `ranks` for cells of a `cost` (cells,) [-]."""
+        whole = cost.copy()
+        whole[self._apart] = 0.0
+        load = np.zeros(ranks)
+        for slice_ in range(self.team):
+            load += np.bincount(self.first + slice_, whole / self.team, ranks)
+        for cell, (ends, shared_by) in self.pieces.items():
+            load += np.bincount(shared_by, cost[cell] * np.diff(ends, prepend=0.0, append=1.0), ranks)
+        for cell, owner in self.free.items():
+            load += np.bincount(owner, minlength=ranks) * cost[cell] / len(owner)
+        return replace(self, load=load / load.mean())
+
     def heads(self, rank: int) -> np.ndarray:
         """Cells (k,) int, ascending, whose first particle a rank owns: each cell is one rank's."""
         cells = self.cells(rank)
         return cells[self.of(self.scene.offset[cells]) == rank]
 
 
-def partition(scene: Scene, ranks: int) -> Owners:
+def partition(scene: Scene, ranks: int, reach: float = 0.0) -> Owners:
     """Owners of the particles of a `scene` among a number of `ranks`.
 
     Each rank gets whole cells if that balances their cost: then only contacts are exchanged.  Of many cells those on
     the cuts between ranks are divided else.  Few are given to teams of ranks, as small as balance allows, and each rank
     of a team gets the same slice of all cells of its team: the coefficients that cells of a kind share are then in the
     cache of one rank only.  Where slices would be too thin, space is bisected.
+
+    reach : largest distance at which surfaces of two cells act on each other [µm], 0 without contacts.
     """
-    kinds = scene.templates
-    size, middle = np.diff(scene.offset), np.array([t.X.mean(axis=0) for t in kinds])
-    cost = np.array([len(t.X) + SURFACE * len(t.surface) for t in kinds])[scene.kind]
+    cost = cost_of_cells(scene, reach) if ranks > 1 else np.ones(len(scene.kind))
+    return _dealt(scene, ranks, cost).loaded(cost, ranks)
+
+
+def _dealt(scene: Scene, ranks: int, cost: np.ndarray) -> Owners:
+    """Owners for cells of a `cost` (cells,) [-]."""
+    size, middle = np.diff(scene.offset), np.array([t.X.mean(axis=0) for t in scene.templates])
     centre, cells = scene.centre + middle[scene.kind], len(scene.kind)
+    most = (1.0 + BALANCE) * cost.sum() / ranks
     if ranks * MANY <= cells:
         first = bisection(centre, ranks, cost)
-        if np.bincount(first, cost).max() * ranks <= (1.0 + BALANCE) * cost.sum():
-            return Owners(scene, first)
-        return Owners(scene, *cut(centre, cost, ranks))
+        return Owners(scene, first) if np.bincount(first, cost).max() <= most else Owners(
+            scene, *cut(centre, cost, ranks))
     for team in (p for p in range(1, ranks + 1) if ranks % p == 0 and p * THICK <= max(THICK, np.sqrt(size.min()))):
         of_cell = bisection(centre, ranks // team, cost)
-        if np.bincount(of_cell, cost).max() / team * ranks <= (1.0 + BALANCE) * cost.sum():
+        if np.bincount(of_cell, cost).max() / team <= most:
             return Owners(scene, team * of_cell, team)
     owner = np.split(bisection(scene.X, ranks), scene.offset[1:-1])
     return Owners(scene, np.zeros(cells, np.int32), free=dict(enumerate(owner)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,18 @@ def on_one_machine(comm: MPI.Intracomm) -> bool:
     found = near.size == comm.size > 1
     near.Free()
     return found
+
+
+def working_time() -> float:
+    """CPU time of this process without what went into waiting for other ranks within steps [s]."""
+    return process_time() - ctypes.c_double.in_dll(library(SOURCE), "waited").value
+
+
+def messages(begin: int, end: int) -> tuple[int, ...]:
+    """Addresses of the C functions that begin and end an exchange by messages, of which `end` is timed."""
+    timed = library(SOURCE)
+    ctypes.c_void_p.in_dll(timed, "messages_end").value = end
+    return begin, *addresses(timed, "timed_messages_end")
 
 
 def exchange_functions() -> tuple[int, ...]:

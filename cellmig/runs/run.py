@@ -311,14 +311,14 @@ class Run:
 
     def _log_scene(self) -> None:
         s, m, run, unit = self.simulation, self.simulation.mechanics, self._integrator, self.case.time_unit
-        owned = self.comm.allgather(m.n_owned)
-        copies = self.comm.allgather(len(m.state.numbering.ids) - m.n_owned)
-        shared = f"; on each rank {summary.span(owned)} and copies of {summary.span(copies)} others"
+        parts = self.comm.allgather((m.n_owned, len(m.state.numbering.ids) - m.n_owned))
+        shared = "; on each rank {} and copies of {} others".format(*map(summary.span, zip(*parts, strict=True)))
         cells = len(s.scene.kind)
         self.log.table([
             ("particles", f"{s.scene.size} in {cells} cell{'s' * (cells > 1)}, spacing "
                           f"{summary.span([t.spacing for t in s.scene.templates])} µm"
                           f"{shared * (self.comm.size > 1)}"),
+            *summary.describe_balance(m.part.owners.load),
             *([("accuracy", self.case.chosen)] if self.case.chosen else []),
             *(summary.describe_scene(s.case, self.end) if self.log.root else []),
             *summary.describe_laws(self.case, s),
@@ -371,7 +371,7 @@ class Run:
             self.log("volume ratio J from {J_min:.4f} to {J_max:.4f}".format(**run.extremes) + stretched + error)
         if dissipation := summary.describe_dissipation(self.entries):
             self.log(f"dissipation: {dissipation}")
-        for told in filter(None, (run.closing, self.strain.summary(), *s.fields.closing)):
+        for told in filter(None, (summary.measured_balance(s), run.closing, self.strain.summary(), *s.fields.closing)):
             self.log(told)
         if self.manifest["unused_options"]:
             self.log("PETSc options that nothing used: " + ", ".join(self.manifest["unused_options"]))

@@ -51,6 +51,22 @@ def describe_load_steps(case: Case) -> str:
             "depend on, nothing moves")
 
 
+def describe_balance(load: Sequence[float]) -> list[tuple[str, str]]:
+    """Rows about the work of ranks, `load` : of each over the mean; none of one rank."""
+    return [("balance", f"the fullest rank has {max(load):.3f} of the mean work in a step, the emptiest "
+                        f"{min(load):.3f}, as expected from neighbours, and contacts at the start")] * (len(load) > 1)
+
+
+def measured_balance(simulation: Simulation) -> str:
+    """Text of the measured work of ranks in steps beside the expected one, "" where there is none; collective."""
+    m = simulation.mechanics
+    work, load = simulation.comm.allgather(m.working), m.part.owners.load
+    if len(work) == 1 or not any(work):
+        return ""
+    return (f"balance: the fullest rank had {len(work) * max(work) / sum(work):.3f} of the mean work in steps, "
+            f"{max(load):.3f} as expected, by CPU time without waiting")
+
+
 def describe_skipped(skipped: dict[str, str]) -> list[tuple[str, str]]:
     """Rows of absent terms by their reasons."""
     names = {why: [name for name, reason in skipped.items() if reason == why] for why in skipped.values()}

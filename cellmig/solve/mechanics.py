@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..meshfree.terms import Terms
 from ..parallel.collect import Arrays
 from ..parallel.partition import Owners
 from ..parallel.reduce import global_maximum, largest
+from ..parallel.shared import working_time
 from ..parallel.swarm import Swarm
 from .accounts import ACCOUNTS, Accounts
 from .director import Director
@@ -77,6 +79,7 @@ class Mechanics:
     renewals : int -- how often neighbours were found anew: see `renewal.renew`.
     renewal_loss : float -- energy that was lost then [pN].
     divisible : (cells,) bool -- cells whose surface may then be divided anew.
+    working : float -- CPU time of this rank in steps of leapfrog without waiting for others [s].
     """
 
     def __init__(self, owners: Owners, terms: Terms, boundary: Boundary, protruding: Protruding, swarm: Swarm):
@@ -86,6 +89,7 @@ class Mechanics:
         self._boundary, self._protruding, self._owners = boundary, protruding, owners
         self.kernel = Kernel(scene.materials, terms, FIELDS)
         self.renewals, self.renewal_loss = 0, 0.0
+        self.working, self._clock = 0.0, working_time if swarm.comm.size > 1 else process_time
         self.divisible = divisible(scene, boundary) & (not terms.has_director)
         self._make(scene)
         self._load(swarm)
@@ -193,9 +197,10 @@ class Mechanics:
         Raises PETSc.Error where an exchange of ghosts failed.
         """
         self.resume()
-        t = self.times
+        t, begin = self.times, self._clock()
         if self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev)):
             raise PETSc.Error(75)
+        self.working += self._clock() - begin
         t.accounted_dt = 0.5 * (t.dt_prev + dt) if n == 1 else dt
         t.F_lag = t.dt_prev = dt
 

@@ -24,7 +24,7 @@ from cellmig.meshfree.scene import Scene
 from cellmig.parallel import shared
 from cellmig.parallel.collect import computed_on_root
 from cellmig.parallel.ghosts import GhostedField
-from cellmig.parallel.partition import BALANCE, SURFACE, Owners, bisection, partition
+from cellmig.parallel.partition import BALANCE, Owners, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, global_maximum
 from cellmig.parallel.swarm import Swarm
@@ -108,7 +108,7 @@ def scene_of(sizes: np.ndarray, seed: int = 1) -> Scene:
     for n in sizes.tolist():
         X, nucleus = rng.uniform(0, 1, (n, 2)), np.arange(n) < n // 7
         kinds.append(SimpleNamespace(X=X[np.lexsort((X[:, 1], ~nucleus))], nucleus=nucleus,
-                                     surface=np.arange(round(4 * math.sqrt(n)))))
+                                     surface=np.arange(round(4 * math.sqrt(n))), G=[SimpleNamespace(nnz=15 * n)]))
     cell = np.arange(len(sizes))
     return Scene(kinds, cell, 2.0 * np.column_stack([cell % 8, cell // 8]), [], [(0, 1)] * len(sizes))
 
@@ -118,8 +118,8 @@ def whole(scene: Scene, ranks: int) -> tuple[Owners, np.ndarray, np.ndarray]:
     owners = partition(scene, ranks)
     owner, cost = owners.of(np.arange(scene.size)), np.zeros(ranks)
     for cell, t in enumerate(scene.templates):
-        share = np.bincount(owner[scene.cell == cell], minlength=ranks) / len(t.X)
-        cost += share * (len(t.X) + SURFACE * len(t.surface))
+        cost += np.bincount(owner[scene.cell == cell], minlength=ranks) / len(t.X) * t.G[0].nnz
+    assert owners.load == pytest.approx(cost / cost.mean(), abs=0.02)  # cells are cut at whole particles
     return owners, owner, cost / cost.mean()
 
 
