@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import math
+import mmap
+import os
 import pickle
+import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,6 +20,9 @@ from mpi4py import MPI
 from ..case.registry import laws
 
 AT_ONCE = 1 << 30  # largest message [B]: MPI counts in 32 bits
+LARGE = 1 << 20  # a result of more than so many bytes is in the memory of a machine once, not on each rank
+ALIGNED = 64  # bytes to whose multiples arrays are aligned
+SHARED = "/dev/shm"  # files in memory
 
 
 def gathered(comm: MPI.Comm, numbers: np.ndarray, values: np.ndarray, size: int) -> np.ndarray | None:
@@ -166,15 +172,62 @@ def computed_on_root(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     while not arrival.Test():  # a blocking call would keep the processor from rank 0
         time.sleep(1e-3)
     data, sizes = comm.bcast((text.getvalue(), [b.nbytes for b in buffers]))
-    buffers = buffers or [bytearray(n) for n in sizes]
-    for b in buffers:
-        for first in range(0, len(b), AT_ONCE):
-            comm.Bcast([memoryview(b)[first : first + AT_ONCE], MPI.BYTE])
-    if comm.rank:
-        value, failed = pickle.loads(data, buffers=buffers)
+    if sum(sizes) > LARGE:
+        value = failed = None  # rank 0 uses the copy of its machine, too
+        value, failed = pickle.loads(data, buffers=_on_each_machine(comm, buffers, sizes))
+    else:
+        buffers = buffers or [bytearray(n) for n in sizes]
+        for b in buffers:
+            comm.Bcast([b, MPI.BYTE])
+        if comm.rank:
+            value, failed = pickle.loads(data, buffers=buffers)
     if failed is not None:
         raise failed
     return value
+
+
+def _on_each_machine(comm: MPI.Comm, buffers: list[Any], sizes: list[int]) -> list[memoryview]:
+    """The `buffers` of rank 0, of these `sizes` [B], read-only in memory that ranks of a machine share; collective."""
+    near = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    first_ones = comm.Split(0 if near.rank == 0 else MPI.UNDEFINED)
+    ends = np.cumsum([-(-n // ALIGNED) * ALIGNED for n in sizes]).tolist()
+    starts, path, room = [0, *ends[:-1]], None, memoryview(b"")
+    if near.rank == 0:
+        path, room = _room(ends[-1])
+        for at, own in zip(starts, buffers, strict=False):  # rank 0 alone has any
+            room[at : at + own.nbytes] = own
+        for at in range(0, ends[-1], AT_ONCE):
+            first_ones.Bcast([room[at : at + AT_ONCE], MPI.BYTE])
+        first_ones.Free()
+    path = near.bcast(path)
+    if path is None:
+        room = room if near.rank == 0 else memoryview(bytearray(ends[-1]))
+        for at in range(0, ends[-1], AT_ONCE):
+            near.Bcast([room[at : at + AT_ONCE], MPI.BYTE])
+    else:
+        with open(path, "rb") as file:
+            room = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        near.Barrier()
+        if near.rank == 0:
+            os.unlink(path)  # the memory is free when the last rank does without it
+    near.Free()
+    return [room[at : at + n].toreadonly() for at, n in zip(starts, sizes, strict=True)]
+
+
+def _room(size: int) -> tuple[str | None, memoryview]:
+    """Path and content of a new file of a `size` [B] in shared memory; if that is full, none, and memory of this rank."""
+    path = None
+    try:
+        handle, path = tempfile.mkstemp(prefix="cellmig-", dir=SHARED)
+        try:
+            os.posix_fallocate(handle, 0, size)
+            return path, memoryview(mmap.mmap(handle, size))
+        finally:
+            os.close(handle)
+    except OSError:
+        if path is not None:
+            os.unlink(path)
+        return None, memoryview(bytearray(size))
 
 
 class _Pickler(pickle.Pickler):

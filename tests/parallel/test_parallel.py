@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -167,6 +169,20 @@ def test_each_rank_finds_its_particles_and_every_cell_has_one_head(count: int, s
         assert np.array_equal(ids, np.flatnonzero(owner == rank))
         assert np.array_equal(owners.cells(rank), np.unique(scene.cell[ids]))
     assert sorted(np.concatenate([owners.heads(rank) for rank in range(ranks)]).tolist()) == list(range(count))
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_large_result_is_in_the_memory_of_a_machine_once(comm: MPI.Comm, full: bool, monkeypatch) -> None:
+    if full:
+        monkeypatch.setattr("cellmig.parallel.collect.SHARED", "/nowhere")
+    shapes = [(200_000,), (3, 50_000), (0, 2), (7,)]
+    found = computed_on_root(comm, lambda: [np.arange(float(math.prod(s))).reshape(s) + comm.rank for s in shapes])
+    for values, shape in zip(found, shapes, strict=True):
+        assert np.array_equal(values, np.arange(math.prod(shape)).reshape(shape))
+        assert values.flags.writeable is (comm.size == 1)
+        assert values.ctypes.data % 64 == 0 or comm.size == 1 or full
+    comm.Barrier()
+    assert not [path for path in Path("/dev/shm").glob("cellmig-*") if path.stat().st_uid == os.getuid()]
 
 
 def test_random_numbers_belong_to_seed_purpose_and_name(comm: MPI.Comm) -> None:
