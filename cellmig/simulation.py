@@ -33,7 +33,7 @@ from .solve.mechanics import Mechanics
 from .solve.overdamped import Overdamped, without_inertia
 from .solve.protrusion import Protruding
 from .solve.restart import restore, same_places, saved
-from .solve.start import at_start, discretise
+from .solve.start import at_start, discretise, templates
 from .solve.static import Static
 from .solve.step import StepControl, widen
 
@@ -59,8 +59,9 @@ class Simulation:
         case = without_inertia(case) if case.overdamped else case
         self.case, self.comm = case, comm
         self.terms = parts[1] if parts else find_terms(case, prune)
+        made = None if parts else templates(case, comm)
         owners, self.control, boundary, probes, protruding = computed_on_root(
-            comm, lambda: self._decide(parts[0] if parts else None))
+            comm, lambda: self._decide(parts[0] if parts else discretise(case, made)))
         self.scene = owners.scene
         state = at_start(case, self.scene, owners.heads(comm.rank))
         begun = self._begun(start, owners) if start is not None else None
@@ -84,10 +85,9 @@ class Simulation:
         self.time = 0.0
         self.sample(everywhere=False)  # the ledger counts from here
 
-    def _decide(self, scene: Scene | None) -> tuple:
-        """Everything that depends on the last bits of libraries and processors, for rank 0; `scene` : if it exists."""
+    def _decide(self, scene: Scene) -> tuple:
+        """Everything that depends on the last bits of libraries and processors, for rank 0."""
         case = self.case
-        scene = scene or discretise(case)
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)
         names, law = [c.name for c in case.cells], self.terms.protrusion

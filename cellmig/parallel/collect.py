@@ -215,7 +215,7 @@ def _on_each_machine(comm: MPI.Comm, buffers: list[Any], sizes: list[int]) -> li
 
 
 def _room(size: int) -> tuple[str | None, memoryview]:
-    """Path and content of a new file of a `size` [B] in shared memory; if that is full, none, and memory of this rank."""
+    """Path and content of a new file of a `size` [B] in shared memory; if that is full none, and memory of the rank."""
     path = None
     try:
         handle, path = tempfile.mkstemp(prefix="cellmig-", dir=SHARED)
@@ -228,6 +228,16 @@ def _room(size: int) -> tuple[str | None, memoryview]:
         if path is not None:
             os.unlink(path)
         return None, memoryview(bytearray(size))
+
+
+def collected(comm: MPI.Comm, thing: Any) -> list[Any] | None:
+    """A `thing` of each rank, in their order, on rank 0, None on others; collective."""
+    if comm.size == 1:
+        return [thing]
+    text = io.BytesIO()
+    _Pickler(text, 5).dump(thing)
+    parts = comm.gather(text.getvalue())
+    return None if parts is None else [pickle.loads(part) for part in parts]
 
 
 class _Pickler(pickle.Pickler):

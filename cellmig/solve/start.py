@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+
+from mpi4py import MPI
 
 from ..case.expression import evaluate
 from ..case.messages import CaseError, Mistake
 from ..case.schema import Case, particle_count
 from ..meshfree import formulas
-from ..meshfree.body import template
+from ..meshfree.body import Template, template
 from ..meshfree.rkpm import factorised
 from ..meshfree.scene import Scene
 from ..model.director import initial, numbers
+from ..parallel.collect import collected
 from ..parallel.direct import solve_positive
 from .accounts import ACCOUNTS
 
@@ -36,32 +41,54 @@ def at_start(case: Case, scene: Scene, cells: np.ndarray) -> dict[str, np.ndarra
     return {"id": particles.ids, "X": X, "u": u, "v": v, "director": director, "loss": np.zeros((n, len(ACCOUNTS)))}
 
 
-def discretise(case: Case) -> Scene:
+def discretise(case: Case, made: Sequence[Template | CaseError] | None = None) -> Scene:
     """The reference configuration of a case: one template for each kind of cell.
+
+    made : the results of `templates`, if they are known.
 
     Raises CaseError where particles do not suit a shape, or formulas have no value at them.
     """
     used = [name for name in case.materials if any(name in (c.material, c.nucleus) for c in case.cells)]
-    kinds: dict = {}
-    for cell in case.cells:
-        kinds.setdefault((cell.shape, cell.material, cell.nucleus, cell.relative_stiffness), len(kinds))
-    templates, material_of = [], []
-    for shape, body, nucleus, grade in kinds:
-        pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
-        try:
-            count = particle_count(case, shape)
-            solve = solve_positive if count > LARGE else factorised
-            dilation = case.particles.dilation if case.dimension == 2 else 0.0  # averages of finite elements in space
-            templates.append(template(shape, count, dilation, pair, case.numerics.bulk_viscosity,
-                                      case.particles.surface_refinement, solve, grade))
-        except ValueError as error:  # the particles do not suit the shape
-            name = next(c.name for c in case.cells if c.shape == shape)
-            told = f"'{name}': {error}{getattr(shape, 'hint', '')}"
-            raise CaseError([Mistake(case.path, None, "particles", told)]) from error
-        material_of.append((used.index(body), used.index(nucleus or body)))
+    kinds, found = _kinds(case), list[Template]()
+    for one in made if made is not None else (_template(case, kind) for kind in kinds):
+        if isinstance(one, CaseError):
+            raise one
+        found.append(one)
+    material_of = [(used.index(body), used.index(nucleus or body)) for _, body, nucleus, _ in kinds]
     scene = Scene(
-        templates=templates, material_of=material_of, materials=[case.materials[name] for name in used],
+        templates=found, material_of=material_of, materials=[case.materials[name] for name in used],
         kind=np.array([kinds[c.shape, c.material, c.nucleus, c.relative_stiffness] for c in case.cells]),
         centre=np.array([c.centre for c in case.cells]), time_unit=case.time_unit)
     formulas.check(case, scene)
     return scene
+
+
+def templates(case: Case, comm: MPI.Intracomm) -> list[Template | CaseError] | None:
+    """Templates of the kinds of cells of a case, each made by one rank, or why one cannot be; on rank 0; collective."""
+    kinds = list(_kinds(case))
+    parts = collected(comm, [_template(case, kind) for kind in kinds[comm.rank :: comm.size]])
+    return None if parts is None else [parts[k % comm.size][k // comm.size] for k in range(len(kinds))]
+
+
+def _kinds(case: Case) -> dict[tuple, int]:
+    """Numbers of the kinds of cells: shape, materials of body and nucleus, grade of stiffness."""
+    kinds: dict = {}
+    for cell in case.cells:
+        kinds.setdefault((cell.shape, cell.material, cell.nucleus, cell.relative_stiffness), len(kinds))
+    return kinds
+
+
+def _template(case: Case, kind: tuple) -> Template | CaseError:
+    """The template of a kind of cell, or why the particles do not suit its shape."""
+    shape, body, nucleus, grade = kind
+    pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
+    try:
+        count = particle_count(case, shape)
+        solve = solve_positive if count > LARGE else factorised
+        dilation = case.particles.dilation if case.dimension == 2 else 0.0  # averages of finite elements in space
+        return template(shape, count, dilation, pair, case.numerics.bulk_viscosity,
+                        case.particles.surface_refinement, solve, grade)
+    except ValueError as error:
+        name = next(c.name for c in case.cells if c.shape == shape)
+        told = f"'{name}': {error}{getattr(shape, 'hint', '')}"
+        return CaseError([Mistake(case.path, None, "particles", told)])
