@@ -27,10 +27,15 @@ def validate(options: argparse.Namespace) -> int:
         from .case.times import until
         from .runs.preflight import report
 
-        print(report(until(case, end)), end="\n\n", flush=True)
+        print(report(until(case, end), options.ranks, _to_stderr), end="\n\n", flush=True)
     for error in wrong:
         print(f"cellmig: {error}", file=sys.stderr)
     return INVALID_INPUT if wrong else DONE
+
+
+def _to_stderr(text: str) -> None:
+    """Tell what goes on."""
+    print(f"cellmig: {text} …", file=sys.stderr, flush=True)
 
 
 def sweep(options: argparse.Namespace) -> int:

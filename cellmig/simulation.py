@@ -50,7 +50,7 @@ class Simulation:
     """
 
     def __init__(self, case: Case, comm: MPI.Intracomm = MPI.COMM_WORLD, prune: bool = True,
-                 parts: tuple[Scene, Terms] | None = None, start: Arrays | Mapping[str, np.ndarray] | None = None):
+                 parts: tuple[Scene | None, Terms] | None = None, start: Arrays | Mapping[str, np.ndarray] | None = None):
         """Build all parts; collective.
 
         prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : arrays of a

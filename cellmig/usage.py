@@ -104,6 +104,8 @@ def parser() -> Parser:
 
     validate = commands.add_parser("validate", help="check cases and estimate the cost of a run")
     validate.add_argument("cases", type=Path, nargs="+", metavar="case", help="case file")
+    validate.add_argument("--ranks", type=_count, default=1, metavar="N", help="also what each of N ranks has: "
+                          "cells, particles, work, memory")
     _until(validate)
     _accuracy(validate)
     _sets(validate)

@@ -27,7 +27,6 @@ from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import memory_sizes
 from cellmig.output.xdmf import Frames
 from cellmig.simulation import Simulation
-from cellmig.solve.start import discretise
 from cellmig.solve.step import binding
 
 STILL = 1e-12  # a step too short to change the state [µs]
@@ -106,10 +105,10 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     control ("control"), "lists", "sample", "frame"; sizes and memory.
     """
     case, begin = scene.case(), perf_counter()
-    built, terms = discretise(case), find_terms(case)
+    terms = find_terms(case)
     if scene.single is not None:
         terms = dataclasses.replace(terms, single=scene.single)
-    sim = Simulation(case, comm, parts=(built, terms))
+    sim = Simulation(case, comm, parts=(None, terms))
     setup = comm.allreduce(perf_counter() - begin, MPI.MAX)
     m, k = sim.mechanics, sim.mechanics.kernel
     m.advance(3, STILL)

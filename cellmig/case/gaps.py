@@ -105,12 +105,14 @@ class _Measure:
 
     def __init__(self, shapes: list, outlines: list[np.ndarray], centres: np.ndarray):
         self._shapes, self._outlines, self._centres, self._known = shapes, outlines, centres, {}
+        self._places = centres.tolist()
 
     def __call__(self, i: int, j: int, most: float) -> float:
         """Gap between two cells, exact up to `most`; in space without initial displacements."""
-        a, b, apart = self._outlines[i], self._outlines[j], self._centres[j] - self._centres[i]
-        key = id(a), id(b), *np.round(apart, 9).tolist(), most
+        a, b = self._outlines[i], self._outlines[j]
+        key = id(a), id(b), *[round(q - p, 9) for p, q in zip(self._places[i], self._places[j], strict=True)], most
         if key not in self._known:
+            apart = self._centres[j] - self._centres[i]
             self._known[key] = gap(a, b + apart, most) if len(apart) == 2 else min(
                 _from(self._shapes[i], a, b + apart, most), _from(self._shapes[j], b, a - apart, most))
         return self._known[key]

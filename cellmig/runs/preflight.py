@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from time import perf_counter
 from typing import NamedTuple
 
@@ -11,7 +12,6 @@ from mpi4py import MPI
 
 from cellmig.case.gaps import arrangement
 from cellmig.case.schema import Case, particle_count
-from cellmig.meshfree.body import Template
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.fields import FIELDS
 from cellmig.output.log import duration, simulated, two_columns
@@ -21,6 +21,7 @@ from cellmig.solve.overdamped import MOVE
 from cellmig.solve.start import discretise
 from cellmig.solve.step import NumericsError, StepControl, binding
 
+from .by_rank import RANK_BYTES, Parts, describe_parts, memory, of_cells, of_ranks, size_of
 from .estimates import expected, inertia_is_gone
 from .summary import (
     describe_bodies,
@@ -31,30 +32,27 @@ from .summary import (
     describe_skipped,
     describe_step,
 )
+from .timed import FEWER, PROBE, finer, part_of, timed
 from .trial import TRIAL, Trial, choose, try_implicit
 
-PROBE = 20_000  # largest number of particles of a timed scene
+SLOW = 2_000  # cells from which gaps take seconds
 TRIED, FEW = {2: 1_500, 3: 150}, 3  # the same for implicit steps, by dimensions; timed steps if their length is fixed
 COARSE, PATIENCE = 150, 10.0  # particles of a cell in a trial of motion without inertia, least time of it [s]
-KIND = 5_000  # largest number of particles of a cell in a timed scene
-LARGER = f" on {KIND:,} of a cell: of more, memory sets the pace, and they take up to 2.5 times"  # measured: 1.7 to 2.5
 LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
-RANK_BYTES = 115e6  # memory of Python, PETSc and MPI on a rank (measured)
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # time of a Newton step [s], memory [B], per particle (measured at 5,000)
 # In space, of balls of 1,000 to 8,000 particles: memory but for factors [B] per particle, time [s] and memory [B] of
 # factors over powers of the particles of a cell, 2 and 1.45.
 SPACE_BYTES, FACTOR, FACTOR_BYTES = 30_000, 9e-8, 1_660
-SCENE_BYTES = 1100  # memory per particle besides the kernel's arrays (measured: 1,070 to 1,110)
-KIND_BYTES = 10_000  # the same per particle of a kind of cell (measured: 5,500 at 5,000 to 10,400 at 1e6)
 
 
 class Cost(NamedTuple):
     """Estimated cost of a run.
 
     spacing : the largest [um];  stable : stable step by mechanism, step : that taken, both at rest [us];  per_step :
-    time per particle-step on this core [s];  memory : total [B], besides RANK_BYTES on each rank;  coarse : whether the
-    timed cells had fewer particles, whose coefficients stay in the caches;  skipped : absent terms and the reasons;
-    left_out : for the first cell of each kind in space, by index, its volume beyond the particles' triangles [-].
+    time per particle-step on this core [s];  row_bytes : memory of the kernel's arrays per particle [B];  coarse :
+    whether the timed cells had fewer particles, whose coefficients stay in the caches;  skipped : absent terms and the
+    reasons;  left_out : for the first cell of each kind in space, by index, its volume beyond the particles' triangles
+    [-].
     """
 
     particles: int
@@ -63,7 +61,7 @@ class Cost(NamedTuple):
     step: float
     steps: int
     per_step: float
-    memory: float
+    row_bytes: float
     coarse: bool
     skipped: dict[str, str]
     left_out: dict[int, float]
@@ -76,65 +74,43 @@ class Cost(NamedTuple):
 
 def cost(case: Case) -> Cost:
     """Estimate the cost of a case from timed steps, of fewer cells or particles if it is large."""
-    size, terms = _size(case), find_terms(case)
-    part, ratio = _part(case, PROBE)
+    size, terms = size_of(case), find_terms(case)
+    part, ratio = part_of(case, PROBE[case.dimension])
     scene = discretise(part)
     first = {int(k): n for n, k in reversed([*enumerate(scene.kind)])} if case.dimension == 3 else {}
-    left_out = {n: ratio**2 * (1.0 - float(scene.templates[k].V.sum()) / part.cells[n].shape.volume)
-                for k, n in sorted(first.items())}
-    scene = dataclasses.replace(scene, templates=[_finer(t, ratio) for t in scene.templates])
-    stable = StepControl(scene, terms).stable()
+    place = {id(cell): n for n, cell in enumerate(case.cells)}
+    left_out = {place[id(part.cells[n])]: ratio**2 * (1.0 - float(scene.templates[k].V.sum())
+                                                      / part.cells[n].shape.volume) for k, n in sorted(first.items())}
+    full = dataclasses.replace(scene, templates=[finer(t, ratio) for t in scene.templates])
+    stable = StepControl(full, terms).stable()
     step = case.time.step if case.time.step != "auto" else case.time.step_factor * binding(stable)[1]
-    per_step, row_bytes = _timed(part)
-    kinds = {(c.shape, c.material, c.nucleus): particle_count(case, c.shape) for c in case.cells}
-    memory = size * (row_bytes + SCENE_BYTES) + sum(kinds.values()) * KIND_BYTES
-    return Cost(size, max(t.spacing for t in scene.templates), stable, step, math.ceil(case.time.end / step), per_step,
-                memory, ratio < 1.0, terms.skipped, left_out)
+    per_step, row_bytes = timed(part, scene, terms.single, max(of_cells(case)))
+    return Cost(size, max(t.spacing for t in full.templates), stable, step, math.ceil(case.time.end / step), per_step,
+                row_bytes, ratio < 1.0, terms.skipped, left_out)
 
 
-def _size(case: Case) -> int:
-    """Particles of a case."""
-    return sum(of_cells(case))
-
-
-def _part(case: Case, most: int) -> tuple[Case, float]:
-    """Part of a case, of `most` particles in all and KIND in a cell; spacing of the case over that of the part."""
-    cells = case.cells[: max(1, most * len(case.cells) // _size(case))]
-    largest = max(particle_count(case, shape) for shape in {c.shape for c in cells})
-    count, p = min(most, KIND), case.particles
-    ratio = min(1.0, count / largest) ** (1.0 / case.dimension)
-    if ratio < 1.0:
-        p = dataclasses.replace(p, per_cell=p.per_cell and count, spacing=p.spacing and p.spacing / ratio)
-    return dataclasses.replace(case, cells=cells, particles=p), ratio
-
-
-def _finer(t: Template, ratio: float) -> Template:
-    """A template with its lengths times `ratio`."""
-    viscous = max(m.numerical_viscosity(ratio * t.spacing) / v for m in t.laws
-                  if m and (v := m.numerical_viscosity(t.spacing))) if t.bending_weight.any() else 1.0
-    d = t.X.shape[1]
-    return dataclasses.replace(t, X=ratio * t.X, V=ratio**d * t.V, G=tuple(g / ratio for g in t.G), C=t.C / ratio**2,
-                               bending_weight=viscous * ratio ** (d + 2) * t.bending_weight,
-                               bending_modulus=ratio ** (d + 2) * t.bending_modulus,
-                               missed=ratio ** (d + 2) * t.missed,
-                               spacing=ratio * t.spacing, damping=ratio * t.damping) if ratio < 1.0 else t
-
-
-def report(case: Case) -> str:
-    """Text of the report of a case: stable step by mechanism, steps, time, memory, disk space, resolution."""
+def report(case: Case, ranks: int = 1, tell: Callable[[str], None] = lambda text: None) -> str:
+    """Text of the report of a case: stable step by mechanism, steps, time, memory, disk space, resolution; of each of
+    several `ranks` cells, particles, work and memory.  What takes seconds is told before, to `tell`.
+    """
+    if len(case.cells) > SLOW:
+        tell(f"{len(case.cells)} cells: their gaps, and steps of some of them, which take seconds")
+    if requested_integrator(case.time.integrator) in ("auto", *IMPLICIT):
+        tell("a trial of steps without an end in advance, up to a minute")
     if case.static:
-        return _static_report(case)
+        return _static_report(case, ranks)
     chosen: list[tuple[str, str]] = []
     if requested_integrator(case.time.integrator) == "auto":
-        part, reason = choose(_part(case, PROBE)[0], MPI.COMM_SELF)
+        part, reason = choose(part_of(case, FEWER)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
-        chosen = [("chosen", reason + f", of {_size(part)} particles" * (_size(part) < _size(case)))]
+        chosen = [("chosen", reason + f", of {size_of(part)} particles" * (size_of(part) < size_of(case)))]
     if case.overdamped:
-        return _overdamped_report(case, chosen)
+        return _overdamped_report(case, chosen, ranks)
     if requested_integrator(case.time.integrator) in IMPLICIT:
-        return _implicit_report(case, chosen)
+        return _implicit_report(case, chosen, ranks)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
+    parts = _parts(case, ranks)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         *([("accuracy", case.chosen)] if case.chosen else []),
         _particles(case, c.particles, c.spacing), *describe_bodies(case, c.left_out),
@@ -143,23 +119,36 @@ def report(case: Case) -> str:
         ("time step", describe_step(c.stable, case.time.step_factor, fixed, case.time_unit)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
-                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now{LARGER * c.coarse}), without output"),
-        *_faster(case, c),
-        ("memory", f"{bytes_text(c.memory)} in all and {bytes_text(RANK_BYTES)} on each rank"),
+                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
+        *describe_parts(parts, c.seconds),
+        *_faster(case, c, tell),
+        ("memory", _memory(case, c, parts)),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
     ])
 
 
-def _static_report(case: Case) -> str:
+def _parts(case: Case, ranks: int) -> Parts:
+    """What ranks have."""
+    return of_ranks(case, dataclasses.replace(case, particles=part_of(case, FEWER)[0].particles), ranks)
+
+
+def _memory(case: Case, c: Cost, parts: Parts) -> str:
+    """Text of the memory of all ranks, and of the fullest."""
+    each = [memory(case, c.row_bytes, n, not rank) for rank, n in enumerate(parts.particles.tolist())]
+    return bytes_text(sum(each)) + f" in all, {bytes_text(max(each))} on the fullest rank" * (len(each) > 1)
+
+
+def _static_report(case: Case, ranks: int) -> str:
     """The report of a static case, which has no steps in time."""
-    part, ratio = _part(case, PROBE)
-    size, spacing = _size(case), ratio * max(t.spacing for t in discretise(part).templates)
+    part, ratio = part_of(case, FEWER)
+    size, spacing = size_of(case), ratio * max(t.spacing for t in discretise(part).templates)
     return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
         _particles(case, size, spacing), *describe_scene(case, case.time.end),
         ("load steps", describe_load_steps(case)),
         ("time", f"about {duration(newton_seconds(case))} for each step of Newton on one core, 4 to 8 to a load step, "
                  "as measured elsewhere with a direct solver"),
+        *describe_parts(_parts(case, ranks)),
         ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, size),
         *describe_skipped(find_terms(case).skipped),
@@ -169,23 +158,17 @@ def _static_report(case: Case) -> str:
 def newton_seconds(case: Case) -> float:
     """Time of a Newton step with a direct solver on one core [s]."""
     in_space = FACTOR * sum(n**2 for n in of_cells(case)) if case.dimension > 2 else 0.0
-    return NEWTON * _size(case) + in_space
+    return NEWTON * size_of(case) + in_space
 
 
 def solver_bytes(case: Case) -> float:
     """Memory of the tangent and its factors [B]: in space those of a cell grow faster than its particles."""
     if case.dimension == 2:
-        return STATIC_BYTES * _size(case)
+        return STATIC_BYTES * size_of(case)
     return sum(SPACE_BYTES * n + FACTOR_BYTES * n**1.45 for n in of_cells(case))
 
 
-def of_cells(case: Case) -> list[int]:
-    """Particles of each cell."""
-    known = {shape: particle_count(case, shape) for shape in {c.shape for c in case.cells}}
-    return [known[c.shape] for c in case.cells]
-
-
-def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
+def _implicit_report(case: Case, chosen: list[tuple[str, str]], ranks: int) -> str:
     """The report of a case with implicit steps, whose number is known only if their length is fixed."""
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
     trial, times, solver = _tried(case, c.particles)
@@ -198,14 +181,15 @@ def _implicit_report(case: Case, chosen: list[tuple[str, str]]) -> str:
     return _report_of_solves(case, c, [
         *chosen, ("time step", solver),
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
-        ("steps", count), ("time", f"{duration(steps * one)} on one core")])
+        ("steps", count), ("time", f"{duration(steps * one)} on one core"), *describe_parts(_parts(case, ranks))])
 
 
-def _overdamped_report(case: Case, chosen: list[tuple[str, str]]) -> str:
+def _overdamped_report(case: Case, chosen: list[tuple[str, str]], ranks: int) -> str:
     """The report of a case without inertia."""
     solver, told = _overdamped_time(case)
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
-    return _report_of_solves(case, c, [*chosen, ("time step", solver), ("time", told)])
+    return _report_of_solves(case, c, [*chosen, ("time step", solver), ("time", told),
+                                      *describe_parts(_parts(case, ranks))])
 
 
 def _report_of_solves(case: Case, c: Cost, steps: list[tuple[str, str]]) -> str:
@@ -226,7 +210,7 @@ def _overdamped_time(case: Case) -> tuple[str, str]:
         begin = perf_counter()
         trial, solver = try_implicit(s, TRIAL, PATIENCE), s.integrator.step_description
         wall, margin = perf_counter() - begin, MOVE * s.mechanics.segments.skin
-    of_steps = (_size(case) / trial.particles) ** (1.0 / case.dimension)  # as many more particles along a contact line
+    of_steps = (size_of(case) / trial.particles) ** (1.0 / case.dimension)  # as more along a contact line
     times = of_steps * newton_seconds(case) / newton_seconds(coarse)
     told = f"as a trial of {trial.particles} particles took {trial.taken} steps, {duration(wall)}"
     if trial.reached < case.time.end:
@@ -251,7 +235,7 @@ def _coarse(case: Case) -> Case:
 
 def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str]:
     """A trial of implicit steps of a part of a case; cost of the case's steps over the part's; the solver."""
-    part, ratio = _part(case, TRIED[case.dimension])
+    part, ratio = part_of(case, TRIED[case.dimension])
     with Simulation(part, MPI.COMM_SELF) as s:
         trial = try_implicit(s, FEW if s.integrator.fixed_step else TRIAL, least)
         larger = size / s.scene.size / ratio  # factors of n particles cost n^1.5
@@ -260,10 +244,11 @@ def _tried(case: Case, size: int, least: float = 0.0) -> tuple[Trial, float, str
         return trial, larger, s.integrator.step_description
 
 
-def _faster(case: Case, c: Cost) -> list[tuple[str, str]]:
+def _faster(case: Case, c: Cost, tell: Callable[[str], None]) -> list[tuple[str, str]]:
     """Rows about the time of implicit steps, where explicit ones take days."""
     if c.seconds < LONG or case.plates:
         return []
+    tell(f"explicit steps take {duration(c.seconds)} on one core: a trial of implicit ones, of seconds")
     if inertia_is_gone(case):
         slow = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="overdamped", step="auto"))
         return [("better", f'time.integrator = "overdamped" takes {_overdamped_time(slow)[1]}')]
@@ -311,22 +296,6 @@ def _disk(case: Case, count: int) -> tuple[str, str]:
 def disk_bytes(case: Case, count: int) -> int:
     """Size of all frames of a case of `count` particles [B]."""
     return (case.time.frames + 1) * count * _frame_bytes(case)
-
-
-def _timed(case: Case) -> tuple[float, float]:
-    """Time per particle-step on this core [s], and memory per particle of the kernel's arrays [B]."""
-    with Simulation(case, MPI.COMM_SELF) as s:
-        m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-        n = max(5, round(2e6 / s.scene.size))
-        m.advance(3, dt)
-        spent = min(_seconds(m, n, dt) for _ in range(3))
-        return spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
-
-
-def _seconds(mechanics, n: int, dt: float) -> float:
-    start = perf_counter()
-    mechanics.advance(n, dt)
-    return perf_counter() - start
 
 
 def _modulus(case: Case) -> list[tuple[str, str]]:

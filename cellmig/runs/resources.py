@@ -15,7 +15,8 @@ from cellmig.output.directory import together
 from cellmig.output.manifest import memory_sizes
 from cellmig.parallel.options import IMPLICIT, requested_integrator
 
-from .preflight import KIND_BYTES, RANK_BYTES, SCENE_BYTES, bytes_text, disk_bytes, of_cells, solver_bytes
+from .by_rank import CELL_BYTES, HELD_BYTES, KIND_BYTES, RANK_BYTES, SCENE_BYTES, kinds_of, of_cells
+from .preflight import bytes_text, disk_bytes, solver_bytes
 
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
@@ -32,18 +33,20 @@ def require_resources(case: Case, directory: Path, comm: Any) -> None:
     here = comm.Split_type(MPI.COMM_TYPE_SHARED)
     ranks = here.size
     here.Free()
-    lacks = together(comm, lambda: list(_lacks(case, Path(directory), ranks)))
+    lacks = together(comm, lambda: list(_lacks(case, Path(directory), ranks, comm.size)))
     if lacks := list(dict.fromkeys(line for lines in lacks for line in lines or ())):
         raise InsufficientResources(f"{case.path}: the run does not fit: {'; '.join(lacks)}; "
                      "take fewer particles or frames, or a larger machine")
 
 
-def _lacks(case: Case, directory: Path, ranks: int) -> Iterable[str]:
-    counts = of_cells(case)
-    kinds = {(c.shape, c.material, c.nucleus): n for c, n in zip(case.cells, counts, strict=True)}
-    needed = SCENE_BYTES * sum(counts) + KIND_BYTES * sum(kinds.values()) + RANK_BYTES * ranks
+def _lacks(case: Case, directory: Path, ranks: int, everywhere: int) -> Iterable[str]:
+    """What a machine with some of the ranks lacks; they have their share of the particles."""
+    counts, share = of_cells(case), ranks / everywhere
+    kinds = sum(kinds_of(case).values())
+    needed = share * SCENE_BYTES * sum(counts) + KIND_BYTES * kinds + HELD_BYTES * kinds * (ranks - 1)
+    needed += (RANK_BYTES + CELL_BYTES * len(counts)) * ranks
     if requested_integrator(case.time.integrator) in ("static", *IMPLICIT):
-        needed += solver_bytes(case)
+        needed += share * solver_bytes(case)
     if needed > (free := free_memory()):
         yield f"it takes {bytes_text(needed)} of memory at least, of which {bytes_text(free)} are free"
     existing = next((p for p in (directory.absolute(), *directory.absolute().parents) if p.exists()), None)

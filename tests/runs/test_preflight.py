@@ -13,7 +13,7 @@ from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.meshfree.terms import find_terms
-from cellmig.runs import preflight
+from cellmig.runs import timed
 from cellmig.runs.estimates import expected
 from cellmig.runs.preflight import cost, report
 from cellmig.runs.summary import describe_scene
@@ -274,7 +274,7 @@ def test_where_explicit_steps_take_days_what_would_be_better_is_told(sets: tuple
 def test_the_stable_step_of_many_particles_follows_from_few(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = case(name, per_cell=2400)
     true = StepControl(discretise(found), find_terms(found)).stable()
-    monkeypatch.setattr(preflight, "KIND", 600)
+    monkeypatch.setattr(timed, "KIND", 600)
     guess = cost(found)
     assert guess.coarse and guess.particles == 2400
     assert guess.spacing == pytest.approx(np.sqrt(found.cells[0].shape.area / 2400))
