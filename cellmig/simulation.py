@@ -50,18 +50,19 @@ class Simulation:
     """
 
     def __init__(self, case: Case, comm: MPI.Intracomm = MPI.COMM_WORLD, prune: bool = True,
-                 parts: tuple[Scene | None, Terms] | None = None, start: Arrays | Mapping[str, np.ndarray] | None = None):
+                 parts: tuple[Scene | None, Terms] | None = None,
+                 start: Arrays | Mapping[str, np.ndarray] | None = None):
         """Build all parts; collective.
 
-        prune : leave out absent terms;  parts : scene and terms in place of the case's;  start : arrays of a
-        checkpoint of the same particles, whose u, v, director and network are the initial ones.
+        prune : leave out absent terms;  parts : terms in place of the case's, and the scene if it exists;  start :
+        arrays of a checkpoint of the same particles, whose u, v, director and network are the initial ones.
         """
         case = without_inertia(case) if case.overdamped else case
         self.case, self.comm = case, comm
-        self.terms = parts[1] if parts else find_terms(case, prune)
-        made = None if parts else templates(case, comm)
+        scene, self.terms = parts or (None, find_terms(case, prune))
+        made = templates(case, comm) if scene is None else None
         owners, self.control, boundary, probes, protruding = computed_on_root(
-            comm, lambda: self._decide(parts[0] if parts else discretise(case, made)))
+            comm, lambda: self._decide(scene or discretise(case, made)))
         self.scene = owners.scene
         state = at_start(case, self.scene, owners.heads(comm.rank))
         begun = self._begun(start, owners) if start is not None else None
