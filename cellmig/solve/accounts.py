@@ -55,10 +55,9 @@ class Accounts:
         """Writable accounts of particles (n_owned,) [pN] and those of `Impulses.arrays` [pN µs/µm], by field."""
         return self.of_particles | self.impulses.arrays
 
-    @property
-    def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: of particles (capacity,) [pN], and those of `Impulses.arrays` [pN µs/µm]."""
-        return {name: self._kernel[name] for name in ACCOUNTS} | self.impulses.arrays
+    def changing(self, n_local: int) -> dict[str, np.ndarray]:
+        """Arrays that steps change: of particles (n_local,) [pN], and those of `Impulses.arrays` [pN µs/µm]."""
+        return {name: self._kernel[name][:n_local] for name in ACCOUNTS} | self.impulses.arrays
 
     def rates(self) -> dict[str, np.ndarray]:
         """Rates in the current state by name, shaped as (n_owned,) or `Impulses.arrays` [pN/µs, pN/µm]; collective."""

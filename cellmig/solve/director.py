@@ -92,8 +92,8 @@ class Director(GhostedField):
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: directors and torques (capacity, 2 m) [rad, pN], [-, pN µm]."""
-        return {"director": self.memory}
+        """Arrays that steps change: directors and torques (n_local, 2 m) [rad, pN], [-, pN µm]."""
+        return {"director": self.array}
 
     def of_rows(self) -> dict[str, np.ndarray]:
         """Reference gradients (m, d, n_rows) [1/µm] and axis h (d, n_rows) [-] of the rows, by their names in laws."""

@@ -144,7 +144,7 @@ class Loads:
         particles = [particle, *[self.platable] * len(b.plate)]
         return np.concatenate(force), np.concatenate(particles), np.concatenate(of)
 
-    @property
-    def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: clock (3,) [µs], loads (capacity, d) of the last kick."""
-        return {name: self._kernel[name] for name in ("clock", "load_before")} if self.there else {}
+    def changing(self, n_local: int) -> dict[str, np.ndarray]:
+        """Arrays that steps change: clock (3,) [µs], loads (n_local, d) of the last kick [pN/µm]."""
+        k = self._kernel
+        return {"clock": k["clock"], "load_before": k["load_before"][:n_local]} if self.there else {}

@@ -256,7 +256,8 @@ class Mechanics:
 
     def changing(self) -> dict[str, np.ndarray]:
         """Writable arrays that steps change, by name, of any shape and unit."""
-        found = self.state.changing | self.accounts.changing | self.loads.changing
+        n_local = len(self.state.array)
+        found = self.state.changing | self.accounts.changing(n_local) | self.loads.changing(n_local)
         found |= self.network.by_block if self.network is not None else {}
         found |= self.protrusion.changing if self.protrusion is not None else {}
         found |= self.immersed.changing if self.immersed is not None else {}

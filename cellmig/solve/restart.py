@@ -118,7 +118,7 @@ def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
     if m.director is not None:
         found["director"] = m.director.owned
     if m.loads.there:
-        found["load_before"] = m.loads.changing["load_before"][: m.n_owned]
+        found["load_before"] = m.loads.changing(m.n_owned)["load_before"]
     return found
 
 

@@ -24,7 +24,7 @@ class SurfacePlaces:
         self._scene, self._owners = scene, owners
         self._ids = surfaces.ids[mine]
         self._order = np.argsort(self._ids)
-        self._around = surfaces
+        self._around, self._owner = surfaces, owners.of(surfaces.ids)
         self._cells, self._start = np.unique(surfaces.cell[mine], return_index=True)
 
     def everywhere(self, own: np.ndarray) -> np.ndarray | None:
@@ -46,8 +46,9 @@ class SurfacePlaces:
         cells = np.union1d(cells_around(box[:, :d], -box[:, d:], self._cells, reach), self.surfaces.cells)
         if not np.array_equal(cells, self._around.cells):
             self._around = Surfaces.of(self._scene, cells)
-        around = self._around
-        x, owner = np.empty((len(around.ids), d)), self._owners.of(around.ids)
+            self._owner = self._owners.of(self._around.ids)
+        around, owner = self._around, self._owner
+        x = np.empty((len(around.ids), d))
         x[owner == self.comm.rank] = own
         others = np.flatnonzero(owner != self.comm.rank)
         x[others] = fetched(self.comm, owner[others], around.ids[others], lambda ids: own[self._number(ids)])

@@ -47,7 +47,8 @@ class Undo:
     def restore(self, arrays: Arrays, times: Times, but: tuple[str, ...] = ()) -> None:
         """Restore arrays, except those named in `but`, and times."""
         for name, values in arrays.items():
-            if name not in but:
-                np.copyto(values, self._copies[name])
+            if name not in but:  # ghosts may have come or gone since; they are exchanged
+                n = min(len(values), len(self._copies[name]))
+                values[:n] = self._copies[name][:n]
         times.F_lag, times.accounted_dt, times.dt_prev = (
             self._times.F_lag, self._times.accounted_dt, self._times.dt_prev)
