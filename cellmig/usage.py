@@ -169,7 +169,7 @@ def _about_runs(commands: Any) -> None:
                                  description="Write one HTML file that needs nothing else: the frames of a run to play "
                                  "and ask for values, curves of its tables, what it was, cost and did.")
     report.add_argument("directory", type=Path, help="of a run, complete or not")
-    report.add_argument("--out", type=Path, metavar="FILE.html", help="the file (default: report.html in that of "
+    report.add_argument("--out", type=_page, metavar="FILE.html", help="the file (default: report.html in that of "
                         "the run)")
     watch = commands.add_parser("watch", help="the same page of a run that goes on, served to this machine",
                                 description="Serve the page of a run to browsers on this machine; it renews itself as "
@@ -342,6 +342,14 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expects a number from 1 on, not '{text}'")
     return int(text)
+
+
+def _page(text: str) -> Path:
+    """A file for a page; by its ending, so that no other file of a run is replaced."""
+    path = Path(text)
+    if path.suffix.lower() not in (".html", ".htm") or path.is_dir():
+        raise argparse.ArgumentTypeError(f"expects the name of a file, such as '{path / 'report.html'}', not '{text}'")
+    return path
 
 
 def _port(text: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -96,8 +97,10 @@ def copy(names: Sequence[str], to: Path) -> list[Path]:
 
     Raises NotShipped, and Different before anything is copied.
     """
+    if os.path.lexists(to) and not to.is_dir():
+        raise Different(f"'{to}' is not a folder; name another by --to")
     copies = {to / file.name: file for name in names for file in needed(name)}
-    if others := [copy for copy, file in copies.items() if copy.exists() and not _same(copy, file)]:
+    if others := [copy for copy, file in copies.items() if os.path.lexists(copy) and not _same(copy, file)]:
         raise Different(f"{', '.join(map(str, others))}: there already, and not the same; move it away, or name "
                         "another folder by --to")
     to.mkdir(parents=True, exist_ok=True)

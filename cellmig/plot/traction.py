@@ -107,7 +107,8 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
 def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[list[np.ndarray], np.ndarray]:
     """Edges of intervals of the substrate along each axis [µm]; a column of all cells by sample and place (n - 1, …).
 
-    Places that the table does not list are zero; the first sample has no means.
+    Places that the table does not list are zero; the first sample has no means.  Rows of other times, of a run that was
+    killed while it wrote its tables or goes on, are left out.
     """
     axes = [table[name] for name in ("x_um", "y_um") if name in table]
     width = min(np.diff(np.unique(at)).min(initial=np.inf) for at in axes)
@@ -115,7 +116,10 @@ def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[list[np.nd
     first = [at.min() for at in axes]
     place = [np.rint((at - low) / width).astype(int) for at, low in zip(axes, first, strict=True)]
     map_ = np.zeros((len(samples), *(k.max() + 1 for k in place)))
-    np.add.at(map_, (np.searchsorted(samples, table[time_column(table)]), *place), np.nan_to_num(table[column]))
+    time = table[time_column(table)]
+    known = np.isin(time, samples)
+    np.add.at(map_, (np.searchsorted(samples, time[known]), *(k[known] for k in place)),
+              np.nan_to_num(table[column][known]))
     return [low + width * (np.arange(n + 1) - 0.5) for low, n in zip(first, map_.shape[1:], strict=True)], map_[1:]
 
 
@@ -144,6 +148,8 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
 def pulls(table: Table, samples: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
     """Mean pulls between samples (n - 1,) [pN/µm, in space pN] by the names of two cells; zero without contact."""
     found: dict[tuple[str, str], np.ndarray] = {}
+    known = np.isin(table[time_column(table)], samples)  # as in `by_place`
+    table = {name: values[known] for name, values in table.items()}
     row = np.searchsorted(samples, table[time_column(table)])
     column = next(name for name in (f"pull_{unit}" for unit in FORCE.values()) if name in table)
     for pair in np.unique(np.column_stack([table["cell"], table["neighbour"]]), axis=0):

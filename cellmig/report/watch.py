@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 from collections.abc import Callable
 from http import HTTPStatus
@@ -11,9 +12,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Lock
 
-from cellmig.output.directory import INDEX, MANIFEST, OutputError
+from cellmig.output.directory import INDEX, MANIFEST, READABLE, OutputError
 
 HOST = "127.0.0.1"
+_NAMES = (HOST, "localhost", "[::1]")  # of this machine, in requests; another port is that of a tunnel
 _LOOKED_AT = (INDEX, MANIFEST, "history.csv", "run.log")  # files that tell news
 
 
@@ -66,7 +68,9 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the page, or whether there is news."""
         try:
-            if self.path == "/":
+            if _name(self.headers.get("Host", HOST)) not in _NAMES:  # a site that gave its name to this machine asks
+                self.send_error(HTTPStatus.FORBIDDEN)
+            elif self.path == "/":
                 self._answer(self.server.page(), "text/html")
             elif self.path == "/state.json":
                 self._answer(self.server.state(), "application/json")
@@ -78,7 +82,7 @@ class _Handler(BaseHTTPRequestHandler):
             pass
 
     def _answer(self, text: str, kind: str) -> None:
-        body = text.encode()
+        body = text.encode(*READABLE)
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
@@ -88,6 +92,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         """Say nothing."""
+
+
+def _name(host: str) -> str:
+    """The name in a header such as "localhost:8000"."""
+    return re.sub(r":\d*$", "", host.strip()).lower()
 
 
 def serve(directory: Path, port: int, make: Callable[[Path], str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -121,9 +122,9 @@ def _warnings(directory: Path, manifest: dict[str, Any], log: list[str]) -> Iter
     """Warnings of a run, each with what to do unless it says so itself."""
     status = manifest.get("exit_status")
     if status is None and manifest and not at_work(directory):
-        yield "The run was killed.", f"cellmig resume {directory}"
+        yield "The run was killed.", f"cellmig resume {quote(str(directory))}"
     elif status == STOPPED:
-        yield "The run was stopped on request.", f"cellmig resume {directory}"
+        yield "The run was stopped on request.", f"cellmig resume {quote(str(directory))}"
     elif status:
         yield str(manifest.get("cause") or f"exit code {status}"), (
             "docs/stability.md tells what ends a run; a smaller time.step_factor or finer particles are the first to "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import http.client
 import json
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import tomllib
 import urllib.error
 import urllib.request
@@ -27,6 +29,7 @@ from cellmig import commands
 from cellmig.output.directory import Claim, OutputError
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
+from cellmig.plot.plot import plot
 from cellmig.plot.style import save
 from cellmig.report import encode, html, movie
 from cellmig.report.page import toml
@@ -208,6 +211,19 @@ def test_a_run_without_some_files_has_a_page_of_the_others(copy: Path, lost: lis
     assert "How to cite" in report(copy).read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("name", ["all_protrude", "cap"])
+def test_a_run_killed_between_its_tables_has_a_page_and_pictures(
+        coarse: Callable[[str], Path], name: str, tmp_path: Path) -> None:
+    """history.csv has a sample less than substrate.csv and neighbours.csv."""
+    run = shutil.copytree(coarse(name), tmp_path / "run")
+    lines = (run / "history.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    last = lines[-1].partition(",")[0]
+    kept = [line for line in lines if not line.startswith(f"{last},")]
+    (run / "history.csv").write_text("".join(kept), encoding="utf-8")
+    assert "How to cite" in report(run).read_text(encoding="utf-8")
+    assert plot(run, None, "effective_stress", tmp_path / "pictures", ["png"])
+
+
 def test_a_run_that_failed_says_why_and_what_to_do(copy: Path) -> None:
     manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8")) | {
         "exit_status": 4, "cause": "a particle is inverted"}
@@ -235,6 +251,13 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
         parse(["watch", "output", "--port", "70000"])
 
 
+@pytest.mark.parametrize("name", ["", ".", "/", "manifest.json", "output", "folder.html"])
+def test_a_page_does_not_take_the_place_of_another_file_or_of_a_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.html").mkdir()
+    with pytest.raises(UsageError, match=r"--out: expects the name of a file, such as '.*report\.html'"):
+        parse(["report", "output", "--out", str(tmp_path / name) if name == "folder.html" else name])
+
+
 def test_the_page_of_a_run_goes_where_it_is_told_to(run: Path, tmp_path: Path,
                                                     capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "one.html"
@@ -258,6 +281,23 @@ def test_the_page_of_a_study_has_its_figures_tables_and_runs(run: Path, tmp_path
 def test_a_port_that_is_taken_is_told(run: Path) -> None:
     with Server(run, 0, str) as server, pytest.raises(OutputError, match="without --port a free one is taken"):
         Server(run, server.server_address[1], str)
+
+
+@pytest.mark.parametrize("host, status", [("localhost:9000", 200), ("127.0.0.1", 200), ("[::1]:80", 200),
+                                          ("evil.example", 403), ("127.0.0.1.evil.example:80", 403)])
+def test_watch_answers_only_requests_to_this_machine_by_name(run: Path, host: str, status: int) -> None:
+    """A site whose name is given the address of this machine cannot read a run by the browser of its reader."""
+    with Server(run, 0, str) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        connection = http.client.HTTPConnection(*server.server_address)
+        connection.request("GET", "/", headers={"Host": host})
+        answer = connection.getresponse()
+        assert answer.status == status
+        assert (answer.read().decode() == str(run)) == (status == 200)
+        connection.close()
+        server.shutdown()
+        thread.join()
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
