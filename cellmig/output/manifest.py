@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 _LIBRARIES = ("numpy", "numba", "h5py", "mpi4py", "petsc4py")
-_TABLES = ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoints", "sections_seconds")
+# Kinds of entries that are read again; null is as if an entry was absent.
+_KINDS: dict[type | tuple[type, ...], tuple[str, ...]] = {
+    dict: ("case", "skipped", "dt_us", "steps_by_mechanism", "strain", "checkpoints", "sections_seconds"),
+    list: ("J", "momentum_pN_us_per_um", "momentum_pN_us"),
+    (int, float): ("exit_status", "time_us", "end_us", "steps", "ranks", "wall_seconds", "particles",
+                   "ns_per_particle_step"),
+    str: ("case_file", "cause", "cellmig", "commit", "tree", "dt_set_by")}
 
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
@@ -36,8 +42,13 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         raise OutputError(f"'{path}' is not a manifest: {error}") from error
     if isinstance(manifest, dict) and "worst_closure" in manifest:  # of an older run
         manifest["worst_energy_error"] = manifest.pop("worst_closure")
-    if not isinstance(manifest, dict) or not all(isinstance(manifest.get(name) or {}, dict) for name in _TABLES):
+    if not isinstance(manifest, dict):
         raise OutputError(f"'{path}' is not a manifest")
+    for kind, name in ((kind, name) for kind, names in _KINDS.items() for name in names if name in manifest):
+        if manifest[name] is None:
+            del manifest[name]
+        elif not isinstance(manifest[name], kind):
+            raise OutputError(f"'{path}' is not a manifest: '{name}' is {json.dumps(manifest[name])[:40]}")
     return manifest
 
 

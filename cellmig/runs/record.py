@@ -47,7 +47,7 @@ class Record:
         if "case" not in manifest:
             raise OutputError(f"'{self.directory}' does not tell its case: the run was stopped before it wrote it")
         include_all(manifest.get("laws", ()))
-        return from_dict(manifest["case"], manifest["case_file"], older=True)
+        return from_dict(manifest["case"], manifest.get("case_file", ""), older=True)
 
     # ------------------------------------------------------------ tables
 

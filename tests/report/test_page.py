@@ -234,6 +234,16 @@ def test_a_run_that_failed_says_why_and_what_to_do(copy: Path) -> None:
     assert "What to do" in text
 
 
+@pytest.mark.parametrize("key, value", [("steps", "many"), ("end_us", []), ("case", []), ("J", 1.0), ("commit", 7)])
+def test_a_manifest_that_cellmig_did_not_write_is_told_with_its_entry(copy: Path, key: str, value: Any) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
+    (copy / "manifest.json").write_text(json.dumps(manifest | {key: None}), encoding="utf-8")
+    report(copy)
+    (copy / "manifest.json").write_text(json.dumps(manifest | {key: value}), encoding="utf-8")
+    with pytest.raises(OutputError, match=f"is not a manifest: '{key}' is"):
+        report(copy)
+
+
 def test_an_incomplete_run_says_how_to_go_on(copy: Path) -> None:
     manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
     del manifest["exit_status"]
