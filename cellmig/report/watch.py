@@ -76,10 +76,10 @@ class _Handler(BaseHTTPRequestHandler):
                 self._answer(self.server.state(), "application/json")
             else:
                 self.send_error(HTTPStatus.NOT_FOUND)
-        except OutputError as error:  # a file is being replaced, or was taken away
-            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, explain=str(error))
         except ConnectionError:  # the reader has gone
             pass
+        except OSError as error:  # a file is being replaced, was taken away, or cannot be read
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, explain=str(error))
 
     def _answer(self, text: str, kind: str) -> None:
         body = text.encode(*READABLE)

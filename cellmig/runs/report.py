@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,7 +44,12 @@ def report(directory: Path, out: Path | None = None) -> Path:
     """
     directory = existing_run(directory)
     path = out or directory / NAME
-    replace(path, page(directory, describe(directory)))
+    try:
+        replace(path, page(directory, describe(directory)))
+    except OutputError as error:
+        if out is None and not os.access(directory, os.W_OK):
+            raise OutputError(f"{error}; '--out {NAME}' writes it to here") from error
+        raise
     return path
 
 

@@ -43,6 +43,16 @@ def test_a_file_that_is_another_is_not_replaced(tmp_path: Path, capsys: pytest.C
                                                for name in ("all_protrude", "paper", "two_three")] * 2
 
 
+def test_a_link_is_not_written_through_and_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "one_cell.toml").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match=r"one_cell\.toml: there already"):
+        cases(parse(["cases", "one_cell", "--to", str(tmp_path)]))
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match=r"'.*file' is not a folder"):
+        cases(parse(["cases", "one_cell", "--to", str(tmp_path / "file")]))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "one_cell.toml"]
+
+
 def test_a_name_that_is_none_gets_the_nearest_one(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="did you mean 'nucleus'"):
         cases(parse(["cases", "nucleos", "--to", str(tmp_path)]))

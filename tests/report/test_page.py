@@ -310,6 +310,21 @@ def test_watch_answers_only_requests_to_this_machine_by_name(run: Path, host: st
         thread.join()
 
 
+def test_watch_tells_of_a_file_that_has_gone_while_it_was_read(run: Path) -> None:
+    def make(_: Path) -> str:
+        raise FileNotFoundError(2, "No such file or directory", "history.csv")
+
+    with Server(run, 0, make) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        with pytest.raises(urllib.error.HTTPError, match="503") as refused:
+            urllib.request.urlopen(server.url)
+        assert b"history.csv" in refused.value.read()
+        refused.value.close()
+        server.shutdown()
+        thread.join()
+
+
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
 def test_watch_serves_this_machine_alone_and_leaves_nothing_behind(copy: Path, sign: signal.Signals) -> None:
     before = sorted(copy.rglob("*"))

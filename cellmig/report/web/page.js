@@ -206,6 +206,21 @@ function chosen() {
              frame: last ? undefined : player.frame, view: { zoom, moved, azimuth, elevation } };
 }
 
+/* Take the parts of a new page; what was chosen, has the focus, is open and is in sight stays. */
+async function renew(fresh) {
+    const before = chosen(), root = document.documentElement.style, top = scrollY, focused = document.activeElement.id;
+    const open = [...document.querySelectorAll("main details")].some(one => one.open);
+    Object.assign(root, { minHeight: `${document.documentElement.scrollHeight}px`, overflowAnchor: "none" });
+    document.querySelector("main").replaceWith(fresh.querySelector("main"));
+    document.querySelectorAll("main details").forEach(one => { one.open = open; });
+    for (const id of ["lead", "data"]) byId(id).replaceWith(fresh.getElementById(id));
+    document.querySelector("nav").replaceWith(fresh.querySelector("nav"));
+    if (focused) byId(focused)?.focus({ preventScroll: true });
+    await start(before);
+    Object.assign(root, { minHeight: "", overflowAnchor: "" });
+    scrollTo(0, top);
+}
+
 /* Ask for news; where there are some, take the new page's parts. */
 async function watch() {
     let known = "";
@@ -215,17 +230,17 @@ async function watch() {
             const state = await (await fetch("state.json")).text();
             if (state === known || player?.playing) continue;
             const begun = performance.now(), answer = await fetch("./");
-            if (!answer.ok) continue;  // files of the run are just being replaced
+            if (!answer.ok) {
+                byId("lead").textContent = "Files of the run are being replaced, or were taken away; this is what was known last.";
+                continue;
+            }
             const text = await answer.text();
-            const fresh = new DOMParser().parseFromString(text, "text/html"), before = chosen();
-            document.querySelector("main").replaceWith(fresh.querySelector("main"));
-            for (const id of ["lead", "data"]) byId(id).replaceWith(fresh.getElementById(id));
-            document.querySelector("nav").replaceWith(fresh.querySelector("nav"));
-            await start(before);
+            await renew(new DOMParser().parseFromString(text, "text/html"));
             known = state;
             await new Promise(done => setTimeout(done, 4 * (performance.now() - begun)));  // the run needs its cores
         } catch (error) {
             byId("lead").textContent = "The server has ended; this is what was known last.";
+            known = "";  // should it come back
         }
     }
 }
