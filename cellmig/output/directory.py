@@ -38,6 +38,8 @@ def run_near(directory: Path) -> str:
     """End of a message about a directory that is not that of a run: which is."""
     if directory.suffix == ".toml":
         return f" but a case: a run of it leaves 'output/{directory.stem}'"
+    if (page := directory / "report.html").is_file() and (directory / "runs").is_dir():
+        return f" but that of many, in '{directory / 'runs'}'; '{page}' is their page"
     if inside := _runs_in(directory):
         return f", but holds some, such as '{directory / inside[0]}'"
     near = nearest(directory.name, [name for name in _runs_in(directory.parent) if name != directory.name])

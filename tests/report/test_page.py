@@ -268,6 +268,13 @@ def test_a_page_does_not_take_the_place_of_another_file_or_of_a_folder(name: str
         parse(["report", "output", "--out", str(tmp_path / name) if name == "folder.html" else name])
 
 
+def test_who_asks_for_the_page_of_a_sweep_is_told_where_it_is(tmp_path: Path) -> None:
+    write_study(tmp_path, "A sweep", [], [], {})
+    (tmp_path / "runs").mkdir()
+    with pytest.raises(OutputError, match=f"but that of many, in '{tmp_path}/runs'; '{tmp_path}/report.html' is their"):
+        report(tmp_path)
+
+
 def test_the_page_of_a_run_goes_where_it_is_told_to(run: Path, tmp_path: Path,
                                                     capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "one.html"
