@@ -39,15 +39,15 @@ def call(run: Path, *words: object, ranks: int = 2) -> str:
 # What is put into a run: text of a module that Python imports at its start, on rank RANK alone where that matters.
 PATCHED = """
 import os
-RANK = int(os.environ.get("OMPI_COMM_WORLD_RANK", 0))
-from cellmig.solve import integrate, mechanics
-calls, advance = [], mechanics.Mechanics.advance
-def once(self, n, dt):
-    advance(self, n, dt)
-    calls.append(n)
-    if len(calls) == 20 and RANK == {rank}:
-        {what}
-mechanics.Mechanics.advance = once
+if "OMPI_COMM_WORLD_RANK" in os.environ:  # not in the launcher, which is run as a module
+    from cellmig.solve import mechanics
+    calls, advance = [], mechanics.Mechanics.advance
+    def once(self, n, dt):
+        advance(self, n, dt)
+        calls.append(n)
+        if len(calls) == 20 and os.environ["OMPI_COMM_WORLD_RANK"] == "{rank}":
+            {what}
+    mechanics.Mechanics.advance = once
 """
 PATCHES = {
     "a law gives NaN": PATCHED.format(rank=1, what="self.state.owned[7, 2] = float('nan')"),
@@ -64,7 +64,7 @@ PATCHES = {
 }
 # Fault: exit code, a part of the message, and how the program is started.
 FAULTS: dict[str, tuple[int, str, Callable[[Path], str]]] = {
-    "a full disk, at a frame": (5, "No space left", lambda run: disk(run, "size=80m", filled_after=1.5)),
+    "a full disk, at a frame": (5, "No space left", lambda run: disk(run, "size=80m", filled=True)),
     "a full disk, at a checkpoint": (5, "No space left", lambda run: disk(run, "size=400k", "--set", "time.frames=1",
                                                                          "--checkpoint-time", "1 us")),
     "a disk that is full at once": (3, "does not fit", lambda run: disk(run, "size=4k")),
@@ -81,11 +81,12 @@ FAULTS: dict[str, tuple[int, str, Callable[[Path], str]]] = {
 }
 
 
-def disk(run: Path, how: str, *words: object, filled_after: float = 0.0) -> str:
-    """A run on a disk of its own, whose files are copied from it in the end; others fill it after some seconds."""
+def disk(run: Path, how: str, *words: object, filled: bool = False) -> str:
+    """A run on a disk of its own, whose files are copied from it in the end; others fill it once it has frames."""
     place = run.parent / "disk"
     keep = f"mkdir -p {run}; cp -r {place}/run/. {run} 2>/dev/null"
-    other = f"(sleep {filled_after}; cat /dev/zero >{place}/other 2>/dev/null) & " if filled_after else ""
+    begun = f"while [ ! -e {place}/run/cells.xdmf ]; do sleep 0.05; done"
+    other = f"({begun}; cat /dev/zero >{place}/other 2>/dev/null) & " if filled else ""
     ours = f"{call(place / 'run', *words)}; code=$?; {keep}; exit $code"
     inner = f"mount -t tmpfs -o {how} none {place} && {{ {other}{ours}; }}"
     return f"mkdir -p {place}; unshare -m sh -c {shlex.quote(inner)}"
