@@ -215,9 +215,10 @@ class Guidance:
         [µm], and on rank 0 the forces on clutches (cells, sides, n_c) [pN].
         """
         parts = {name: values.tolist() for name, values in self.parts.items()}
+        pushing = self._mechanics.protrusion
         clutches = {} if self._modules is None else {"guidance clutches": self._modules.forces.copy()}
         return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts,
-                 "pull": self._pull.tolist()},
+                 "pull": self._pull.tolist(), "clock": pushing.clock if pushing is not None else 0.0},
                 {"guidance factor": self._factor, "guidance centre": self._centre} | clutches)
 
     def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
@@ -230,3 +231,5 @@ class Guidance:
             self._modules.forces = found["guidance clutches"].copy()
         self.parts = {name: np.array(values) for name, values in about["parts"].items()}
         self._drive()
+        if self._mechanics.protrusion is not None:
+            self._mechanics.protrusion.clock = about["clock"]

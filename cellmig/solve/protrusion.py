@@ -119,12 +119,21 @@ class Protrusion:
 
     def set_clock(self, time: float) -> None:
         """Push as in the Drives at a time [µs]."""
-        self._kernel["drive_clock"][0] = time - self._time
+        self.clock = time - self._time
+
+    @property
+    def clock(self) -> float:
+        """Time since that of the Drives [µs], which steps add to."""
+        return float(self._kernel["drive_clock"][0])
+
+    @clock.setter
+    def clock(self, elapsed: float) -> None:
+        self._kernel["drive_clock"][0] = elapsed
 
     def now(self) -> np.ndarray:
         """Vectors (cells, sides, d - 1) [-] of the protruding cells of this rank at the time of the clock."""
         k = self._kernel
-        return k["drive"] + k["drive_clock"][0] * k["drive_rate"]
+        return k["drive"] + self.clock * k["drive_rate"]
 
     def renew(self) -> None:
         """Select the segments near the substrate, from the current search lists."""

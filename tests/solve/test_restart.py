@@ -14,17 +14,18 @@ from cellmig.parallel.collect import broadcast
 COMM = MPI.COMM_WORLD
 ALONE_TOO = {COMM.size: COMM, 1: MPI.COMM_SELF}.values()  # all ranks, and each by itself where that is another thing
 FAST = "cells.0.velocity=['3 um/us', '-0.5*y um/us']"  # lists are renewed within the run
+ALONG = "cells.0.velocity=['3 um/us', '-0.02 um/us']"  # the same, and cells stay on the substrate
 TURNING = ('materials.cytoplasm.zeta="2 kPa"', 'materials.cytoplasm.eta="30 pN"')
 WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
         "load_curve": {"law": "sine", "period": "1 us"}}
 PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "load_curve": {"law": "ramp", "duration": "1 us"}}
-POLAR = ('polarity.persistence="4 us"', "protrusion.basal=0.5", 'cells.Cell-2.push={begin="0.5 us", end="1.7 us"}')
+POLAR = ('polarity.persistence="4.3 us"', "protrusion.basal=0.5", 'cells.Cell-2.push={begin="0.5 us", end="1.7 us"}')
 OFF_OTHERS = "adhesion.pairs=[{cells=[['Cell-1', 'Cell-2'], 'Cell-3'], push=true, cutoff='1 um'}]"
 SCENES = {
     "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
-    "protrusion": lambda: case("all_protrude", FAST),
-    "polarity": lambda: case("all_protrude", FAST, *POLAR),
-    "push off neighbours": lambda: case("all_protrude", FAST, *POLAR, OFF_OTHERS),
+    "protrusion": lambda: case("all_protrude", ALONG),
+    "polarity": lambda: case("all_protrude", ALONG, *POLAR),
+    "push off neighbours": lambda: case("all_protrude", ALONG, *POLAR, OFF_OTHERS),
     "uniform, active": lambda: case("two_three", TURNING[0]),
     "frozen director": lambda: case("one_cell", *TURNING, 'director.law="frozen"',
                                        'director.start="radial"', FAST),
@@ -44,7 +45,8 @@ def end(sim, times):
     rows = []
     for time in times:
         sim.go(time)
-        rows.append(sim.sample())
+        found, entries = sim.sample()
+        rows.append((repr(sim.next_row(found)), found, entries))  # means of the first row are no numbers
     return [sim.state_hash(), rows, *as_a_file_has_it(sim.integrator.saved(), sim.mechanics.segments.renewals)]
 
 
