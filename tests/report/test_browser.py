@@ -263,3 +263,20 @@ def test_a_page_that_is_watched_renews_itself(browser: Browser, coarse: Callable
         process.terminate()
         assert process.wait(20) == 0
     assert [text for text in browser.errors() if not re.search("ERR_CONNECTION_REFUSED|503", text)] == []
+
+
+def test_the_mark_of_the_frame_stays_inside_its_chart(browser: Browser, coarse: Callable[[str], Path]) -> None:
+    """A drag over the first part of a chart leaves the last frame beyond its axis; a double click shows all again."""
+    browser.open(report(coarse("all_protrude")).as_uri())
+    over = browser.chrome.find_element(By.CSS_SELECTOR, "#history .u-over")
+    browser.does("arguments[0].scrollIntoView({ block: 'center' })", over)
+    hidden = "return arguments[0].querySelector('.at').hidden"
+    assert not browser.does(hidden, over)
+    width = over.size["width"]
+    ActionChains(browser.chrome).move_to_element_with_offset(over, -width // 2 + 5, 0).click_and_hold().move_by_offset(
+        width // 4, 0).release().perform()
+    browser.until("return document.querySelector('#history .at').hidden")
+    assert browser.does("return document.documentElement.scrollWidth <= innerWidth")
+    ActionChains(browser.chrome).double_click(over).perform()
+    browser.until("return !document.querySelector('#history .at').hidden")
+    assert browser.errors() == []

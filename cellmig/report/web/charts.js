@@ -29,7 +29,7 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
     const chart = new uPlot({
         width: Math.max(200, place.clientWidth), height, series, focus: { alpha: 0.35 },
         cursor: { sync: seek ? { key: SYNC, setSeries: false } : undefined, focus: { prox: 20 } },
-        scales: { x: { time: false }, y: { range } },
+        scales: { x: { time: false }, y: { range } }, hooks: { draw: [chart => chart.mark?.()] },
         axes: [{ label: `${along} [${unit}]`, size: 34, labelSize: 18, labelGap: 0, values, font: "11px system-ui, sans-serif" },
                { label: axis, size: 62, labelSize: 18, values, font: "11px system-ui, sans-serif" }],
     }, [Array.from(x), ...columns], place);
@@ -41,7 +41,12 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
         const mark = document.createElement("div");
         mark.className = "at";
         chart.over.append(mark);
-        chart.mark = time => { mark.style.left = `${chart.valToPos(time, "x")}px`; };
+        let last = NaN;
+        chart.mark = (time = last) => {  // out of sight where it is beyond the axis, such as of a part that was zoomed in on
+            const at = chart.valToPos(last = time, "x");
+            mark.hidden = !(at >= 0 && at <= chart.over.clientWidth + 1);
+            mark.style.left = `${at}px`;
+        };
     }
     return chart;
 }
