@@ -280,3 +280,15 @@ def test_the_mark_of_the_frame_stays_inside_its_chart(browser: Browser, coarse: 
     ActionChains(browser.chrome).double_click(over).perform()
     browser.until("return !document.querySelector('#history .at').hidden")
     assert browser.errors() == []
+
+
+def test_long_names_without_spaces_stay_on_the_page(
+        browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
+    run, name = shutil.copytree(coarse("all_protrude"), tmp_path / "run"), "</script>" + 150 * "W"
+    for path in (run / "manifest.json", run / "history.csv", run / "neighbours.csv"):
+        path.write_text(path.read_text(encoding="utf-8").replace("Cell-1", name).replace("Three monocytes", name),
+                        encoding="utf-8")
+    browser.open(report(run).as_uri())
+    assert browser.does("return document.querySelector('h1').textContent").startswith(name)
+    assert browser.does("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.errors() == []
