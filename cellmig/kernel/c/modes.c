@@ -1,6 +1,6 @@
 /* The operators of viscosity and of sound in the current configuration, whose fastest modes limit the step. */
 
-/* DO(n) as EACH_BLOCK does, but for MOST blocks or for one: the compiler makes less of the step if there is more here. */
+/* DO(n) as EACH_BLOCK does, but for MOST blocks or for one: the compiler makes less of the step with more beside it. */
 #define EACH_GROUP(from, end, DO)                                                                                     \
     for (long b = (from), end_ = (end), n_; b < end_; b += n_) {                                                      \
         n_ = together(s, b, end_) == MOST ? MOST : 1;                                                                 \
