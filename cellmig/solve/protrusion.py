@@ -128,6 +128,7 @@ class Protrusion:
 
     @clock.setter
     def clock(self, elapsed: float) -> None:
+        """Set that time [µs]."""
         self._kernel["drive_clock"][0] = elapsed
 
     def now(self) -> np.ndarray:
