@@ -24,8 +24,11 @@ from typing import Any
 import numpy as np
 
 from cellmig.exits import DONE
+from cellmig.meshfree.terms import find_terms
 from cellmig.output.log import table
-from cellmig.output.manifest import processor
+from cellmig.output.manifest import memory_sizes, processor
+from cellmig.parallel.partition import partition
+from cellmig.solve.start import discretise
 
 from .speed import measured, write_report
 from .timing import SURFACE, Scene
@@ -34,6 +37,8 @@ PER_CELL = 1500
 ROWS = tuple(Scene(cells, PER_CELL) for cells in (1, 3, 12, 67))  # whole cells, each also on 2 and 4 ranks
 CUT = (Scene(1, 6000), Scene(1, 24_000))
 LARGE = Scene(335, PER_CELL)  # larger than all caches
+WEAK = tuple((Scene(3 * ranks, 1485), ranks) for ranks in (1, 2, 4, 8))  # as many particles on each rank
+MANY = 20_000  # cells of a scene of which the memory of the case and the partition is measured
 CONTROL, RENEW = 200, 555  # steps per step control and per renewal of search lists, in the paper's main scene
 BYTES = 32  # of a ghost
 NETWORK = (2.0e3, 1.0)  # assumed between nodes: latency [ns], and [ns per byte] of a rank while all ranks send
@@ -49,7 +54,7 @@ class Constants:
 
     surface [ns per own surface particle];  latency [ns], byte [ns per byte] of messages on this machine;  control [ns
     per own particle], hop [ns per doubling of ranks];  near, far [ns per own surface particle, per surface particle of
-    the scene];  own_bytes, all_bytes, base_bytes : memory of a rank per own particle, per particle of the scene, and
+    the scene];  own_bytes, cell_bytes, base_bytes : memory of a rank per own particle, per cell of the scene, and
     fixed.
     """
 
@@ -65,12 +70,12 @@ class Constants:
     near: float
     far: float
     own_bytes: float
-    all_bytes: float
+    cell_bytes: float
     base_bytes: float
 
 
-def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
-    """Constants by nonnegative least squares over probes on 1, 2 and 4 ranks.
+def fitted(probes: Sequence[dict[str, Any]], cell_bytes: float) -> Constants:
+    """Constants by nonnegative least squares over probes on 1, 2 and 4 ranks; `cell_bytes` : of a cell of the scene.
 
     Compute is CPU time, which does not depend on whether ranks share a core; the others are wall times of probes whose
     ranks have a core each.
@@ -89,11 +94,13 @@ def fitted(probes: Sequence[dict[str, Any]]) -> Constants:
                                [1e3 * median(p["us"]["control"]) for p in at_once])
     _, near, far = _least_squares([[1.0, p["surface"] / p["ranks"], p["surface"]] for p in at_once],
                                   [1e3 * median(p["us"]["lists"]) for p in at_once])
-    memory = _least_squares([[p["particles"] / p["ranks"], p["particles"], 1.0] for p in probes],
-                            [p["peak_bytes"] * p["particles"] / p["ranks"] for p in probes])
+    whole = [p for p in probes if p["bodies"] >= p["ranks"]]
+    memory = _least_squares([[p["particles"] / p["ranks"], 1.0] for p in whole],
+                            [max(p["peak_of"]) - cell_bytes * p["bodies"] for p in whole])
     return Constants(tuple(float(p["particles"]) for p in alone), tuple(row), median(on_surface),
                      sum(sum(p["rows"]) - p["particles"] for p in cut) / sum(chord),
-                     sum(sum(p["ghosts"]) for p in cut) / sum(chord), latency, byte, control, hop, near, far, *memory)
+                     sum(sum(p["ghosts"]) for p in cut) / sum(chord), latency, byte, control, hop, near, far,
+                     memory[0], cell_bytes, memory[1])
 
 
 def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
@@ -102,6 +109,15 @@ def _least_squares(rows: Sequence[Sequence[float]], values: Sequence[float]) -> 
 
     a, b = np.array(rows, float), np.array(values, float)
     return [float(x) for x in nnls(a / b[:, None], np.ones(len(b)))[0]]
+
+
+def bytes_of_a_cell() -> float:
+    """Memory that a cell of the scene takes on each rank [B]: of the case, the scene and its partition."""
+    before = memory_sizes("/proc/self/status")["VmRSS"]
+    case = Scene(MANY, 100).case()
+    kept = case, find_terms(case), partition(discretise(case), NODE)
+    after = memory_sizes("/proc/self/status")["VmRSS"]
+    return (after - before) / len(kept[0].cells)
 
 
 def _cuts(particles: float, parts: float) -> float:
@@ -128,7 +144,7 @@ def predicted(c: Constants, particles: float, ranks: float, per_cell: float = PE
              "control": (c.control * own + max(c.hop, latency) * math.log2(ranks)) / CONTROL,
              "lists": (c.near * surface_own + c.far * surface) / RENEW}
     return {**parts, "step": sum(parts.values()),
-            "bytes": c.own_bytes * own + c.all_bytes * particles + c.base_bytes}
+            "bytes": c.own_bytes * own + c.cell_bytes * particles / per_cell + c.base_bytes}
 
 
 def bench_scaling(out: Path) -> int:
@@ -147,14 +163,15 @@ def bench_scaling(out: Path) -> int:
         for ranks in on:
             print(f"{scene.bodies} x {scene.per_body} particles on {ranks} rank{'s' * (ranks > 1)}", flush=True)
             probes.append(measured(scene, ranks))
-    c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1])
+    c = fitted([p for p in probes if p["bodies"] > 1 or p["per_body"] == PER_CELL or p["ranks"] > 1], bytes_of_a_cell())
+    weak = [measured(scene, ranks, repeats=1) for scene, ranks in WEAK]
     write_report(out / "scaling", "What steps cost on many ranks, by a model", "cellmig bench --scaling",
-         {"constants": dataclasses.asdict(c), "probes": probes}, report(c, probes))
+         {"constants": dataclasses.asdict(c), "probes": probes, "weak": weak}, report(c, probes, weak))
     return DONE
 
 
-def report(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
-    """Constants, measured against fitted steps, and predictions, in Markdown."""
+def report(c: Constants, probes: Sequence[dict[str, Any]], weak: Sequence[dict[str, Any]]) -> list[str]:
+    """Constants, measured against fitted steps, memory of ranks, and predictions, in Markdown."""
     rows = ", ".join(f"{ns:.1f} with {size:.0f}" for size, ns in zip(c.size, c.row, strict=True))
     lines = [f"{processor()}", "", f"- a row: {rows} particles on a rank [ns]; a surface particle {c.surface:.2g} ns",
              f"- along a cut: {c.extra:.2g} rows computed twice and {c.copies:.2g} copies for each particle of it",
@@ -164,11 +181,14 @@ def report(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
              f"{CONTROL} steps",
              f"- search lists: {c.near:.0f} ns an own surface particle and {c.far:.2g} ns one of the scene, every "
              f"{RENEW} steps",
-             f"- memory of a rank: {c.own_bytes:.0f} B a particle of its own, {c.all_bytes:.0f} B one of the scene, "
-             f"{1e-6 * c.base_bytes:.0f} MB", ""]
+             f"- memory of a rank: {c.own_bytes:.0f} B a particle of its own, {c.cell_bytes:.0f} B a cell of the "
+             f"scene, {1e-6 * c.base_bytes:.0f} MB", ""]
     cores = len(os.sched_getaffinity(0))
     lines += table(["particles", "bodies", "ranks", "step, measured [µs]", "by the model", "ratio"],
                    [_compared(c, p) for p in probes if p["ranks"] <= cores and p["per_body"] == PER_CELL])
+    lines += ["", "Memory of ranks with 4,455 particles each [MB]:", "",
+              *table(["particles", "ranks", "rank 0", "least of the others", "most of the others"],
+                     [_held(p) for p in weak])]
     head = ["particles", "ranks", "step [µs]", "ns a particle and rank", "efficiency", "exchange", "control", "lists",
             "memory of a rank"]
     strong = [(n, p, predicted(c, n, 1)["step"] / p) for n in (1e5, 1e6, 1e7, 1e9) for p in RANKS if 90 <= n / p <= 2e6]
@@ -176,6 +196,11 @@ def report(c: Constants, probes: Sequence[dict[str, Any]]) -> list[str]:
     for title, cases in (("Strong scaling, cells of 1,500", strong), ("Weak scaling, 100,000 particles a rank", weak)):
         lines += ["", f"{title}:", "", *table(head, [_prediction(c, *one) for one in cases])]
     return lines
+
+
+def _held(p: dict[str, Any]) -> list[str]:
+    first, *others = (f"{1e-6 * size:.1f}" for size in p["peak_of"])
+    return [str(p["particles"]), str(p["ranks"]), first, min(others, default=""), max(others, default="")]
 
 
 def _compared(c: Constants, p: dict[str, Any]) -> list[str]:

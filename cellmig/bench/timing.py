@@ -134,7 +134,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": int(m.scene.first_surface[-1]),
         "neighbours": float(np.mean([t.G[0].nnz / len(t.X) for t in sim.scene.templates])),
         "kernel_bytes": comm.allreduce(k.bytes) / sim.scene.size, "traffic_bytes": comm.allreduce(traffic(k)),
-        "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size,
+        "peak_bytes": comm.allreduce(peak_memory()) / sim.scene.size, "peak_of": comm.allgather(peak_memory()),
         "ns": ns, "us": {name: [1e6 * t for t in wall] for name, wall in us.items()}}
     sim.destroy()
     return found

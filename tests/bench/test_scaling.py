@@ -10,8 +10,8 @@ import pytest
 from cellmig.bench.scaling import BYTES, Constants, fitted, predicted
 
 pytestmark = pytest.mark.serial
-TRUE = Constants((1500.0, 1.005e5), (20.0, 30.0), 15.0, 2.4, 4.6, 2000.0, 0.5, 20.0, 3000.0, 400.0, 0.05, 1200.0, 60.0,
-                 1.5e8)
+TRUE = Constants((1500.0, 1.005e5), (20.0, 30.0), 15.0, 2.4, 4.6, 2000.0, 0.5, 20.0, 3000.0, 400.0, 0.05, 1200.0,
+                 1500.0, 1.5e8)
 
 
 def probe(bodies: int, per_body: int, ranks: int) -> dict:
@@ -29,14 +29,14 @@ def probe(bodies: int, per_body: int, ranks: int) -> dict:
             "owned": [own] * ranks, "rows": [own + TRUE.extra * chord] * ranks, "ghosts": [ghosts] * ranks,
             "ns": {"stress": {"cpu": [0.7 * row]}, "divergence": {"cpu": [0.3 * row]},
                    "contact": {"cpu": [TRUE.surface * surface / n]}},
-            "peak_bytes": (TRUE.own_bytes * own + TRUE.all_bytes * n + TRUE.base_bytes) * ranks / n}
+            "peak_of": [TRUE.own_bytes * own + TRUE.cell_bytes * bodies + TRUE.base_bytes] * ranks}
 
 
 def test_the_fit_finds_the_constants_that_made_the_times(monkeypatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: range(4))
     probes = [probe(bodies, 1500, ranks) for bodies in (1, 12, 67) for ranks in (1, 2, 4)]
     probes += [probe(1, n, ranks) for n in (6000, 24_000) for ranks in (2, 4)]
-    found = fitted(probes)
+    found = fitted(probes, 1500.0)
     assert found.size == (1500.0, 18_000.0, 100_500.0) and found.row == pytest.approx((20.0, 25.92, 30.0), abs=0.02)
     for name in (f.name for f in dataclasses.fields(Constants) if f.name not in ("size", "row", "copies")):
         assert getattr(found, name) == pytest.approx(getattr(TRUE, name), rel=1e-6), name
@@ -50,7 +50,8 @@ def test_predictions_add_up_and_say_what_does_not_scale() -> None:
     assert one["exchange"] == 0.0 and one["compute"] == pytest.approx(1e6 * 30.0 + 15.0 * one_ring() * 1e6 / 1500)
     assert 0.49 < two["compute"] / one["compute"] < 0.51
     assert many["exchange"] > TRUE.latency and many["lists"] > TRUE.far * 1e6 / 1500 * one_ring() / 555
-    assert predicted(TRUE, 1e9, 10_000)["bytes"] > 60e9  # what every rank has of all particles
+    assert predicted(TRUE, 1e9, 10_000)["bytes"] == pytest.approx(
+        1.5e8 + 1200.0 * 1e5 + 1500.0 * 1e9 / 1500)  # of what is not its own a rank has a little of each cell
 
 
 def one_ring() -> float:
