@@ -11,6 +11,7 @@ from ..meshfree.scene import Scene
 from .cost import cost_of_cells
 
 BALANCE = 0.02  # imbalance that is accepted for whole cells: cost of the fullest rank over the mean, minus 1
+EXTRA = 0.1  # work of a rank over the mean that cells cut in space add at least: rows at cuts are computed twice
 THICK = 15.0  # least thickness of a slice of a cell [spacings]: a thinner one has almost as many ghosts as particles
 MANY = 2  # cells per rank from which only those on the cuts between ranks are divided
 
@@ -119,12 +120,17 @@ def _dealt(scene: Scene, ranks: int, cost: np.ndarray) -> Owners:
         first = bisection(centre, ranks, cost)
         return Owners(scene, first) if np.bincount(first, cost).max() <= most else Owners(
             scene, *cut(centre, cost, ranks))
+    teams: list[Owners] = []
     for team in (p for p in range(1, ranks + 1) if ranks % p == 0 and p * THICK <= max(THICK, np.sqrt(size.min()))):
         of_cell = bisection(centre, ranks // team, cost)
+        found = Owners(scene, team * of_cell, team)
         if np.bincount(of_cell, cost).max() / team <= most:
-            return Owners(scene, team * of_cell, team)
+            return found
+        teams.append(found.loaded(cost, ranks))
     owner = np.split(bisection(scene.X, ranks), scene.offset[1:-1])
-    return Owners(scene, np.zeros(cells, np.int32), free=dict(enumerate(owner)))
+    cut_in_space = Owners(scene, np.zeros(cells, np.int32), free=dict(enumerate(owner))).loaded(cost, ranks)
+    best = min(teams, key=lambda one: one.load.max())
+    return best if best.load.max() <= cut_in_space.load.max() + EXTRA else cut_in_space
 
 
 def fractions(nucleus: np.ndarray) -> np.ndarray:
