@@ -84,7 +84,7 @@ class Simulation:
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
         self.time = 0.0
-        self.sample(everywhere=False)  # the ledger counts from here
+        self._count()  # the ledger counts from here
 
     def _decide(self, scene: Scene) -> tuple:
         """Everything that depends on the last bits of libraries and processors, for rank 0."""
@@ -92,7 +92,8 @@ class Simulation:
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
         control = None if case.static else StepControl(scene, self.terms)
         names, law = [c.name for c in case.cells], self.terms.protrusion
-        protruding = Protruding(np.array([law is not None and name in law.cells for name in names]), case.seed, names,
+        pushing = set(law.cells if law is not None else ())
+        protruding = Protruding(np.array([name in pushing for name in names]), case.seed, names,
                                 steady(case, self.terms))
         return (partition(scene, self.comm.size, self.terms.reach), control, Boundary.of(case, scene),
                 Probes.of(case, scene), protruding)
@@ -134,6 +135,12 @@ class Simulation:
 
         everywhere : whether all ranks get the rows of history, or rank 0 alone.
         """
+        entries = self._count()
+        rows = self.sampler.history()
+        return (self.comm.bcast(rows) if everywhere else rows), entries
+
+    def _count(self) -> dict[str, float]:
+        """The row of ledger.csv now; updates F and the swarm; collective."""
         m = self.mechanics
         if self.integrator.leapfrog:
             m.set_aside()
@@ -143,9 +150,7 @@ class Simulation:
             widen(self.integrator.extremes, "J", seen.J_min, seen.J_max)
         m.store(self.swarm)
         self._powers = m.powers() if self._half_step else {}
-        rows = self.sampler.history()
-        rows = self.comm.bcast(rows) if everywhere else rows
-        return rows, self.sampler.ledger(acceleration, self._half_step, self._powers)
+        return self.sampler.ledger(acceleration, self._half_step, self._powers)
 
     @property
     def _half_step(self) -> float:

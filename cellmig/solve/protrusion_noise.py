@@ -24,9 +24,9 @@ def random_factor(scene: Scene, surfaces: Surfaces, law: ProtrusionLaw, seed: in
     Source: derived here: random numbers at equal distances, linear interpolation, in the plane means over dual arcs.
     """
     alpha, outside = np.zeros(len(surfaces.ids)), surfaces.on_outside
-    bounds = np.append(np.searchsorted(surfaces.cell, surfaces.cells), len(alpha))
+    pushing, bounds = set(law.cells), np.append(np.searchsorted(surfaces.cell, surfaces.cells), len(alpha))
     for k, c in enumerate(surfaces.cells.tolist()):
-        if names[c] in law.cells:
+        if names[c] in pushing:
             on = np.arange(*bounds[k : k + 2])
             on = on[outside[on]]
             if scene.dimension == 2:
