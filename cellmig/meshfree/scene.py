@@ -172,12 +172,12 @@ class Particles:
             out[on] = of_kind[at]
         return out
 
-    @property
+    @cached_property
     def X(self) -> np.ndarray:
         """Reference positions (n, D) [µm]."""
         return self.field("X") + self.scene.centre[self.cell]
 
-    @property
+    @cached_property
     def material(self) -> np.ndarray:
         """Index in the scene's `materials` of the law of each (n,) int."""
         of = np.array(self.scene.material_of, np.int32)[self.kind]

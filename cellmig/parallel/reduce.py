@@ -34,10 +34,9 @@ def exact_sum(comm: MPI.Comm, values: Any, group: np.ndarray | None = None, grou
     exponent = _exponents(comm, flat)
     if exponent is None:
         return np.full(shape, np.nan)
-    group = np.zeros(len(flat), np.intp) if group is None else group
-    present, some = _limbs(flat, exponent, group)
+    present, order, start = _groups(np.broadcast_to(0, len(flat)) if group is None else group)
     limbs = np.zeros((3, groups, flat.shape[1]), np.int64)
-    limbs[:, present] = some
+    limbs[:, present] = _limbs(flat, exponent, order, start)
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
     return _rounded(limbs, exponent).reshape(shape)
 
@@ -55,9 +54,9 @@ def exact_sums(comm: MPI.Comm, values: np.ndarray, keys: np.ndarray) -> tuple[np
     (g,) or (g, m) int and (g, c), or None -- on rank 0 the distinct keys, ascending, and the sums, NaN if a value is
     not finite, of the same bits as `exact_sum`; None on other ranks.
     """
-    of_rank, group = np.unique(keys, axis=0, return_inverse=True)
+    of_rank, order, start = _groups(keys)
     exponent = _exponents(comm, values)
-    own = _limbs(values, exponent, group.ravel())[1] if exponent is not None else np.zeros((3, len(of_rank), 0), int)
+    own = np.zeros((3, 0, 0), int) if exponent is None else _limbs(values, exponent, order, start)
     parts = comm.gather((of_rank, own))
     if parts is None:
         return None
@@ -80,19 +79,31 @@ def _exponents(comm: MPI.Comm, values: np.ndarray) -> np.ndarray | None:
     return np.frexp(top)[1] if np.isfinite(top).all() else None
 
 
-def _limbs(values: np.ndarray, exponent: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Groups that are present (g,) int, and sums (3, g, c) int of the limbs of values (n, c) by `group` (n,) int."""
-    order = np.argsort(group, kind="stable")
-    present, start = np.unique(group[order], return_index=True)
-    limbs = np.zeros((3, len(present), values.shape[1]), np.int64)
+def _groups(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray | slice, np.ndarray]:
+    """Distinct keys (g,) or (g, m) int of `keys` (n,) or (n, m) int, ascending; an order (n,) int in which equal ones
+    follow each other, and where each begins in it (g,) int.
+    """
+    if keys.ndim == 1 and (keys[1:] >= keys[:-1]).all():  # as those of cells
+        start = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1))
+        return keys[start], slice(None), start
+    distinct, group = np.unique(keys, axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    return distinct, order, np.searchsorted(group.ravel()[order], np.arange(len(distinct)))
+
+
+def _limbs(values: np.ndarray, exponent: np.ndarray, order: np.ndarray | slice, start: np.ndarray) -> np.ndarray:
+    """Sums (3, g, c) int of the limbs of values (n, c), of any unit, by groups that begin at `start` (g,) int in an
+    `order` (n,) int.
+    """
+    limbs = np.zeros((3, len(start), values.shape[1]), np.int64)
     for k in range(values.shape[1] if len(values) else 0):  # one column at a time saves memory
-        rest = values[order, k]
+        rest = values[order, k].copy()
         for i in range(3):
             unit = int(exponent[k]) - _BITS * (i + 1)
             whole = np.rint(rest * math.ldexp(1.0, -unit))
             limbs[i, :, k] = np.add.reduceat(whole.astype(np.int64), start)
             rest -= whole * math.ldexp(1.0, unit)
-    return present, limbs
+    return limbs
 
 
 def _rounded(limbs: np.ndarray, exponent: np.ndarray) -> np.ndarray:
