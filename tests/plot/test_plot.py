@@ -59,7 +59,7 @@ def leave_a_run(directory: Path, comm=COMM, kick: float = 0.0, samples: int = 21
     """A run as it would be on the ranks of `comm`, its particles dealt out in a way that changes with time."""
     if comm.rank == 0:
         directory.mkdir()
-        manifest = {"case": {"title": "test scene"}, "ranks": comm.size, "wall_seconds": 65.0, "skipped": []}
+        manifest = {"case": {"title": "test scene"}, "ranks": comm.size, "wall_seconds": 65.0, "skipped": {}}
         write_manifest(directory, manifest)
     comm.barrier()
     writer, ledger = Frames(directory, comm, FIELDS), Ledger(directory, comm)
