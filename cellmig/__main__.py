@@ -67,7 +67,8 @@ def _done_already(directory: Path, options: argparse.Namespace) -> int:
 def _go(options: argparse.Namespace, comm: Any, case: Any, directory: Path, end: float, prune: bool,
         state: Any, claim: Any, origin: Path | None = None) -> int:
     from .runs.checkpointing import Intervals
-    from .runs.run import Run, stop_requests
+    from .runs.run import Run
+    from .runs.stops import stop_requests
 
     wall = {name: to_time(text, option) / 1e6 if text else None for name, option, text in (
         ("wall", "--checkpoint-wall", options.checkpoint_wall), ("limit", "--wall-time", options.wall_time))}

@@ -17,7 +17,7 @@ from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
 from cellmig.runs.batch import LARGEST_ENERGY_ERROR
-from cellmig.runs.run import stop_requests
+from cellmig.runs.stops import stop_requests
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
 

@@ -14,7 +14,8 @@ from cellmig.output.directory import OutputError
 from cellmig.solve.step import NumericsError
 
 from .record import Record
-from .run import Run, stop_requests
+from .run import Run
+from .stops import stop_requests
 
 
 def run_here(case: Case, directory: Path, until: float | None, quiet: bool, start: Path | None) -> Record:

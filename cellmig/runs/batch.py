@@ -39,7 +39,7 @@ from cellmig.parallel.options import affecting_results, options_given, options_i
 from cellmig.version import __version__
 
 from .preflight import cost
-from .run import stop_requests
+from .stops import stop_requests
 
 _SETUP = 3.0  # wall time of a run before its first step and after its last (measured) [s]
 LARGEST_ENERGY_ERROR = 0.01  # largest energy error of a run that counts [-]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -380,21 +379,3 @@ class Run:
             self.log(summary.NEXT[status].format(self.directory))
         if status in (FAILED, INPUT_OUTPUT):
             self.log.error(f"cellmig: {cause}")
-
-
-@contextmanager
-def stop_requests() -> Iterator[list[int]]:
-    """List that receives SIGTERM, SIGUSR1 and SIGINT, which ask for a clean end; a second SIGINT ends the program."""
-    stop_signals: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        if number == signal.SIGINT and signal.SIGINT in stop_signals:
-            raise KeyboardInterrupt
-        stop_signals.append(number)
-
-    old = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
-    try:
-        yield stop_signals
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)

@@ -28,7 +28,8 @@ from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.batch import Job, JobResult, ProgressCounter, run_all
 from cellmig.runs.outcome import outline
-from cellmig.runs.run import ENERGY_ERROR, stop_requests
+from cellmig.runs.run import ENERGY_ERROR
+from cellmig.runs.stops import stop_requests
 from cellmig.solve.start import discretise
 
 from . import random_cases, random_hours

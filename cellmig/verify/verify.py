@@ -38,7 +38,7 @@ from cellmig.output.log import clock
 from cellmig.output.manifest import environment, page
 from cellmig.parallel.launch import PYTHON, outside_mpi
 from cellmig.runs.batch import JobResult, ProgressCounter, write_rows
-from cellmig.runs.run import stop_requests
+from cellmig.runs.stops import stop_requests
 
 from . import references
 from .reference import FAILS, HOLDS, REFERENCES, Measured, Reference, Verdict, judge

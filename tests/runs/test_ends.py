@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,7 @@ from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.diff import diff
+from cellmig.runs.stops import stop_requests
 
 pytestmark = pytest.mark.serial
 
@@ -151,3 +153,17 @@ def test_outputs_of_a_fixed_step_are_at_whole_steps_each_once(cellmig, tmp_path)
     steps = read_table(tmp_path / "run/ledger.csv")["time_us"] / 3e-3
     assert np.abs(steps - np.arange(34)).max() < 1e-6  # 0.1 µs are 33.3 steps; the samples want 30 of each
     assert np.abs(np.array([f.time for f in frames(tmp_path / "run")]) / 3e-3 - [0, 11, 22, 33]).max() < 1e-9
+
+
+@pytest.mark.serial
+def test_a_thread_that_cannot_hear_signals_runs_all_the_same() -> None:
+    found: list[list[int]] = []
+
+    def listen() -> None:
+        with stop_requests() as signals:
+            found.append(signals)
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    thread.join()
+    assert found == [[]]

@@ -488,7 +488,7 @@ def test_validate_tells_of_every_case_what_it_will_cost_and_skip(alone):
     # The poles of what is squeezed ask for more particles; the gel and its cells, and the tissue, have a spacing.
     paths = [path for name, path in CASES.items() if not name.startswith(("squeezed", "slab", "tissue"))]
     done = alone("validate", *paths, *COARSE)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0 and all(line.endswith("…") for line in done.stderr.splitlines())  # of what takes long
     reports = done.stdout.strip().split("\n\n")
     assert [Path(report.split(":")[0]) for report in reports] == paths
     for report, path in zip(reports, paths, strict=True):
