@@ -97,9 +97,14 @@ class Rows:
         return gathered(comm, self.number, self.values, self.size)
 
 
+def on_root(comm: MPI.Comm, arrays: Mapping[str, np.ndarray | Rows]) -> dict[str, Any]:
+    """The `arrays` of rank 0, by name and of any shape, with those that all ranks have in `Rows`, whole; collective."""
+    return {name: values.whole(comm) if isinstance(values, Rows) else values for name, values in sorted(arrays.items())}
+
+
 def broadcast(comm: MPI.Comm, arrays: Mapping[str, np.ndarray | Rows]) -> dict[str, np.ndarray]:
     """The `arrays` of rank 0, by name and of any shape, and those of all ranks in `Rows`, on all ranks; collective."""
-    here = {name: values.whole(comm) if isinstance(values, Rows) else values for name, values in sorted(arrays.items())}
+    here = on_root(comm, arrays)
     shapes = comm.bcast({name: (a.shape, a.dtype.str) for name, a in here.items() if a is not None})
     out = {}
     for name, (shape, kind) in shapes.items():

@@ -13,7 +13,7 @@ from cellmig.meshfree.scene import Scene, ranges
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.log import duration
 from cellmig.parallel.partition import Owners, partition
-from cellmig.solve.start import discretise
+from cellmig.solve.start import discretise, kind_of
 
 from .summary import describe_balance, span
 
@@ -35,11 +35,6 @@ class Parts(NamedTuple):
     particles: np.ndarray
     copies: int
     load: np.ndarray
-
-
-def kind_of(cell) -> tuple:
-    """What decides the template of a cell."""
-    return cell.shape, cell.material, cell.nucleus, cell.relative_stiffness
 
 
 def kinds_of(case: Case) -> dict[tuple, int]:

@@ -14,9 +14,10 @@ from cellmig.meshfree.body import Template
 from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import find_terms
 from cellmig.simulation import Simulation
+from cellmig.solve.start import kind_of
 from cellmig.solve.step import binding
 
-from .by_rank import kind_of, kinds_of, size_of, standing_for
+from .by_rank import kinds_of, size_of, standing_for
 
 # Largest number of particles of a timed scene, by dimensions: more than caches hold; and of one that is tried.
 PROBE, FEWER = {2: 200_000, 3: 40_000}, 20_000

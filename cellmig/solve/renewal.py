@@ -9,7 +9,7 @@ from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
 from ..output.energies import energies
-from ..parallel.collect import Whole, broadcast
+from ..parallel.collect import Whole, on_root
 from ..parallel.reduce import exact_sum, global_maximum
 from .mechanics import Mechanics
 from .restart import restore, saved
@@ -64,7 +64,7 @@ def renew(m: Mechanics, time: float) -> None:
     m.rate()  # completes the work of the last step, with the forces of before
     before = _energy(m)
     about, rows = saved(m)
-    arrays = broadcast(m.comm, rows)
+    arrays = on_root(m.comm, rows)
     if m.comm.rank == 0:
         for c in cells.tolist():
             _move(m, arrays, c)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from ..case.expression import evaluate
 from ..case.messages import CaseError, Mistake
-from ..case.schema import Case, particle_count
+from ..case.schema import Case, Cell, particle_count
 from ..meshfree import formulas
 from ..meshfree.body import Template, template
 from ..meshfree.rkpm import factorised
@@ -57,7 +57,7 @@ def discretise(case: Case, made: Sequence[Template | CaseError] | None = None) -
     material_of = [(used.index(body), used.index(nucleus or body)) for _, body, nucleus, _ in kinds]
     scene = Scene(
         templates=found, material_of=material_of, materials=[case.materials[name] for name in used],
-        kind=np.array([kinds[c.shape, c.material, c.nucleus, c.relative_stiffness] for c in case.cells]),
+        kind=np.array([kinds[kind_of(cell)] for cell in case.cells]),
         centre=np.array([c.centre for c in case.cells]), time_unit=case.time_unit)
     formulas.check(case, scene)
     return scene
@@ -71,11 +71,16 @@ def templates(case: Case, comm: MPI.Intracomm) -> list[Template | CaseError] | N
 
 
 def _kinds(case: Case) -> dict[tuple, int]:
-    """Numbers of the kinds of cells: shape, materials of body and nucleus, grade of stiffness."""
+    """Numbers of the kinds of cells."""
     kinds: dict = {}
     for cell in case.cells:
-        kinds.setdefault((cell.shape, cell.material, cell.nucleus, cell.relative_stiffness), len(kinds))
+        kinds.setdefault(kind_of(cell), len(kinds))
     return kinds
+
+
+def kind_of(cell: Cell) -> tuple:
+    """What decides the template of a cell: shape, materials of body and nucleus, grade of stiffness."""
+    return cell.shape, cell.material, cell.nucleus, cell.relative_stiffness
 
 
 def _template(case: Case, kind: tuple) -> Template | CaseError:

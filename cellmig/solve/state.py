@@ -79,6 +79,7 @@ class State(GhostedField):
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
         self.solution = PETSc.Vec().createWithArray(self.owned.ravel(), size=(2 * d * part.n_owned, None),
                                                     bsize=2 * d, comm=part.comm)
+        self.X[: len(part.numbering.ids)] = part.scene.particles(part.numbering.ids).X
         kernel["X"], kernel["state"] = self.X, self.memory
         self.renumber(part.numbering)
         self._set_rows()
@@ -88,7 +89,8 @@ class State(GhostedField):
     def renumber(self, numbering: Numbering) -> None:
         """Change the ghosts; collective."""
         self.numbering = numbering
-        self.X[: len(numbering.ids)] = self._part.scene.particles(numbering.ids).X
+        fixed = len(self._part.numbering.ids)  # further ghosts are of contacts
+        self.X[fixed : len(numbering.ids)] = self._part.scene.particles(numbering.ids[fixed:]).X
         self.in_petsc = self._part.in_petsc(numbering)
         self.set_ghosts(self.in_petsc[self._part.n_owned :])
         self.exchange()
