@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,3 +29,20 @@ def coarse(tmp_path_factory: pytest.TempPathFactory, outside_mpi: dict[str, str]
         return made[name]
 
     return run
+
+
+@pytest.fixture
+def watched() -> Iterator[Callable[[Path], tuple[subprocess.Popen[str], str]]]:
+    """`watched(run)`: `cellmig watch` of a run and its address; it ends with the test, however that ends."""
+    started = []
+
+    def watch(run: Path) -> tuple[subprocess.Popen[str], str]:
+        process = subprocess.Popen([sys.executable, "-m", "cellmig", "watch", str(run)], stdout=subprocess.PIPE,
+                                   encoding="utf-8")
+        started.append(process)
+        return process, re.match(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())[0]
+
+    yield watch
+    for process in started:
+        process.kill()
+        process.communicate()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -241,27 +239,28 @@ def test_the_page_of_a_study_shows_its_runs_over_each_other(
     assert browser.errors() == []
 
 
-def test_a_page_that_is_watched_renews_itself(browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_page_that_is_watched_renews_itself(
+        browser: Browser, coarse: Callable[[str], Path], watched: Callable[[Path], Any], tmp_path: Path) -> None:
     """A frame comes; what was chosen stays, and so do focus and place, for those who read or work by keyboard."""
     run = shutil.copytree(coarse("all_protrude"), tmp_path / "run")
     index, whole = run / "cells.xdmf", (run / "cells.xdmf").read_text(encoding="utf-8")
     index.write_text(HEAD.format("cells") + "".join(grids(index)[:2]) + TAIL, encoding="utf-8")
-    with subprocess.Popen([sys.executable, "-m", "cellmig", "watch", str(run)], stdout=subprocess.PIPE,
-                          encoding="utf-8") as process:
-        browser.open(re.match(r"http://\S+", process.stdout.readline())[0])
-        assert browser.does("return player.times.length") == 2
-        Select(browser.of("field")).select_by_visible_text("pressure")
-        browser.does("document.querySelector('#case details').open = true; scrollTo(0, 1500); byId('stage').focus("
-                     "{ preventScroll: true })")
-        index.write_text(whole, encoding="utf-8")
-        browser.until("return player && player.times.length > 2 && player.frame === player.times.length - 1")
-        browser.until("return player.name === 'pressure' && document.documentElement.style.minHeight === ''")
-        assert browser.does("return [document.activeElement.id, scrollY, document.querySelector('#case details').open]"
-                            ) == ["stage", 1500, True]
-        shutil.rmtree(run)
-        browser.until("return byId('lead').textContent.startsWith('Files of the run are being replaced')")
-        process.terminate()
-        assert process.wait(20) == 0
+    process, address = watched(run)
+    browser.open(address)
+    assert browser.does("return player.times.length") == 2
+    Select(browser.of("field")).select_by_visible_text("pressure")
+    browser.until("return player.name === 'pressure' && !player.due")  # texts of another field take another height
+    browser.does("document.querySelector('#case details').open = true; scrollTo(0, 1500); byId('stage').focus("
+                 "{ preventScroll: true })")
+    index.write_text(whole, encoding="utf-8")
+    browser.until("return player && player.times.length > 2 && player.frame === player.times.length - 1")
+    browser.until("return player.name === 'pressure' && document.documentElement.style.minHeight === ''")
+    assert browser.does("return [document.activeElement.id, scrollY, document.querySelector('#case details').open]"
+                        ) == ["stage", 1500, True]
+    shutil.rmtree(run)
+    browser.until("return byId('lead').textContent.startsWith('Files of the run are being replaced')")
+    process.terminate()
+    assert process.wait(20) == 0
     assert [text for text in browser.errors() if not re.search("ERR_CONNECTION_REFUSED|503", text)] == []
 
 

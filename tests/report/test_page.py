@@ -8,8 +8,6 @@ import json
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import tomllib
 import urllib.error
@@ -333,22 +331,21 @@ def test_watch_tells_of_a_file_that_has_gone_while_it_was_read(run: Path) -> Non
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_watch_serves_this_machine_alone_and_leaves_nothing_behind(copy: Path, sign: signal.Signals) -> None:
+def test_watch_serves_this_machine_alone_and_leaves_nothing_behind(
+        copy: Path, sign: signal.Signals, watched: Callable[[Path], Any]) -> None:
     before = sorted(copy.rglob("*"))
-    with subprocess.Popen([sys.executable, "-m", "cellmig", "watch", str(copy)], stdout=subprocess.PIPE,
-                          encoding="utf-8") as process:
-        address = re.match(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())[0]
-        with urllib.request.urlopen(address) as answer:
-            assert '"live":true' in answer.read().decode()
-        with urllib.request.urlopen(f"{address}state.json") as answer:
-            first = answer.read()
-        with open(copy / "run.log", "a", encoding="utf-8") as log:
-            log.write("news\n")
-        with urllib.request.urlopen(f"{address}state.json") as answer:
-            assert answer.read() != first
-        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
-            urllib.request.urlopen(f"{address}manifest.json")
-        refused.value.close()
-        process.send_signal(sign)
-        assert process.wait(20) == 0
+    process, address = watched(copy)
+    with urllib.request.urlopen(address) as answer:
+        assert '"live":true' in answer.read().decode()
+    with urllib.request.urlopen(f"{address}state.json") as answer:
+        first = answer.read()
+    with open(copy / "run.log", "a", encoding="utf-8") as log:
+        log.write("news\n")
+    with urllib.request.urlopen(f"{address}state.json") as answer:
+        assert answer.read() != first
+    with pytest.raises(urllib.error.HTTPError, match="404") as refused:
+        urllib.request.urlopen(f"{address}manifest.json")
+    refused.value.close()
+    process.send_signal(sign)
+    assert process.wait(20) == 0
     assert sorted(copy.rglob("*")) == before
