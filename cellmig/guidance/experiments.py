@@ -14,7 +14,7 @@ ROWS, GEL = (1, 2, 3, 5, 10), 8  # numbers of cells in rows in a gradient, of th
 PITCH, GRADIENT, LEVEL, AFFINITY = 20.05, 0.25, 30.0, 50.0  # of rows [µm], of their signal [nM/µm], [nM], [nM]
 STEPS, DOSES = (2.0, 5.0, 9.0, 13.0), (0.1, 1.0, 10.0)  # differences across a cell [%], levels over the affinity
 DOSE_STEP, GAIN, LENGTH = 9.0, 50.0, 20.0  # difference across a cell of all doses [%], of the cue [-], of a cell [µm]
-ALONE = 192.0  # how long single cells walk [h]: in 48 h a random walk has an index of 0.08 by chance, in this half of it
+ALONE, BRIEFLY = 192.0, 24.0  # how long single cells walk [h]: a random walk of 48 h has an index of 0.08 by chance
 PERSISTENCE, LOOK = 5.0, 1.0  # of cells that compare receptors, time from sample to sample [min]
 PLACES = {"softer": -40.0, "stiffer": 20.0}  # where cells with clutches begin [µm]
 TOLERANCE = "0.03"  # of the error of a step [µm]: tracks are of µm, and errors of steps do not add up
@@ -56,9 +56,9 @@ def _dose(level: float, percent: float) -> tuple[str, ...]:
 
 def _all() -> Iterator[tuple[str, Configuration]]:
     for count in ROWS:
-        end = ALONE if count == 1 else 3.0
-        yield f"row {count}", Configuration("row_chemotaxis", ("G1",), _row(count), end, end / 2.0)
-    yield "gel 1", Configuration("durotaxis", ("G2",), _row(1), ALONE, ALONE / 2.0)
+        ends = (ALONE, BRIEFLY) if count == 1 else (3.0, 1.5)
+        yield f"row {count}", Configuration("row_chemotaxis", ("G1",), _row(count), *ends)
+    yield "gel 1", Configuration("durotaxis", ("G2",), _row(1), ALONE, BRIEFLY)
     for name, changes in (("graded", ()), ("uniform", ('substrate.stiffness="8 kPa"',)),
                           ("cut", ('adhesion.cells.bond_density="0 /um^2"',))):
         yield f"gel {name}", Configuration("durotaxis", ("G2",), (*_row(GEL), *changes))
