@@ -23,8 +23,39 @@ from cellmig.output.xdmf import frames
 pytestmark = [pytest.mark.serial, pytest.mark.slow]
 
 KILLS, SEED = (int(os.environ.get(f"CELLMIG_KILLS{name}", usual)) for name, usual in (("", 200), ("_SEED", 8)))
-CASE = (CASES["all_protrude"], "--set", "particles.per_cell=150", "--set", "time.end='100 us'",
-        "--set", "time.samples=100", "--set", "time.frames=50")
+COLONY = f"""
+extends = '{CASES["paper"]}'
+particles.per_cell = 60
+time = {{ end = "30 us", samples = 50, frames = 25 }}
+[protrusion]
+cells = ["Large-{{}}"]
+[[cells]]
+name = "Large-{{}}"
+shape = "disc"
+radius = "5 um"
+nucleus_ratio = 0.283
+material = "cytoplasm"
+nucleus = "nucleus"
+rest = true
+repeat = [6]
+[[cells]]
+name = "Small-{{}}"
+shape = "disc"
+radius = "4 um"
+material = "cytoplasm"
+rest = true
+repeat = [6]
+[[colony]]
+law = "random"
+box = [["0 um"], ["110 um"]]
+"""
+THREE = f"""
+extends = '{CASES["all_protrude"]}'
+particles.per_cell = 150
+time = {{ end = "100 us", samples = 100, frames = 50 }}
+"""
+SCENES = {"three cells": THREE, "a colony": COLONY}
+EQUAL = ("history.csv", "neighbours.csv")  # the same to the last byte
 START = 1.0  # seconds in which a run has no more than begun
 
 
@@ -53,7 +84,7 @@ def kill(child: subprocess.Popen, what: str, chance: random.Random) -> None:
 def all_opens(run: Path) -> None:
     """Whether every frame that is listed opens, and every table, without a last line that the kill cut."""
     for frame in frames(run):
-        assert len(frame.read()["id"]) == 450
+        assert len(frame.read()["id"]) == read_manifest(run)["particles"]
     for path in run.glob("rank*.xdmf"):
         with meshio.xdmf.TimeSeriesReader(path) as reader:
             reader.read_points_cells()
@@ -65,17 +96,20 @@ def all_opens(run: Path) -> None:
 
 
 @pytest.mark.timeout(0)
-def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_mpi):
+@pytest.mark.parametrize("scene", SCENES)
+def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_mpi, scene):
+    case = tmp_path / "case.toml"
+    case.write_text(SCENES[scene])
     options = {"env": outside_mpi, "stdin": subprocess.DEVNULL, "text": True}
     whole = tmp_path / "whole"
     begin = time.monotonic()
-    subprocess.run(program(2, *CASE, "--out", whole), check=True, **options)
+    subprocess.run(program(2, case, "--out", whole), check=True, **options)
     length, expected = time.monotonic() - begin, read_manifest(whole)["state_hash"]
     chance, ended, wrong, number = random.Random(SEED), Counter(), [], 0
     while ended.total() < KILLS:
         number += 1
         run, what = tmp_path / f"run{number}", chance.choice(["a rank", "all ranks", "the launcher"])
-        line = program(2, *CASE, "--out", run, "--checkpoint-time", "5 us")
+        line = program(2, case, "--out", run, "--checkpoint-time", "5 us")
         child = subprocess.Popen(line, stderr=subprocess.DEVNULL, **options)
         time.sleep(chance.uniform(START, length))
         if child.poll() is not None:  # it came to its end before: no kill
@@ -85,12 +119,12 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
             all_opens(run)
         there = "a checkpoint" if list(run.glob("checkpoint/*.h5")) else "no checkpoint"
         ranks = chance.choice([1, 2, 2, 2, 3, 4])
-        line = ("resume", run) if read_manifest(run) else (*CASE, "--out", run, "--resume", "auto")
+        line = ("resume", run) if read_manifest(run) else (case, "--out", run, "--resume", "auto")
         again = subprocess.run(program(ranks, *line), capture_output=True, timeout=120, **options)
         ended[what, there] += 1
         if again.returncode or read_manifest(run).get("state_hash") != expected or (
-                (run / "history.csv").read_bytes() != (whole / "history.csv").read_bytes()):
+                any((run / name).read_bytes() != (whole / name).read_bytes() for name in EQUAL)):
             wrong.append((number, what, there, ranks, again.returncode, again.stderr))
         shutil.rmtree(run)
-    print(f"\n{KILLS} kills in {time.monotonic() - begin:.0f} s: {dict(ended)}; wrong: {wrong}")
+    print(f"\n{scene}: {KILLS} kills in {time.monotonic() - begin:.0f} s: {dict(ended)}; wrong: {wrong}")
     assert not wrong, wrong
