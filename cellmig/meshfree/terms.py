@@ -156,6 +156,21 @@ class Terms:
         return float(self.contacts.reach.max()) if self.contacts is not None else 0.0
 
     @property
+    def work_between(self) -> float:
+        """Largest work of adhesion between cells w [pN/µm], 0 without contacts."""
+        return max((law.work for law in self.contacts.laws), default=0.0) if self.contacts is not None else 0.0
+
+    @property
+    def lip_pull(self) -> float:
+        """Force w/2 - 2T [pN/µm] that draws a straight lip of a cell along another one; 0 where it is held.
+
+        w is the work of adhesion, half of whose bonds are counted on the membrane that is covered, and T the tension of
+        both sides of the lip, here at twice their length.  Friction between cells holds lips, too.
+        """
+        tension = self.cortex.tension(2.0) if self.cortex is not None else 0.0
+        return max(0.5 * self.work_between - 2.0 * tension, 0.0) if self.sliding is None else 0.0
+
+    @property
     def on_gels(self) -> bool:
         """Whether bodies rub or push off each other."""
         return self.sliding is not None or self.pushes_off is not None

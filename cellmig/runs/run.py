@@ -34,7 +34,7 @@ from cellmig.output.xdmf import Frames, cut_frames
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
-from cellmig.solve.strain import StrainWatch
+from cellmig.solve.strain import StrainWatch, lips
 from cellmig.version import __version__
 
 from . import checkpointing, summary
@@ -271,7 +271,7 @@ class Run:
             left = escaped if self.case.dimension == 2 else overlap_space.escaped
             found = left(around, x, m.ids, m.part.owned.cell, m.part.owned.X + m.state.u)
         if found := min(filter(None, self.comm.allgather(found)), default=None):
-            self._integrator.fail(found.cause, found.particle, found.remedy)
+            self._integrator.fail(found.cause, found.particle, found.remedy + lips(m))
         if entries["energy_error"] > ENERGY_ERROR and not self.case.static:  # shapes alone would not show it for long
             self._integrator.fail(f"the energy error is {100 * entries['energy_error']:.3g} %, more than "
                                   f"{100 * ENERGY_ERROR:g} %")

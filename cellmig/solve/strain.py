@@ -33,6 +33,19 @@ def stretch(F: np.ndarray) -> np.ndarray:
     return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
 
 
+def lips(m: View) -> str:
+    """End of a message: what helps where a lip of fluid slides along another cell; empty where lips are held.
+
+    A film that a force draws thins at a constant speed, and is cut after a finite time: see docs/tension.md.
+    """
+    pull = m.terms.lip_pull
+    if not pull or not any(getattr(law, "fluid", False) for law in m.scene.materials):
+        return ""
+    return (f"; where a lip slides along another cell it thins until it is cut, however fine the particles: bonds draw "
+            f"it by {pull:.3g} pN/um more than its membrane holds; try a line_tension of {m.terms.work_between:.3g} "
+            "pN/um ([cortex])")
+
+
 class StrainWatch:
     """The largest stretch of the fluid in a run; warns at 1, 2, 4, 8 times the limit, and so on.
 
@@ -92,7 +105,7 @@ class StrainWatch:
                     "far apart for any flow but one that is nearly uniform")
         self.crossed_at = time
         return (f"{text}beyond the limit of {STRETCH_LIMIT:g}: from here on neighbours are so far apart there that "
-                "flow may be resisted by 5 % too much; see whether finer particles give the same answer")
+                f"flow may be resisted by 5 % too much; see whether finer particles give the same answer{lips(m)}")
 
     def summary(self) -> str:
         """Warning for the end of a run, empty if the limit was not exceeded."""
@@ -100,7 +113,8 @@ class StrainWatch:
             return ""
         since = self.mechanics.scene.time_unit.text(self.crossed_at)
         return (f"WARNING: from {since} on fluid was stretched beyond the limit of "
-                f"{STRETCH_LIMIT:g}, up to {self.largest:.3g}-fold: see whether finer particles give the same answer")
+                f"{STRETCH_LIMIT:g}, up to {self.largest:.3g}-fold: see whether finer particles give the same answer"
+                f"{lips(self.mechanics)}")
 
     def saved(self) -> dict[str, Any]:
         """State for a checkpoint."""
