@@ -57,6 +57,7 @@ time = {{ end = "100 us", samples = 100, frames = 50 }}
 SCENES = {"three cells": THREE, "a colony": COLONY}
 EQUAL = ("history.csv", "neighbours.csv")  # the same to the last byte
 START = 1.0  # seconds in which a run has no more than begun
+PATIENCE = 600.0  # seconds after which a run that goes on hangs, on a machine that has other work
 
 
 def program(ranks: int, *words: object) -> list[str]:
@@ -120,7 +121,7 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
         there = "a checkpoint" if list(run.glob("checkpoint/*.h5")) else "no checkpoint"
         ranks = chance.choice([1, 2, 2, 2, 3, 4])
         line = ("resume", run) if read_manifest(run) else (case, "--out", run, "--resume", "auto")
-        again = subprocess.run(program(ranks, *line), capture_output=True, timeout=120, **options)
+        again = subprocess.run(program(ranks, *line), capture_output=True, timeout=PATIENCE, **options)
         ended[what, there] += 1
         if again.returncode or read_manifest(run).get("state_hash") != expected or (
                 any((run / name).read_bytes() != (whole / name).read_bytes() for name in EQUAL)):
