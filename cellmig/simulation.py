@@ -23,7 +23,8 @@ from .output.sample import Sampler
 from .output.tables import CUES, cue_columns
 from .parallel.collect import Arrays, Rows, Whole, computed_on_root, gathered
 from .parallel.options import IMPLICIT, requested_integrator
-from .parallel.partition import Owners, partition
+from .parallel.owners import Owners
+from .parallel.partition import partition
 from .parallel.swarm import Swarm
 from .solve.fields import Fields
 from .solve.guidance import Guidance, steady
@@ -35,7 +36,7 @@ from .solve.protrusion import Protruding
 from .solve.restart import restore, same_places, saved
 from .solve.start import at_start, discretise, templates
 from .solve.static import Static
-from .solve.step import StepControl, widen
+from .solve.step import NumericsError, StepControl, widen
 
 AT_ONCE = 1 << 20  # particles whose state is gathered at a time
 ROUNDING = 1.0 + 1e-12  # ratio of times up to which they are one
@@ -95,7 +96,7 @@ class Simulation:
         pushing = set(law.cells if law is not None else ())
         protruding = Protruding(np.array([name in pushing for name in names]), case.seed, names,
                                 steady(case, self.terms))
-        return (partition(scene, self.comm.size, self.terms.reach), control, Boundary.of(case, scene),
+        return (partition(scene, self.comm.size, self.terms.reach, self.terms.low), control, Boundary.of(case, scene),
                 Probes.of(case, scene), protruding)
 
     def _begun(self, arrays: Arrays | Mapping[str, np.ndarray], owners: Owners) -> Arrays:
@@ -245,5 +246,6 @@ class Simulation:
     def __enter__(self) -> Simulation:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.destroy()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None or issubclass(kind, (CaseError, NumericsError)):  # others may be of this rank alone
+            self.destroy()

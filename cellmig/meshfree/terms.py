@@ -171,6 +171,13 @@ class Terms:
         return max(0.5 * self.work_between - 2.0 * tension, 0.0) if self.sliding is None else 0.0
 
     @property
+    def low(self) -> float:
+        """Largest height at which surfaces of cells act on the substrate or push [µm], 0 without one."""
+        if self.substrate is None:
+            return 0.0
+        return max(self.substrate.cutoff, self.protrusion.height if self.protrusion is not None else 0.0)
+
+    @property
     def on_gels(self) -> bool:
         """Whether bodies rub or push off each other."""
         return self.sliding is not None or self.pushes_off is not None

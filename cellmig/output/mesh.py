@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from ..meshfree.scene import Scene, joined
-from ..parallel.partition import Owners
+from ..parallel.owners import Owners
 from .directory import OutputError, replace, together
 
 if TYPE_CHECKING:

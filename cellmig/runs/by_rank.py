@@ -12,7 +12,8 @@ from cellmig.kernel.layout import number
 from cellmig.meshfree.scene import Scene, ranges
 from cellmig.meshfree.terms import find_terms
 from cellmig.output.log import duration
-from cellmig.parallel.partition import Owners, partition
+from cellmig.parallel.owners import Owners
+from cellmig.parallel.partition import partition
 from cellmig.solve.start import discretise, kind_of
 
 from .summary import describe_balance, span
@@ -72,10 +73,11 @@ def of_ranks(case: Case, coarse: Case, ranks: int) -> Parts:
     number_of = {kind: chosen.index(alike[kind]) for kind in kinds}
     scene = Scene(few.templates, np.array([number_of[kind_of(cell)] for cell in case.cells]),
                   np.array([cell.centre for cell in case.cells]), few.materials, few.material_of)
-    owners = partition(scene, ranks, find_terms(case).reach)
+    terms = find_terms(case)
+    owners = partition(scene, ranks, terms.reach, terms.low)
     true = kinds_of(case)
     size = np.array([true[kind_of(cell)] for cell in case.cells], float)
-    particles, cells = (owners.loaded(of, ranks).load * of.sum() / ranks for of in (size, np.ones(len(size))))
+    particles, cells = (owners.shares(of, ranks) for of in (size, np.ones(len(size))))
     finer = (size.sum() / scene.size) ** (1.0 - 1.0 / case.dimension)  # as many more along a cut
     return Parts(cells, particles, round(finer * _copies(owners, int(particles.argmax()))), owners.load)
 

@@ -17,7 +17,7 @@ from ..meshfree.division import divisible
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
 from ..parallel.collect import Arrays
-from ..parallel.partition import Owners
+from ..parallel.owners import Owners
 from ..parallel.reduce import global_maximum, largest
 from ..parallel.shared import working_time
 from ..parallel.swarm import Swarm

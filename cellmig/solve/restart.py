@@ -15,7 +15,7 @@ from ..meshfree.rkpm import factorised
 from ..meshfree.scene import Scene
 from ..parallel.collect import Arrays, Rows, computed_on_root
 from ..parallel.direct import solve_positive
-from ..parallel.partition import Owners
+from ..parallel.owners import Owners
 from .mechanics import Mechanics
 from .start import LARGE
 

@@ -201,8 +201,7 @@ class Segments:
         around, x = self._places.near(self.own_places(), reach + 0.5 * longest)
         mine = np.isin(around.cell, part.surfaces.cells)
         if t.substrate is not None:
-            high = max(t.substrate.cutoff, t.protrusion.height if t.protrusion is not None else 0.0)
-            self.low = (x[mine][self.ends, -1].min(axis=1) < high + self.skin) & part.surfaces.outer[self.number]
+            self.low = (x[mine][self.ends, -1].min(axis=1) < t.low + self.skin) & part.surfaces.outer[self.number]
             k["near"] = np.flatnonzero(self.low & self.acts)
             k["n_near"] = len(k["near"])
         if t.contacts is not None:

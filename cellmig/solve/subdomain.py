@@ -14,7 +14,7 @@ from ..meshfree.contact import Surfaces
 from ..meshfree.scene import Particles, Scene
 from ..meshfree.terms import Terms
 from ..parallel.collect import fetched
-from ..parallel.partition import Owners
+from ..parallel.owners import Owners
 
 
 @dataclass(frozen=True)

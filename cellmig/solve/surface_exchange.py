@@ -9,7 +9,7 @@ from mpi4py import MPI
 from ..meshfree.contact import Surfaces, cells_around
 from ..meshfree.scene import Scene
 from ..parallel.collect import fetched, gathered
-from ..parallel.partition import Owners
+from ..parallel.owners import Owners
 
 
 class SurfacePlaces:

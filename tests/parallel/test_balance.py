@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scenes import built, case
 
 from mpi4py import MPI
 
 from cellmig.case.load import from_dict
+from cellmig.kernel.layout import number
 from cellmig.meshfree.scene import Scene
-from cellmig.parallel.cost import CONTACT, cost_of_cells, near_others
-from cellmig.parallel.partition import partition
+from cellmig.meshfree.terms import find_terms
+from cellmig.parallel.cost import CONTACT, LOW, STRESS, of_rows, work_of
+from cellmig.parallel.owners import Owners
+from cellmig.parallel.partition import bisection, partition
 from cellmig.runs.run import Run
 from cellmig.solve.start import discretise
 
@@ -35,15 +39,53 @@ def packed(dimension: int, per_cell: int, apart: float) -> Scene:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_cells_that_touch_others_cost_more_than_those_alone(dimension: int) -> None:
     scene = packed(dimension, 300, 14.0)
-    cost, rows = cost_of_cells(scene, 0.5), cost_of_cells(scene)
-    near = near_others(scene, 0.5)
-    assert cost == pytest.approx(rows + CONTACT[dimension] * near)
+    work, rows = work_of(scene, 0.5), work_of(scene).of_cells
+    near = np.bincount(scene.cell_of(work.near), minlength=16)
+    assert work.of_cells == pytest.approx(rows + CONTACT[dimension] * near)
     assert (near[12:] == 0).all() and (near[:12] > 0).all()
     corner, edge, inside = near[0], near[1], near[5]  # with two, three and four neighbours
     assert corner < edge < inside == pytest.approx(2.0 * corner, rel=0.1)
-    assert near_others(scene, 0.5, most=int(scene.first_surface[-1]) // 3) == pytest.approx(near, abs=0.7 * inside)
+    few = work_of(scene, 0.5, most=int(scene.first_surface[-1]) // 3)
+    assert few.of_cells == pytest.approx(work.of_cells, abs=0.7 * inside * CONTACT[dimension])
     alone = partition(scene, 2, 0.5).first == partition(scene, 2, 0.5).first[-1]
     assert alone[12:].all() and alone.sum() > 8  # who has the cells alone has more cells
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_contact_costs_each_rank_that_has_a_side_of_it_as_much_as_one_that_has_both(dimension: int) -> None:
+    scene = packed(dimension, 300, 14.0)
+    work, side = work_of(scene, 0.5), scene.centre[:, 0] > 15.0  # through the block, and the row beyond
+    pair = np.array([0, 1])
+    contacts = [work.of_ranks(Owners(scene, first.astype(np.int32)), 2) - np.bincount(first, work.rows, 2)
+                for first in (0 * side, 1 * side)]
+    assert contacts[0] == pytest.approx([work.contact.sum(), 0.0])
+    assert contacts[1][pair].sum() == pytest.approx(work.contact.sum() * 20 / 17, rel=0.05)  # 3 of 17 are cut
+
+
+@pytest.mark.parametrize("name", ["one_cell", "ball"])
+def test_rows_at_cuts_cost_what_ranks_compute_of_them(name: str) -> None:
+    scene = discretise(case(name, per_cell=300))
+    template, owner = scene.templates[0], np.random.default_rng(1).integers(0, 2, 300) + (scene.X[:, 0] > 0.0)
+    count, found = np.diff(template.G[0].indptr), of_rows(template, owner, 3)
+    for rank in range(3):
+        rows = number(scene, np.flatnonzero(owner == rank), np.zeros(0, np.int64))
+        own, others = rows.ids[: rows.n_owned], rows.ids[rows.n_owned : rows.n_rows]
+        assert len(others) > 0 and found[rank] == pytest.approx(count[own].sum() + STRESS * count[others].sum())
+
+
+def test_cells_near_the_substrate_cost_more() -> None:
+    scene = packed(3, 300, 14.0)
+    more = work_of(scene, 0.0, 1.0).of_cells - work_of(scene).of_cells
+    assert (more > 0.0).tolist() == (scene.centre[:, 2] < 6.0).tolist() and set(more[more > 0.0] % LOW[3]) == {0.0}
+
+
+@pytest.mark.parametrize(("name", "ranks"), [("three_balls", 2), ("three_balls", 3), ("sheet", 3)])
+def test_contacts_of_balls_are_dealt_out_as_evenly_as_their_rows(name: str, ranks: int) -> None:
+    scene, terms = discretise(case(name, per_cell=1000)), find_terms(case(name))
+    owners = partition(scene, ranks, terms.reach, terms.low)
+    whole = work_of(scene, terms.reach, terms.low).loaded(Owners(scene, bisection(scene.centre, ranks)), ranks)
+    assert owners.load.max() <= 1.03  # expected 1.000, 1.010 and 1.017; measured 1.01, 1.03 and 1.01
+    assert owners.most < 0.95 * whole.most
 
 
 def test_the_work_of_a_rank_in_steps_is_measured_without_its_waiting(comm: MPI.Comm) -> None:

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scenes import NETWORK, built, case
+from scipy.sparse import csr_array
 
 from mpi4py import MPI
 
@@ -26,7 +27,8 @@ from cellmig.meshfree.scene import Scene
 from cellmig.parallel import shared
 from cellmig.parallel.collect import computed_on_root
 from cellmig.parallel.ghosts import GhostedField
-from cellmig.parallel.partition import BALANCE, Owners, bisection, partition
+from cellmig.parallel.owners import Owners
+from cellmig.parallel.partition import BALANCE, bisection, partition
 from cellmig.parallel.random import uniform
 from cellmig.parallel.reduce import exact_sum, global_maximum
 from cellmig.parallel.swarm import Swarm
@@ -104,13 +106,19 @@ def test_parts_are_cut_across_the_longer_side() -> None:
     assert X[owner == 0, 0].max() <= X[owner > 0, 0].min()
 
 
+def alone_rows(n: int) -> csr_array:
+    """Fifteen entries in each of n rows, that need no others."""
+    at = np.repeat(np.arange(n), 15)
+    return csr_array((np.ones(15 * n), at, 15 * np.arange(n + 1)), shape=(n, n))
+
+
 def scene_of(sizes: np.ndarray, seed: int = 1) -> Scene:
     """Cells in rows of eight, each of its own kind, a seventh of their particles of the nucleus, by height."""
     rng, kinds = np.random.default_rng(seed), []
     for n in sizes.tolist():
         X, nucleus = rng.uniform(0, 1, (n, 2)), np.arange(n) < n // 7
         kinds.append(SimpleNamespace(X=X[np.lexsort((X[:, 1], ~nucleus))], nucleus=nucleus,
-                                     surface=np.arange(round(4 * math.sqrt(n))), G=[SimpleNamespace(nnz=15 * n)]))
+                                     surface=np.arange(round(4 * math.sqrt(n))), G=[alone_rows(n)]))
     cell = np.arange(len(sizes))
     return Scene(kinds, cell, 2.0 * np.column_stack([cell % 8, cell // 8]), [], [(0, 1)] * len(sizes))
 

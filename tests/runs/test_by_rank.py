@@ -34,7 +34,7 @@ class Rank:
     (case("paper", *GRID, per_cell=100), 3), (case("paper", per_cell=1000), 2), (case("three_balls", per_cell=200), 2)])
 def test_cells_particles_and_copies_are_those_that_ranks_will_have(found: Case, ranks: int) -> None:
     parts, terms = of_ranks(found, found, ranks), find_terms(found)
-    owners, none = partition(discretise(found), ranks, terms.reach), np.zeros(len(found.cells), bool)
+    owners, none = partition(discretise(found), ranks, terms.reach, terms.low), np.zeros(len(found.cells), bool)
     there = [Subdomain.of(Rank(rank), owners, terms, none) for rank in range(ranks)]
     particles = [s.n_owned for s in there]
     assert parts.particles == pytest.approx(particles, abs=1.0 * len(found.cells))
