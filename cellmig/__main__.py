@@ -14,6 +14,7 @@ from .commands import COMMANDS, PARALLEL, load_case, to_time
 from .exits import DONE, ENVIRONMENT, FAILED, INPUT_OUTPUT, INTERRUPTED, INVALID_INPUT
 from .laws import register
 from .parallel.arguments import split_arguments, start_petsc
+from .parallel.ending import all_here, world
 from .usage import RANK, RANKS, UsageError, parse, what_first
 
 # ------------------------------------------------------------------------------------------ commands on all ranks
@@ -108,7 +109,7 @@ def load_together(path: Path, sets: list[str], comm: Any) -> Any:
 
 def main() -> None:
     """Entry point: rank 0 prints, all ranks end with one of the documented exit codes."""
-    words, comm = sys.argv[1:], None
+    words, together = sys.argv[1:], False
     replace_unprintable()
     try:
         ours, petsc_options = split_arguments(words)
@@ -121,7 +122,8 @@ def main() -> None:
             from .runs.ranks import start_again
 
             start_again(options, words, lambda: load_case(options.case, options.sets))
-        if not serial or options.command in PARALLEL or RANKS > 1:
+        together = not serial
+        if together or options.command in PARALLEL or RANKS > 1:
             comm = start_petsc([] if serial else petsc_options)
         _include(getattr(options, "laws", ()))
         if not serial:
@@ -135,24 +137,31 @@ def main() -> None:
     except KeyboardInterrupt:
         code = INTERRUPTED
     except Exception as error:
-        code = failure(error, comm)
+        code = failure(error, together)
     sys.exit(code)
 
 
-def failure(error: Exception, comm: Any) -> int:
-    """Print an error once and return its exit code; unexpected errors of one rank abort all ranks."""
+def failure(error: Exception, together: bool) -> int:
+    """Print an error once and return its exit code.
+
+    Unexpected errors of one rank abort all ranks, and so do expected ones that not all ranks of a run meet, in which
+    they work `together`: the others would wait for this one.
+    """
     codes = {**dict.fromkeys(("CaseError", "UsageError", "OptionError", "LawError", "LawFileError"), INVALID_INPUT),
              **dict.fromkeys(("CompilerError", "InsufficientResources", "LaunchError"), ENVIRONMENT),
              "OutputError": INPUT_OUTPUT, "NumericsError": FAILED}
-    code, message = codes.get(type(error).__name__), str(error)
+    code, message, comm = codes.get(type(error).__name__), str(error), world()
     foreign = isinstance(error, ImportError) and not (error.name or "").startswith("cellmig")
     if foreign or "binary incompatibility" in message:  # of NumPy and a module that was compiled for another one
         code, message = ENVIRONMENT, f"{error}; 'cellmig doctor' tells what is missing, and how to install it"
     elif code is None and isinstance(error, OSError) and RANKS == 1:
         code, message = INPUT_OUTPUT, f"{error.filename}: {error.strerror}" if error.filename else message
     if code is not None:
-        if RANK == 0:
-            print(f"cellmig: {message}", file=sys.stderr, flush=True)
+        alone = comm is not None and together and not all_here(comm)
+        if RANK == 0 or alone:
+            print(f"cellmig: {f'rank {RANK} alone: ' * alone}{message}", file=sys.stderr, flush=True)
+        if alone:
+            comm.Abort(code)
         return code
     if isinstance(error, MemoryError):
         code, message = ENVIRONMENT, f"rank {RANK} has no memory left: take fewer particles, or more memory"
@@ -160,7 +169,7 @@ def failure(error: Exception, comm: Any) -> int:
         traceback.print_exception(error)
         code, message = 1, "this is a mistake of the program; please report it"
     print(f"cellmig: {message}", file=sys.stderr, flush=True)
-    if comm is not None and comm.size > 1:
+    if comm is not None:
         comm.Abort(code)
     return code
 

@@ -112,7 +112,7 @@ def launch(ranks: int, command: Sequence[str]) -> int:
     messages.join()
     process.stderr.close()
     code = 128 - code if code < 0 else code
-    if code in _OURS or 128 < code <= 128 + signal.SIGRTMAX or stop_signals:
+    if code in _OURS or messages.told or 128 < code <= 128 + signal.SIGRTMAX or stop_signals:
         return code
     return _examined(code, ranks, start, messages)
 
@@ -126,7 +126,7 @@ class _Messages(threading.Thread):
 
     def __init__(self, stream: IO[bytes]):
         super().__init__(daemon=True)
-        self.stream, self.reason = stream, False
+        self.stream, self.reason, self.told = stream, False, False
         self.start()
 
     def run(self) -> None:
@@ -151,6 +151,7 @@ class _Messages(threading.Thread):
         return passed
 
     def _print(self, text: bytes) -> bool:
+        self.told |= text.startswith(b"cellmig: ")  # by a rank, which had started
         wanted = not any(part in text for part in _REDUNDANT)
         if wanted:
             sys.stderr.buffer.write(text)

@@ -31,6 +31,7 @@ from cellmig.output.mesh import Elements, write_mesh
 from cellmig.output.profile import write_profile
 from cellmig.output.tables import IMPULSE, Tables
 from cellmig.output.xdmf import Frames, cut_frames
+from cellmig.parallel.ending import require_all
 from cellmig.parallel.options import check_integrator, option_errors, options_given, petsc_version, unused_options
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
@@ -104,6 +105,7 @@ class Run:
             case, self.reason = choose(self.case, self.comm)
             return Simulation(case, self.comm, prune, start=origin_state.stored if origin_state else None)
         except (CaseError, NumericsError) as error:  # found only once there are particles
+            require_all(self.comm, error)
             status = FAILED if isinstance(error, NumericsError) else INVALID_INPUT
             self._save_manifest(exit_status=status, cause=str(error))
             raise
@@ -143,11 +145,11 @@ class Run:
                 self.output_time = stop
                 if not self._integrator.between_samples:
                     self.schedule.resumable = self._state()
-        except NumericsError as error:
-            status, cause = FAILED, str(error)
-            self._try_last_frame()
-        except OutputError as error:
-            status, cause = INPUT_OUTPUT, str(error)
+        except (NumericsError, OutputError) as error:
+            require_all(self.comm, error)
+            status, cause = FAILED if isinstance(error, NumericsError) else INPUT_OUTPUT, str(error)
+            if status == FAILED:
+                self._try_last_frame()
         finally:
             progress.close()
         if status == DONE:

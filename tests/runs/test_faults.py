@@ -49,7 +49,24 @@ if "OMPI_COMM_WORLD_RANK" in os.environ:  # not in the launcher, which is run as
             {what}
     mechanics.Mechanics.advance = once
 """
+ALONE = """
+import os
+if os.environ.get("OMPI_COMM_WORLD_RANK") == "1":
+    from cellmig.{module} import {name}
+    def fails(*_, **__):
+        raise {what}
+    {name}.{method} = fails
+"""
 PATCHES = {
+    "a rank raises what nobody expects in set-up": ALONE.format(
+        module="solve.segments", name="Segments", method="renew", what="RuntimeError('a bug')"),
+    "a rank alone refuses the case": ALONE.format(
+        module="solve.mechanics", name="Mechanics", method="_load",
+        what="__import__('cellmig.case.messages').case.messages.CaseError([])"),
+    "a rank alone cannot read a file of laws": ALONE.format(
+        module="case", name="own_laws", method="include", what="own_laws.LawFileError('law.py cannot be read')"),
+    "a rank alone fails by its numbers": PATCHED.format(
+        rank=1, what="from cellmig.solve.step import NumericsError as E; raise E('not finite')"),
     "a law gives NaN": PATCHED.format(rank=1, what="self.state.owned[7, 2] = float('nan')"),
     "a particle is inverted": PATCHED.format(rank=0, what="self.kernel['F'][3, 0] *= -1.0"),
     "a limit of file size": PATCHED.format(
@@ -75,6 +92,11 @@ FAULTS: dict[str, tuple[int, str, Callable[[Path], str]]] = {
     "a law gives NaN": (4, "not finite", call), "a particle is inverted": (4, "inverted", call),
     "history.csv cannot be written": (5, "history.csv", call), "the directory is taken away": (5, "cannot write", call),
     "a rank raises what nobody expects": (1, "a bug", call),
+    "a rank raises what nobody expects in set-up": (1, "a bug", call),
+    "a rank alone refuses the case": (1, "some ranks alone", call),
+    "a rank alone fails by its numbers": (1, "some ranks alone", call),
+    "a rank alone cannot read a file of laws": (2, "rank 1 alone: law.py cannot be read", lambda run: call(
+        run, "--law", ROOT / "examples/cortex_law.py")),
     "memory runs out on a rank": (3, "rank 1 has no memory left", call),
     "h5py is missing": (3, "h5py", call), "PETSc is missing": (3, "petsc4py", call),
     "no compiler": (3, "C compiler", lambda run: f"CC={run}/cc CELLMIG_CACHE={run.parent}/cache {call(run)}"),
