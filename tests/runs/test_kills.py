@@ -110,7 +110,7 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
     while ended.total() < KILLS:
         number += 1
         run, what = tmp_path / f"run{number}", chance.choice(["a rank", "all ranks", "the launcher"])
-        line = program(2, case, "--out", run, "--checkpoint-time", "5 us")
+        line = program(2, case, "--out", run, "--checkpoint-time", "2 us")
         child = subprocess.Popen(line, stderr=subprocess.DEVNULL, **options)
         time.sleep(chance.uniform(START, length))
         if child.poll() is not None:  # it came to its end before: no kill
@@ -126,6 +126,7 @@ def test_runs_killed_at_random_moments_go_on_to_the_same_bits(tmp_path, outside_
         if again.returncode or read_manifest(run).get("state_hash") != expected or (
                 any((run / name).read_bytes() != (whole / name).read_bytes() for name in EQUAL)):
             wrong.append((number, what, there, ranks, again.returncode, again.stderr))
+        print(f"{ended.total()}: {what}, {there}, on {ranks} ranks; wrong so far: {len(wrong)}", flush=True)
         shutil.rmtree(run)
     print(f"\n{scene}: {KILLS} kills in {time.monotonic() - begin:.0f} s: {dict(ended)}; wrong: {wrong}")
     assert not wrong, wrong
