@@ -17,6 +17,7 @@ from .stiffness import Stiffness, fill
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
 MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
 DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
+STIFFER, STIFFEST = 4.0, 8  # factor of 1/dt in tangents of shorter steps, and one more than its largest power
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
@@ -51,6 +52,7 @@ class Equations:
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
         self._begun = 0.0  # time of that start [µs]
+        self._stiffened = 1  # power of STIFFER that `descend` tries first in this step
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
         self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
@@ -100,7 +102,7 @@ class Equations:
         self.exact = max(0, self.exact - 1)
         self.mechanics.rate(0.0)  # a step before may have been undone
         self.mechanics.begin_step()
-        self._begun = time
+        self._begun, self._stiffened = time, 1
         self._start = self.mechanics.state.J_of_rows
 
     def _error_of_J(self, first: bool) -> np.ndarray:
@@ -151,7 +153,7 @@ class Equations:
         """
         self.at = t, u.copy(), v.copy(), by_v, by_a, self.acceleration(t, u, v)
         n = self.mechanics.n_owned
-        geometric = self.stiffness.of_dilation(self._error_of_J(first))
+        self._geometric = geometric = self.stiffness.of_dilation(self._error_of_J(first))
         geometric.data *= self.free[np.repeat(np.arange(n), np.diff(geometric.indptr)), :, None]
         if self.geometric is not None:
             fill(self.geometric, geometric)
@@ -162,14 +164,39 @@ class Equations:
             self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
             if self._by_v:
                 return
+        self._assemble(by_v, by_a, pc)
+
+    def _assemble(self, by_v: float, by_a: float, pc: PETSc.PC) -> None:
+        """Set the matrix for the state of now; collective."""
         bodies = self.stiffness.internal(1.0, by_v)
         surfaces = self.stiffness.surfaces(1.0, by_v)
         for K in (bodies, surfaces):
-            K.data *= self.free[np.repeat(np.arange(n), np.diff(K.indptr)), :, None]
-        bodies.data -= geometric.data
+            K.data *= self.free[np.repeat(np.arange(len(self.free)), np.diff(K.indptr)), :, None]
+        bodies.data -= self._geometric.data
         bodies.data[self.stiffness.diagonal] += by_a * self.inertia[:, :, None] * np.eye(self.free.shape[1])
         self.stiffness.store(bodies, surfaces, self.matrix, pc)
         self.assembled, self._by_v = self.assembled + 1, by_v
+
+    def descend(self, residual: PETSc.Vec, step: PETSc.Vec, ksp: PETSc.KSP) -> float:
+        """Set a Newton step to one that goes down in energy, by tangents of shorter time steps; collective.
+
+        Where a contact lets go, or closes, the tangent is indefinite, and a Newton step leads to the state between.
+        That of a shorter time step is definite, as viscosity grows with 1/dt.
+
+        Returns the work of the residual on the step [pN, pN µm], positive unless no tangent was definite.
+        """
+        t, u, v, by_v, by_a, _ = self.at
+        exact, self.exact = self.exact, max(self.exact, 1)
+        work = 0.0
+        for k in range(self._stiffened, STIFFEST):
+            self.acceleration(t, u, v)
+            self._assemble(STIFFER**k * by_v, by_a, ksp.getPC())
+            ksp.solve(residual, step)
+            work, self._stiffened = residual.dot(step), max(k - 1, 1)
+            if work > 0.0:
+                break
+        self.exact = exact
+        return work
 
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, d); collective."""

@@ -10,19 +10,21 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..case.schema import Case
+from ..meshfree.simplices import facet_sizes
 from ..parallel.collect import Arrays
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
-from .implicit import BALANCE, Implicit
+from .implicit import BALANCE, HALVINGS, LONGEST, Implicit
 
 SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
-ERROR = 0.01  # error of a step, root mean square over particles, over the spacing [-]
+ERROR = 0.01  # error of a step, mean over particles, over the spacing [-]: one that snaps does not set the step
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
-ITERATIONS = 10  # of Newton's method, which takes 3 or 4 but where a particle snaps to the substrate
+ITERATIONS = 20  # of Newton's method, which takes 3 or 4, and about 10 where a particle snaps to the substrate
 ACCURATE = "1e-6"  # tolerance of Krylov methods: with 1e-2 Newton's method stalls where a push turns round
 EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
+COLLAPSED = 0.1  # size of a facet over that at rest, below which tension has closed it [-]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
@@ -61,8 +63,7 @@ class Overdamped(Implicit):
     def __init__(self, *about: Any):
         """Create the TS, see `Integrator`; collective."""
         self.unbalanced = self.last = self.least = 0.0
-        self._solved = self._descends = True  # whether the last solve was one, whether Newton's steps are halved
-        self._most = 0  # iterations of a solve
+        self._solved = True  # whether the last solve was one
         super().__init__(*about)
         self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
 
@@ -112,6 +113,11 @@ class Overdamped(Implicit):
     def remedy(self) -> str:
         """What to try where no step is short enough, by what the scene has."""
         t, flows = self.mechanics.terms, any(getattr(law, "fluid", False) for law in self.mechanics.scene.materials)
+        left = self._least_facet() if t.cortex is not None else 1.0
+        if left < COLLAPSED:
+            return (f"a part of the surface has {100.0 * left:.2g} % of its size; a tension that is the same everywhere "
+                    "gathers it at the contact: try [cortex] law = \"elastic\" with an area_modulus above the work of "
+                    "adhesion, or a smaller line_tension")
         anchored = t.director_law is not None and t.director_law.anchoring == "surface"
         tries = [text for there, text in (
             (t.protrusion or t.load_curves, "a weaker push or load: one above what bonds bear has no speed, which "
@@ -119,6 +125,12 @@ class Overdamped(Implicit):
             (anchored, "a smaller eta: the tangent lacks the couple of anchored directors"),
             (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]
         return "try " + "; ".join([*tries, "more friction, or finer particles"])
+
+    def _least_facet(self) -> float:
+        """Smallest size of a segment, or triangle, of the surface over that at rest [-]; collective."""
+        m = self.mechanics
+        now = np.maximum(facet_sizes(m.state.x(m.kernel["facet"])), 1e-300)
+        return 1.0 / max(largest(m.comm, m.kernel["facet_size"] / now), 1e-300)
 
     @property
     def step_description(self) -> str:
@@ -135,11 +147,40 @@ class Overdamped(Implicit):
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """As of any implicit step; notes the norm, and whether the solve has succeeded."""
         found = super()._converged(snes, iteration, norms)
-        self._norm, self._solved = norms[2], found > 0
+        self._solved = found > 0
         return found
 
-    def _acceptable(self, norm: float) -> bool:
-        return super()._acceptable(norm) and not (self._descends and norm > self._norm)
+    def _shorten(self, x: PETSc.Vec, step: PETSc.Vec) -> bool:
+        """Set a Newton step to one that goes down in energy, of LONGEST at most, and not beyond the valley; collective.
+
+        The residual is the slope of an energy, but for friction that depends on the gap.  Its work on a step is
+        positive on the way down.  A step at whose end it is less than minus that has gone up again, and is halved; one
+        on which it grows is doubled: the cell lets go there, or snaps to the substrate.  The norm of the residual is no
+        guide: it has valleys where a contact is about to let go, from which no step leads on.
+
+        Source: step limits of incremental potential contact, Li et al. (2020); a line search by the work, as
+        SNESLINESEARCHCP in PETSc's manual.
+        """
+        snes = self.ts.getSNES()
+        residual = snes.getFunction()[0]
+        work = residual.dot(step)
+        if work <= 0.0:
+            work = self.equations.descend(residual, step, snes.getKSP())
+        most = LONGEST * self.equations.spacing / max(largest(self.mechanics.comm, self._move(step)), 1e-300)
+        share, grows = min(1.0, most), True
+        trial, out = x.duplicate(), x.duplicate()
+        for _ in range(HALVINGS):
+            trial.waxpy(-share, step, x)
+            snes.computeFunction(trial, out)
+            ahead = out.dot(step) / work
+            grows = grows and ahead > 1.0 and share < most
+            if not grows and ahead >= -1.0:
+                break
+            share = min(2.0 * share, most) if grows else 0.5 * share
+        step.scale(share)
+        trial.destroy()
+        out.destroy()
+        return True
 
     def _out_of_balance(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f."""
@@ -158,16 +199,10 @@ class Overdamped(Implicit):
     def _guess(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
         """Move the first guess of a solve on by the last velocity, unless cells would be too deep in each other.
 
-        Newton's steps are halved until they lead towards balance, as friction that yields is as sharp as a kink.  After
-        a solve that failed tangents are assembled for EXACT steps.  After one that failed in spite of that the next
-        ones do without halving, until one fails: the way may lead over a hill.  Such friction is as sharp in short
-        steps, so that then solves may take twice as many iterations.
+        After a solve that failed tangents are assembled for EXACT steps: differences are wrong across a kink.
         """
         if not self._solved and self.equations.matrix_free and not self.equations.exact:
             self.equations.exact = EXACT
-        elif not self._solved:
-            self._descends = not self._descends
-            snes.setTolerances(max_it=2 * self._most)
         trial, out = x.duplicate(), x.duplicate()
         move = self.ts.getTimeStep() * self._begun
         trial.setArray(x.getArray(readonly=True) + move.ravel())
@@ -182,8 +217,6 @@ class Overdamped(Implicit):
     def _choose_step(self, stop: float) -> None:
         """Set the next step: one of equal ones to `stop` [µs], at most as long as errors, or the case, allow."""
         m, left = self.mechanics, stop - self.ts.getTime()
-        self._most = self._most or self.ts.getSNES().getTolerances()[3]
-        self.ts.getSNES().setTolerances(max_it=self._most)
         self._begun = m.state.v.copy()
         self.least = self.least or self._first_step()
         self.dt = self.fixed_step or max(self.dt, self.least)
@@ -203,7 +236,7 @@ class Overdamped(Implicit):
         d = self.mechanics.scene.dimension
         last = self.last or dt
         change = dt**2 / (dt + last) * (self._velocity - before[:, d:])
-        error = np.sqrt(exact_sum(self.mechanics.comm, (change**2).sum(axis=1)) / self.mechanics.scene.size)
+        error = exact_sum(self.mechanics.comm, np.linalg.norm(change, axis=1)) / self.mechanics.scene.size
         good = bool(error <= self.tolerance) or dt <= self.least or self.fixed_step is not None
         share = SAFETY * np.sqrt(self.tolerance / max(float(error), 1e-300))
         self.dt = dt * min(max(share, SHORTER), LONGER)
@@ -224,8 +257,7 @@ class Overdamped(Implicit):
 
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint, with the last step, from which the next error follows."""
-        return super().saved() | {"descends": self._descends, "last": self.last, "least": self.least,
-                                  "tangent": self.equations.saved()[0]}
+        return super().saved() | {"last": self.last, "least": self.least, "tangent": self.equations.saved()[0]}
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The tangent that is reused (nnz, …) [Pa]."""
@@ -234,7 +266,7 @@ class Overdamped(Implicit):
     def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint (nnz, …) [Pa]."""
         super().restore(about, arrays)
-        self.last, self.least, self._descends = about["last"], about["least"], about["descends"]
+        self.last, self.least = about["last"], about["least"]
         self.equations.restore(about["tangent"], arrays)
 
     @property
