@@ -115,7 +115,7 @@ class Overdamped(Implicit):
         t, flows = self.mechanics.terms, any(getattr(law, "fluid", False) for law in self.mechanics.scene.materials)
         left = self._least_facet() if t.cortex is not None else 1.0
         if left < COLLAPSED:
-            return (f"a part of the surface has {100.0 * left:.2g} % of its size; a tension that is the same everywhere "
+            return (f"a part of the surface has {100.0 * left:.2g} % of its size; tension that is the same everywhere "
                     "gathers it at the contact: try [cortex] law = \"elastic\" with an area_modulus above the work of "
                     "adhesion, or a smaller line_tension")
         anchored = t.director_law is not None and t.director_law.anchoring == "surface"
