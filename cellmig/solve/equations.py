@@ -17,7 +17,7 @@ from .stiffness import Stiffness, fill
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
 MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
 DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
-STIFFER, STIFFEST = 4.0, 8  # factor of 1/dt in tangents of shorter steps, and one more than its largest power
+STIFFER, STIFFENINGS = 4.0, 5  # least factor of 1/dt in tangents of shorter steps, and how often it is squared
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
@@ -52,7 +52,7 @@ class Equations:
         self.geometric: Any = self.stiffness.matrix() if self.matrix_free else None  # to take off
         self._start, self._last = np.zeros(0), np.zeros(0)  # J at the start of the step, F of the last tangent
         self._begun = 0.0  # time of that start [µs]
-        self._stiffened = 1  # power of STIFFER that `descend` tries first in this step
+        self._stiffer = STIFFER  # factor of 1/dt that `descend` tries first
         self._by_v = 0.0  # 0 before there is a matrix
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
         self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
@@ -102,7 +102,7 @@ class Equations:
         self.exact = max(0, self.exact - 1)
         self.mechanics.rate(0.0)  # a step before may have been undone
         self.mechanics.begin_step()
-        self._begun, self._stiffened = time, 1
+        self._begun, self._stiffer = time, STIFFER
         self._start = self.mechanics.state.J_of_rows
 
     def _error_of_J(self, first: bool) -> np.ndarray:
@@ -188,13 +188,15 @@ class Equations:
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
         work = 0.0
-        for k in range(self._stiffened, STIFFEST):
+        for _ in range(STIFFENINGS):
             self.acceleration(t, u, v)
-            self._assemble(STIFFER**k * by_v, by_a, ksp.getPC())
+            self._assemble(self._stiffer * by_v, by_a, ksp.getPC())
             ksp.solve(residual, step)
-            work, self._stiffened = residual.dot(step), max(k - 1, 1)
+            work = residual.dot(step)
             if work > 0.0:
                 break
+            self._stiffer **= 2
+        self._stiffer = max(self._stiffer**0.5, STIFFER)
         self.exact = exact
         return work
 

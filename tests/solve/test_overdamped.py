@@ -106,6 +106,42 @@ def test_a_cell_spreads_on_bonds_that_yield_far_below_its_speed() -> None:
         assert sim.sample()[1]["energy_error"] < 1e-3  # measured 8e-5
 
 
+@pytest.mark.serial
+def test_a_round_cell_spreads_without_a_solve_that_fails() -> None:
+    """Its particles snap to the substrate, one or two within a step: the tangent is indefinite on the way."""
+    with built(case("spreads", per_cell=150)) as sim:
+        at(sim, 20.0)
+        assert sim.integrator.failures == 0  # 5 where steps had to reduce the norm of the forces
+        assert sim.sample()[1]["energy_error"] < 1e-4  # measured 9e-9
+
+
+def test_a_newton_step_goes_down_in_energy_where_the_tangent_is_indefinite() -> None:
+    """A box is lifted by as much as its bonds are long, to where they pull the less the farther it is."""
+    with built(crawler(BOX, medium={"viscosity": "10 Pa s"})) as sim:
+        at(sim, 0.01)
+        equations, ksp = sim.integrator.equations, sim.integrator.ts.getSNES().getKSP()
+        t, by_v = sim.integrator.ts.getTime(), 1e-9  # of a step of 1,000 s
+        u, rest = sim.mechanics.state.u + np.array([0.0, 0.05]), np.zeros_like(sim.mechanics.state.u)
+        step, residual = equations.matrix.createVecs()
+        residual.setArray(equations.imbalance(t, u, rest).ravel())
+        equations.exact = 1
+        equations.linearise(t, u, rest, by_v, 1.0, ksp, ksp.getPC(), True)
+        ksp.solve(residual, step)
+        assert residual.dot(step) < 0.0
+        assert equations.descend(residual, step, ksp) == residual.dot(step) > 0.0
+
+
+def test_a_surface_that_tension_has_gathered_is_named_with_its_remedy() -> None:
+    with built(crawler(cortex={"line_tension": "50 pN/um"})) as sim:
+        at(sim, 0.01)
+        assert "area_modulus" not in sim.integrator.remedy
+        one, other = sim.mechanics.kernel["facet"][0]
+        state = sim.mechanics.state
+        ahead = state.x(np.array([other])) - state.x(np.array([one]))
+        state.memory[other, :2] -= 0.95 * ahead[0]
+        assert "5 % of its size" in sim.integrator.remedy and "area_modulus" in sim.integrator.remedy
+
+
 def test_a_medium_alone_holds_a_cell_without_a_substrate() -> None:
     """A body force f moves a disc at f A/(3πη), whatever the disc is of."""
     force, eta = 1e-4, 0.7e-3  # pN/µm³, Pa s
