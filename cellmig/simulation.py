@@ -52,18 +52,19 @@ class Simulation:
 
     def __init__(self, case: Case, comm: MPI.Intracomm = MPI.COMM_WORLD, prune: bool = True,
                  parts: tuple[Scene | None, Terms] | None = None,
-                 start: Arrays | Mapping[str, np.ndarray] | None = None):
+                 start: Arrays | Mapping[str, np.ndarray] | None = None, moved: np.ndarray | None = None):
         """Build all parts; collective.
 
         prune : leave out absent terms;  parts : terms in place of the case's, and the scene if it exists;  start :
-        arrays of a checkpoint of the same particles, whose u, v, director and network are the initial ones.
+        arrays of a checkpoint of the same particles, whose u, v, director and network are the initial ones;  moved :
+        (m, D) on rank 0, displacements of all surface particles [µm] for which cells are dealt out, None for none.
         """
         case = without_inertia(case) if case.overdamped else case
         self.case, self.comm = case, comm
         scene, self.terms = parts or (None, find_terms(case, prune))
         made = templates(case, comm) if scene is None else None
         owners, self.control, boundary, probes, protruding = computed_on_root(
-            comm, lambda: self._decide(scene or discretise(case, made)))
+            comm, lambda: self._decide(scene or discretise(case, made), moved))
         self.scene = owners.scene
         state = at_start(case, self.scene, owners.heads(comm.rank))
         begun = self._begun(start, owners) if start is not None else None
@@ -87,7 +88,7 @@ class Simulation:
         self.time = 0.0
         self._count()  # the ledger counts from here
 
-    def _decide(self, scene: Scene) -> tuple:
+    def _decide(self, scene: Scene, moved: np.ndarray | None) -> tuple:
         """Everything that depends on the last bits of libraries and processors, for rank 0."""
         case = self.case
         c_source(scene.materials, self.terms)  # a law that cannot be translated to C is refused here
@@ -96,8 +97,10 @@ class Simulation:
         pushing = set(law.cells if law is not None else ())
         protruding = Protruding(np.array([name in pushing for name in names]), case.seed, names,
                                 steady(case, self.terms))
-        return (partition(scene, self.comm.size, self.terms.reach, self.terms.low), control, Boundary.of(case, scene),
-                Probes.of(case, scene), protruding)
+        if moved is not None and len(moved) != scene.first_surface[-1]:  # surfaces are divided anew below
+            moved = None
+        owners = partition(scene, self.comm.size, self.terms.reach, self.terms.low, moved)
+        return owners, control, Boundary.of(case, scene), Probes.of(case, scene), protruding
 
     def _begun(self, arrays: Arrays | Mapping[str, np.ndarray], owners: Owners) -> Arrays:
         """Arrays of a checkpoint that have the initial state, director and network; collective.  Raises CaseError."""

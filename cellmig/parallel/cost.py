@@ -1,4 +1,4 @@
-"""Cost of a step, from which particles are dealt out: rows by their neighbours, and what surfaces do at the start."""
+"""Cost of a step, from which particles are dealt out: rows by their neighbours, and what surfaces do where they are."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ class Work:
     Attributes
     ----------
     scene : Scene.
+    centre : (cells, D) -- middle of each cell [µm].
     rows : (cells,) -- of the rows of each cell [-].
     near : (k,) int -- surface particles near another cell, by global id; of many, some stand for all.
     contact : (k,) -- half the cost [-] of what each does there with the other cell's: ranks that have but one of both
@@ -36,6 +37,7 @@ class Work:
     """
 
     scene: Scene
+    centre: np.ndarray
     rows: np.ndarray
     near: np.ndarray
     contact: np.ndarray
@@ -96,17 +98,23 @@ def of_rows(template: Template, owner: np.ndarray, ranks: int) -> np.ndarray:
     return np.bincount(owner, count, ranks) + STRESS * np.bincount(ghost // n, count[ghost % n], ranks)
 
 
-def work_of(scene: Scene, reach: float = 0.0, low: float = 0.0, most: int = MOST) -> Work:
-    """What a step of a scene costs, with surfaces as in the reference configuration.
+def work_of(scene: Scene, reach: float = 0.0, low: float = 0.0, moved: np.ndarray | None = None,
+            most: int = MOST) -> Work:
+    """What a step of a scene costs.
 
     reach : largest distance at which surfaces of two cells act on each other [µm], 0 without contacts;  low : largest
-    height at which they act on the substrate [µm], 0 without one;  most : about as many surface particles are looked
-    at.
+    height at which they act on the substrate [µm], 0 without one;  moved : (m, D) displacements of all surface
+    particles [µm], None in the reference configuration;  most : about as many of them are looked at.
     """
     rows = np.array([t.G[0].nnz for t in scene.templates], float)[scene.kind]
+    centre = scene.centre + np.array([t.X.mean(axis=0) for t in scene.templates])[scene.kind]
     every = -(-int(scene.first_surface[-1]) // most)
-    ids, stands = _surface(scene, every)
+    ids, place, stands = _surface(scene, every)
     cell, x = scene.cell_of(ids), scene.particles(ids).X
+    if moved is not None:
+        count = np.bincount(cell, minlength=len(rows))
+        x = x + moved[place]
+        centre = centre + np.column_stack([np.bincount(cell, u, len(rows)) for u in moved[place].T]) / count[:, None]
     near, pairs = joined([]), np.zeros((0, 2), np.int64)
     if reach:
         apart = max(t.spacing for t in scene.templates) * every ** (1.0 / (scene.dimension - 1))
@@ -114,13 +122,13 @@ def work_of(scene: Scene, reach: float = 0.0, low: float = 0.0, most: int = MOST
         near = np.unique(found[cell[found[:, 0]] != cell[found[:, 1]]])
         pairs = cKDTree(x[near]).query_pairs(reach + apart, output_type="ndarray") if len(near) else pairs
     down = np.flatnonzero(x[:, -1] < low)
-    return Work(scene, rows, ids[near], 0.5 * CONTACT[scene.dimension] * stands[near], pairs, ids[down],
+    return Work(scene, centre, rows, ids[near], 0.5 * CONTACT[scene.dimension] * stands[near], pairs, ids[down],
                 LOW[scene.dimension] * stands[down])
 
 
-def _surface(scene: Scene, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Surface particles of all cells by global id (n,) int, only some if `every` is not 1, and for how many each of
-    them stands (n,) [-].
+def _surface(scene: Scene, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surface particles of all cells by global id (n,) int, only some if `every` is not 1, their numbers in the surface
+    of the scene (n,) int, and for how many each of them stands (n,) [-].
     """
     some = [t.surface[::every] for t in scene.templates]
     stands = np.array([len(t.surface) / len(at) for t, at in zip(scene.templates, some, strict=True)])
@@ -130,4 +138,5 @@ def _surface(scene: Scene, every: int) -> tuple[np.ndarray, np.ndarray]:
     for kind, of_kind in enumerate(some):
         mine = np.flatnonzero(scene.kind == kind)
         at[ranges(end[mine] - len(of_kind), end[mine])] = np.tile(of_kind, len(mine))
-    return np.repeat(scene.offset[:-1], count) + at, np.repeat(stands[scene.kind], count)
+    place = np.repeat(scene.first_surface[:-1], count) + every * ranges(0 * end, count)
+    return np.repeat(scene.offset[:-1], count) + at, place, np.repeat(stands[scene.kind], count)

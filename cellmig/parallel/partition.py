@@ -14,12 +14,14 @@ BALANCE = 0.02  # imbalance that is accepted for whole cells: cost of the fulles
 # By how much cells cut in space have to be better: a rank computes rows of cells that share coefficients at once, which
 # in the plane is 20 (stress) and 27 % (divergence) faster with three cells than with one.
 EXTRA = {2: 0.25, 3: 0.05}
-TRIES = 8  # most partitions that are tried
+TRIES = 24  # most partitions that are tried
+STEP = 0.7  # power of a rank's load by which what it has counts more in the next one
 THICK = 15.0  # least thickness of a slice of a cell [spacings]: a thinner one has almost as many ghosts as particles
 MANY = 2  # cells per rank from which only those on the cuts between ranks are divided
 
 
-def partition(scene: Scene, ranks: int, reach: float = 0.0, low: float = 0.0) -> Owners:
+def partition(scene: Scene, ranks: int, reach: float = 0.0, low: float = 0.0,
+              moved: np.ndarray | None = None) -> Owners:
     """Owners of the particles of a `scene` among a number of `ranks`.
 
     Each rank gets whole cells if that balances their cost: then only contacts are exchanged.  Of many cells those on
@@ -28,33 +30,32 @@ def partition(scene: Scene, ranks: int, reach: float = 0.0, low: float = 0.0) ->
     cache of one rank only.  Where slices would be too thin or cost more, space is bisected.
 
     reach : largest distance at which surfaces of two cells act on each other [µm], 0 without contacts;  low : largest
-    height at which they act on the substrate [µm], 0 without one.
+    height at which they act on the substrate [µm], 0 without one;  moved : (m, D) displacements of all surface
+    particles [µm], None in the reference configuration.
     """
     if ranks == 1:
         return Owners(scene, np.zeros(len(scene.kind), np.int32))
-    work = work_of(scene, reach, low)
+    work = work_of(scene, reach, low, moved)
     return _many(work, ranks) if ranks * MANY <= len(scene.kind) else _few(work, ranks)
 
 
 def _many(work: Work, ranks: int) -> Owners:
     """Owners where ranks have several cells each."""
     scene, cost = work.scene, work.of_cells
-    middle = np.array([t.X.mean(axis=0) for t in scene.templates])
-    centre = scene.centre + middle[scene.kind]
-    whole = _improved(work, ranks, cost, lambda cost: Owners(scene, bisection(centre, ranks, cost)))
+    whole = _improved(work, ranks, cost, lambda cost: Owners(scene, bisection(work.centre, ranks, cost)))
     if whole.load.max() <= 1.0 + BALANCE:
         return whole
-    divided = _improved(work, ranks, cost, lambda cost: Owners(scene, *cut(centre, cost, ranks)))
+    divided = _improved(work, ranks, cost, lambda cost: Owners(scene, *cut(work.centre, cost, ranks)))
     return min(whole, divided, key=lambda one: one.most)
 
 
 def _few(work: Work, ranks: int) -> Owners:
     """Owners where cells are few."""
     scene, cost, cells = work.scene, work.of_cells, len(work.rows)
-    middle, thick = np.array([t.X.mean(axis=0) for t in scene.templates]), np.sqrt(np.diff(scene.offset).min()) / THICK
+    thick = np.sqrt(np.diff(scene.offset).min()) / THICK
     found: list[Owners] = []
     for team in (p for p in range(1, ranks + 1) if ranks % p == 0 and p <= max(1.0, thick)):
-        first = bisection(scene.centre + middle[scene.kind], ranks // team, cost)
+        first = bisection(work.centre, ranks // team, cost)
         found.append(work.loaded(Owners(scene, team * first, team), ranks))
         if found[-1].load.max() <= 1.0 + BALANCE:
             break
@@ -72,8 +73,8 @@ def _improved(work: Work, ranks: int, cost: np.ndarray, deal: Callable[[np.ndarr
     found: list[Owners] = []
     while len(found) < TRIES and (not found or found[-1].load.max() > 1.0 + BALANCE):
         found.append(work.loaded(deal(cost), ranks))
-        last = found[-1]
-        cost = cost * (last.load[last.of(np.arange(len(cost)))] if last.free else last.among(last.load))
+        last, more = found[-1], found[-1].load**STEP
+        cost = cost * (more[last.of(np.arange(len(cost)))] if last.free else last.among(more))
     return min(found, key=lambda one: one.most)
 
 

@@ -82,7 +82,7 @@ class Run:
             self._save_manifest()
         self._log_header()
         with self.timers("build"), option_errors():
-            self.simulation = self._build(prune, origin_state)
+            self.simulation = self._build(prune, origin_state, state)
         if state:
             checkpointing.check_method(state, self.simulation, options)
         self._log_scene()
@@ -100,10 +100,11 @@ class Run:
         if not self._integrator.between_samples:
             self.schedule.resumable = self._state()
 
-    def _build(self, prune: bool, origin_state: Checkpoint | None) -> Simulation:
+    def _build(self, prune: bool, origin_state: Checkpoint | None, state: Checkpoint | None) -> Simulation:
         try:
             case, self.reason = choose(self.case, self.comm)
-            return Simulation(case, self.comm, prune, start=origin_state.stored if origin_state else None)
+            moved = state.stored["surface renewed"] if state and self.log.root else None
+            return Simulation(case, self.comm, prune, start=origin_state.stored if origin_state else None, moved=moved)
         except (CaseError, NumericsError) as error:  # found only once there are particles
             require_all(self.comm, error)
             status = FAILED if isinstance(error, NumericsError) else INVALID_INPUT

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import built, case
+from scenes import CASES, built, case
 
 from mpi4py import MPI
 
-from cellmig.case.load import from_dict
+from cellmig.case.load import from_dict, load
 from cellmig.kernel.layout import number
 from cellmig.meshfree.scene import Scene
 from cellmig.meshfree.terms import find_terms
@@ -77,6 +77,69 @@ def test_cells_near_the_substrate_cost_more() -> None:
     scene = packed(3, 300, 14.0)
     more = work_of(scene, 0.0, 1.0).of_cells - work_of(scene).of_cells
     assert (more > 0.0).tolist() == (scene.centre[:, 2] < 6.0).tolist() and set(more[more > 0.0] % LOW[3]) == {0.0}
+
+
+def test_cells_that_have_moved_are_dealt_out_by_what_they_touch_now() -> None:
+    scene = packed(2, 300, 14.0)
+    places = np.arange(scene.first_surface[-1])
+    along = 4.0 * (scene.cell_at(places)[:, None] - 12) * [-1.0, 0.0]  # the row closes up
+    moved = np.where(scene.cell_at(places)[:, None] >= 12, along, 0.0)
+    before, now = work_of(scene, 0.5), work_of(scene, 0.5, moved=moved)
+    touching = [np.unique(scene.cell_of(work.near)).tolist() for work in (before, now)]
+    assert touching == [list(range(12)), list(range(16))]
+    assert now.centre[12:, 0] == pytest.approx([60.0, 70.0, 80.0, 90.0], abs=0.05)
+    assert now.of_ranks(partition(scene, 2, 0.5, moved=moved), 2).max() <= 1.03 * now.of_cells.sum() / 2
+    few = work_of(scene, 0.5, moved=moved, most=len(places) // 3)
+    assert np.unique(scene.cell_of(few.near)).tolist() == touching[1]
+
+
+COLONY = """
+extends = '{}'
+particles.per_cell = {}
+protrusion.cells = ["Large-{{}}"]
+[[cells]]
+name = "Large-{{}}"
+shape = "{}"
+radius = "5 um"
+material = "cytoplasm"
+rest = true
+repeat = [{}]
+[[cells]]
+name = "Small-{{}}"
+shape = "{}"
+radius = "4 um"
+material = "cytoplasm"
+rest = true
+repeat = [{}]
+[[colony]]
+law = "random"
+box = {}
+"""
+COLONIES = {"a row of 24": ("paper", 200, "disc", 12, [["0 um"], ["260 um"]], (20, 60, 120, 200)),
+            "12 in space": ("three_balls", 200, "ball", 6, [["0 um", "0 um"], ["40 um", "40 um"]], (10, 25, 40, 60))}
+
+
+@pytest.mark.serial
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COLONIES)
+def test_a_partition_ages_little_while_cells_migrate(name: str, tmp_path: Path) -> None:
+    base, count, shape, cells, box, times = COLONIES[name]
+    path = tmp_path / "case.toml"
+    path.write_text(COLONY.format(CASES[base], count, shape, cells, shape, cells, box))
+    lost = []
+    with built(load(path, (f'time.end="{times[-1]} us"',)), MPI.COMM_SELF) as sim:
+        near, scene = (sim.terms.reach, sim.terms.low), sim.scene
+        x0 = sim.mechanics.segments.everywhere()
+        for time in times:
+            sim.go(time)
+            moved = sim.mechanics.segments.everywhere() - x0
+            for ranks in (2, 4):
+                old = work_of(scene, *near, moved).loaded(partition(scene, ranks, *near), ranks)
+                new = partition(scene, ranks, *near, moved)
+                lost.append(old.most / new.most - 1.0)
+                print(f"{name}, {time} us, {ranks} ranks: {old.load.max():.3f} of the mean, anew {new.load.max():.3f}; "
+                      f"{100 * lost[-1]:.1f} % more than anew")
+    assert np.mean(lost) < 0.05 and max(lost) < 0.15
 
 
 @pytest.mark.parametrize(("name", "ranks"), [("three_balls", 2), ("three_balls", 3), ("sheet", 3)])
