@@ -51,8 +51,8 @@ box = [["0 um"], ["110 um"]]
 """
 THREE = f"""
 extends = '{CASES["all_protrude"]}'
-particles.per_cell = 150
-time = {{ end = "100 us", samples = 100, frames = 50 }}
+particles.per_cell = 100
+time = {{ end = "40 us", samples = 40, frames = 20 }}
 """
 SCENES = {"three cells": THREE, "a colony": COLONY}
 EQUAL = ("history.csv", "neighbours.csv")  # the same to the last byte
