@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,9 +70,9 @@ class Work:
         return self._of_rows(owners, ranks) + between + np.bincount(owners.of(self.low), self.beneath, ranks)
 
     def loaded(self, owners: Owners, ranks: int) -> Owners:
-        """The `owners`, who know what each of `ranks` has of this work."""
+        """The `owners`, who know what each of `ranks` has of this work: infinitely much where one has none."""
         cost = self.of_ranks(owners, ranks)
-        return replace(owners, load=cost / cost.mean(), most=float(cost.max()))
+        return replace(owners, load=cost / cost.mean(), most=float(cost.max()) if cost.min() > 0.0 else math.inf)
 
     def _of_rows(self, owners: Owners, ranks: int) -> np.ndarray:
         scene, whole, load = self.scene, self.rows.copy(), np.zeros(ranks)

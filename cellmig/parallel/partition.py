@@ -60,8 +60,13 @@ def _few(work: Work, ranks: int) -> Owners:
         if found[-1].load.max() <= 1.0 + BALANCE:
             break
     count, x = scene.offset[1:-1], scene.X
-    free = _improved(work, ranks, work.of_particles, lambda cost: Owners(
-        scene, np.zeros(cells, np.int32), free=dict(enumerate(np.split(bisection(x, ranks, cost), count)))))
+
+    def cut_in_space(cost: np.ndarray | None) -> Owners:
+        owner = np.split(bisection(x, ranks, cost), count)
+        return Owners(scene, np.zeros(cells, np.int32), free=dict(enumerate(owner)))
+
+    free = min(_improved(work, ranks, work.of_particles, cut_in_space), work.loaded(cut_in_space(None), ranks),
+               key=lambda one: one.most)
     best = min(found, key=lambda one: one.most)
     return best if best.most <= (1.0 + EXTRA[scene.dimension]) * free.most else free
 

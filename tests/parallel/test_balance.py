@@ -93,6 +93,14 @@ def test_cells_that_have_moved_are_dealt_out_by_what_they_touch_now() -> None:
     assert np.unique(scene.cell_of(few.near)).tolist() == touching[1]
 
 
+@pytest.mark.parametrize("ranks", [2, 5, 7, 13])
+@pytest.mark.parametrize(("name", "count"), [("three_balls", 60), ("all_protrude", 20), ("sheet", 60), ("ball", 60)])
+def test_every_rank_has_particles_also_where_they_are_few(name: str, count: int, ranks: int) -> None:
+    scene, terms = discretise(case(name, per_cell=count)), find_terms(case(name))
+    owners = partition(scene, ranks, terms.reach, terms.low)
+    assert np.bincount(owners.of(np.arange(scene.size)), minlength=ranks).min() > 0
+
+
 COLONY = """
 extends = '{}'
 particles.per_cell = {}
