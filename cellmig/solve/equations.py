@@ -187,16 +187,17 @@ class Equations:
         """
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
-        work = 0.0
-        for _ in range(STIFFENINGS):
+        operators, work = ksp.getOperators(), 0.0
+        for factor in self._stiffer ** np.exp2(np.arange(STIFFENINGS)):
             self.acceleration(t, u, v)
-            self._assemble(self._stiffer * by_v, by_a, ksp.getPC())
+            self._assemble(factor * by_v, by_a, ksp.getPC())
+            ksp.setOperators(*operators)  # new contacts have reset the preconditioner
             ksp.solve(residual, step)
-            work = residual.dot(step)
+            work, self._stiffer = residual.dot(step), max(STIFFER, factor**0.5)
             if work > 0.0:
                 break
-            self._stiffer **= 2
-        self._stiffer = max(self._stiffer**0.5, STIFFER)
+        else:
+            self._stiffer = STIFFER
         self.exact = exact
         return work
 
