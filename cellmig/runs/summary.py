@@ -250,7 +250,7 @@ def describe_laws(case: Case, simulation: Simulation) -> list[tuple[str, str]]:
     t = simulation.terms
     rows += [("substrate", text) for text in _law_text(t.substrate)] + describe_contacts(case, t)
     if t.protrusion is not None and case.protrusion:
-        rows.append(("protrusion", f"{', '.join(case.protrusion.cells)}; ratio {t.protrusion.protrusion_ratio:g}, "
+        rows.append(("protrusion", f"{_named(case.protrusion.cells)}; ratio {t.protrusion.protrusion_ratio:g}, "
                                    f"height {t.protrusion.height:g} µm"))
     return rows + describe_guidance(case)
 
@@ -266,7 +266,7 @@ def describe_guidance(case: Case) -> list[tuple[str, str]]:
     rows += _polarities(case)
     for number, cue in enumerate(case.cues):
         of = f" of {cue.field}" if getattr(cue, "field", None) else ""
-        who = f"; {', '.join(cue.cells[:LISTED])}{' …' * (len(cue.cells) > LISTED)}" if cue.cells else ""
+        who = f"; {_named(cue.cells)}" if cue.cells else ""
         rows.append(("cues" if not number else "", f"{number} {cue.law}{of}, gain {cue.gain:g}{who}"))
     return rows
 

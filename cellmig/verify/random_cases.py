@@ -14,6 +14,7 @@ from .random_bodies import cells_in_space, decades, extent, outline, text
 from .random_cues import guide
 
 Tables = dict[str, Any]
+REACH = 1.0  # of the bonds to the substrate, beyond which a push is refused [µm]
 
 
 def scene(seed: int, number: int, dimension: int = 2) -> Tables:
@@ -30,7 +31,7 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
             some = [name for name in names if rng.random() < 0.6]
             ratio = float(rng.choice([0.0, 0.06, 0.3, decades(rng, -2, 1), 10.0]))
             tables["protrusion"] = {"cells": some, "protrusion_ratio": ratio,
-                                    "height": text(decades(rng, -1, 0.5), "um")}
+                                    "height": text(min(decades(rng, -1, 0.5), REACH), "um")}
     if rng.random() < 0.8:
         tables.setdefault("adhesion", {})["cells"] = _bonds(rng)
         if pairs := _pairs(np.random.default_rng([seed, number, 2]), names):

@@ -110,7 +110,8 @@ def _cue(rng: np.random.Generator, about: Scales, fields: list[str], names: list
         found["field"] = str(rng.choice(fields))
         found["affinity"] = AFFINITY[found["field"]]
     if law == "occupancy":
-        return found | {"gain": decades(rng, 0, 2)} | ({"receptors": decades(rng, 1, 5)} if rng.random() < 0.5 else {})
+        found["gain"] = decades(rng, 0, 2)
+        return found | ({"receptors": max(30.0, decades(rng, 1, 5))} if rng.random() < 0.5 else {})
     if law == "motion":
         found["speed"] = text(about.size / about.end * decades(rng, -3, 0), f"um/{about.unit}")
     if law == "given":

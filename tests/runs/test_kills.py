@@ -54,7 +54,14 @@ extends = '{CASES["all_protrude"]}'
 particles.per_cell = 100
 time = {{ end = "40 us", samples = 40, frames = 20 }}
 """
-SCENES = {"three cells": THREE, "a colony": COLONY}
+BALLS = f"""
+extends = '{CASES["three_balls"]}'
+particles.per_cell = 100
+time = {{ end = "20 us", samples = 40, frames = 20 }}
+materials.cytoplasm = {{ eta = "100 pN", zeta = "-5 Pa" }}
+director = {{ law = "relaxing", start = "radial", anchoring = "surface" }}
+"""
+SCENES = {"three cells": THREE, "a colony": COLONY, "balls with a director": BALLS}
 EQUAL = ("history.csv", "neighbours.csv")  # the same to the last byte
 START = 1.0  # seconds in which a run has no more than begun
 PATIENCE = 600.0  # seconds after which a run that goes on hangs, on a machine that has other work
