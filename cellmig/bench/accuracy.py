@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cellmig.case.accuracy import measurements
+from cellmig.case.messages import CaseError
 from cellmig.exits import DONE, STOPPED
 from cellmig.output.directory import replace
 from cellmig.output.log import clock, table
@@ -163,7 +164,7 @@ def bench_error(out: Path, quick: bool = False, names: Sequence[str] = ()) -> in
                 return STOPPED
             try:
                 point, series = measure_problem(problem, setting, stopwatch)
-            except NumericsError as error:
+            except (CaseError, NumericsError) as error:  # or so few particles that they do not fill the body
                 broken.append(Broken(problem.name, setting, str(error)))
                 continue
             parts = problem.judge(np.array(problem.times), series, finest.get(problem.name))
@@ -239,7 +240,9 @@ def report(points: Sequence[Point], broken: Sequence[Broken], uncertain: dict[st
         lines += [f"{len(broken)} runs broke:", "", *table(
             ["problem", "particles", "change of the defaults", "message"],
             [[b.problem, str(b.setting.per_cell), b.setting.description, b.message] for b in broken]), ""]
-    return [*lines, verdict(best)]
+    all_there = len(measured) == len(PROBLEMS)
+    some = "" if all_there else f"Defaults are chosen by all problems; by {' and '.join(measured)} alone:  "
+    return [*lines, some + verdict(best)]
 
 
 def _line(p: Point, default: Sequence[Point]) -> list[str]:

@@ -69,6 +69,12 @@ def test_a_change_with_which_runs_break_gains_nothing_and_one_that_was_not_measu
     assert any("cell" not in line and "at 7 µs" in line for line in report(points, broken, {}))
 
 
+def test_the_verdict_on_some_problems_says_that_defaults_are_chosen_by_all():
+    points = {name: [*curve(1.0, name), *curve(2.0, name, bulk_viscosity=0.0)] for name in PROBLEMS}
+    assert "all problems; by turn alone:  The defaults should be" in report(points["turn"], [], {})[-1]
+    assert report([p for some in points.values() for p in some], [], {})[-1].startswith("The defaults should be")
+
+
 def test_what_gains_and_is_unfit_is_named_and_does_not_become_the_default():
     unfit, fit = (({key: value}, dict.fromkeys(PROBLEMS, gained)) for key, value, gained in (
         ("stabilisation", 0.25, 5.0), ("modulus", 1.25, 2.0)))
