@@ -181,25 +181,27 @@ class Equations:
         """Set a Newton step to one that goes down in energy, by tangents of shorter time steps; collective.
 
         Where a contact lets go, or closes, the tangent is indefinite, and a Newton step leads to the state between.
-        That of a shorter time step is definite, as viscosity grows with 1/dt.
+        That of a shorter time step is definite, as viscosity grows with 1/dt, but where friction falls with the speed:
+        there the step is reversed.
 
-        Returns the work of the residual on the step [pN, pN µm], positive unless no tangent was definite.
+        Returns the work of the residual on the step [pN, pN µm], which is not negative.
         """
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
-        operators, work = ksp.getOperators(), 0.0
+        operators, reversed_step = ksp.getOperators(), -step
         for factor in self._stiffer ** np.exp2(np.arange(STIFFENINGS)):
             self.acceleration(t, u, v)
             self._assemble(factor * by_v, by_a, ksp.getPC())
             ksp.setOperators(*operators)  # new contacts have reset the preconditioner
             ksp.solve(residual, step)
-            work, self._stiffer = residual.dot(step), max(STIFFER, factor**0.5)
-            if work > 0.0:
+            self._stiffer = max(STIFFER, factor**0.5)
+            if residual.dot(step) > 0.0:
                 break
         else:
             self._stiffer = STIFFER
+            reversed_step.copy(step)
         self.exact = exact
-        return work
+        return residual.dot(step)
 
     def apply(self, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Change of the residual [pN/µm] with u, v and a [µm, µm/µs, µm/µs²], each (n_owned, d); collective."""

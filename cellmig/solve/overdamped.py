@@ -172,9 +172,9 @@ class Overdamped(Implicit):
         for _ in range(HALVINGS):
             trial.waxpy(-share, step, x)
             snes.computeFunction(trial, out)
-            ahead = out.dot(step) / work
-            grows = grows and ahead > 1.0 and share < most
-            if not grows and ahead >= -1.0:
+            ahead = out.dot(step)
+            grows = grows and ahead > work and share < most
+            if not grows and ahead >= -work:
                 break
             share = min(2.0 * share, most) if grows else 0.5 * share
         step.scale(share)
