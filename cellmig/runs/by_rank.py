@@ -21,8 +21,9 @@ from .summary import describe_balance, span
 ALIKE, BUILT = 8, 20_000  # most kinds of cells, and about as many particles of them all, that stand for all kinds
 CUT = 8  # cut cells of a rank of which copies are counted
 # Memory [B], measured: of a rank, Python, PETSc and MPI; of a particle besides the kernel's arrays; of one of a kind of
-# cells on rank 0, which builds it, and on the others; of a cell of the scene.
-RANK_BYTES, SCENE_BYTES, KIND_BYTES, HELD_BYTES, CELL_BYTES = 127e6, 850, 8_200, 2_800, 1_700
+# cells on rank 0, which builds it, and on the others; of a cell of the scene; of a particle of several cells in space,
+# while the lists of contacts between them are made.
+RANK_BYTES, SCENE_BYTES, KIND_BYTES, HELD_BYTES, CELL_BYTES, LISTS_BYTES = 127e6, 850, 8_200, 2_800, 1_700, 5_400
 
 
 class Parts(NamedTuple):
@@ -94,12 +95,17 @@ def _copies(owners: Owners, rank: int) -> float:
     return (len(found.ids) - found.n_owned) * len(cut) / len(some)
 
 
+def scene_bytes(case: Case) -> int:
+    """Memory of a particle of a case besides the kernel's arrays [B]."""
+    return SCENE_BYTES + (LISTS_BYTES if case.dimension == 3 and len(case.cells) > 1 else 0)
+
+
 def memory(case: Case, row_bytes: float, particles: float, first: bool = True) -> float:
     """Memory of a rank with some `particles` [B], the `first` of which builds the kinds of cells; `row_bytes` : of the
     kernel's arrays per particle.
     """
     held = (KIND_BYTES if first else HELD_BYTES) * sum(kinds_of(case).values())
-    return RANK_BYTES + particles * (row_bytes + SCENE_BYTES) + held + CELL_BYTES * len(case.cells)
+    return RANK_BYTES + particles * (row_bytes + scene_bytes(case)) + held + CELL_BYTES * len(case.cells)
 
 
 def describe_parts(parts: Parts, seconds: float | None = None) -> list[tuple[str, str]]:

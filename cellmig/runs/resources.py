@@ -15,7 +15,7 @@ from cellmig.output.directory import together
 from cellmig.output.manifest import memory_sizes
 from cellmig.parallel.options import IMPLICIT, requested_integrator
 
-from .by_rank import CELL_BYTES, HELD_BYTES, KIND_BYTES, RANK_BYTES, SCENE_BYTES, kinds_of, of_cells
+from .by_rank import CELL_BYTES, HELD_BYTES, KIND_BYTES, RANK_BYTES, kinds_of, of_cells, scene_bytes
 from .preflight import bytes_text, disk_bytes, solver_bytes
 
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
@@ -43,7 +43,7 @@ def _lacks(case: Case, directory: Path, ranks: int, everywhere: int) -> Iterable
     """What a machine with some of the ranks lacks; they have their share of the particles."""
     counts, share = of_cells(case), ranks / everywhere
     kinds = sum(kinds_of(case).values())
-    needed = share * SCENE_BYTES * sum(counts) + KIND_BYTES * kinds + HELD_BYTES * kinds * (ranks - 1)
+    needed = share * scene_bytes(case) * sum(counts) + KIND_BYTES * kinds + HELD_BYTES * kinds * (ranks - 1)
     needed += (RANK_BYTES + CELL_BYTES * len(counts)) * ranks
     if requested_integrator(case.time.integrator) in ("static", *IMPLICIT):
         needed += share * solver_bytes(case)
