@@ -197,24 +197,26 @@ class Implicit(Integrator):
 
         Returns whether it was shortened.  Source: step limits of incremental potential contact, Li et al. (2020).
         """
-        move = self._move(step)
-        longest = largest(self.mechanics.comm, move)
-        share = min(1.0, LONGEST * self.equations.spacing / max(longest, 1e-300))
+        most = LONGEST * self.equations.spacing / max(largest(self.mechanics.comm, self._move(step)), 1e-300)
+        share = min(1.0, most)
         trial, out = x.duplicate(), x.duplicate()
         for _ in range(HALVINGS):
             trial.waxpy(-share, step, x)
             self.ts.getSNES().computeFunction(trial, out)
-            if self._acceptable(out.norm()):
+            better = self._better(share, most, step, out)
+            if better == share:
                 break
-            share *= 0.5
+            share = better
         step.scale(share)
         trial.destroy()
         out.destroy()
         return share < 1.0
 
-    def _acceptable(self, norm: float) -> bool:
-        """Whether a Newton step may lead to a residual of this norm [pN/µm]: nan where surfaces cross."""
-        return bool(np.isfinite(norm))
+    def _better(self, share: float, most: float, step: PETSc.Vec, out: PETSc.Vec) -> float:
+        """The share of a Newton step [-], up to `most`, to take in place of one whose end has the residual `out`, nan
+        where surfaces cross [pN/µm]; the same one if it may stay.
+        """
+        return share if np.isfinite(out.norm()) else 0.5 * share
 
     def _move(self, step: PETSc.Vec) -> np.ndarray:
         """Displacements (n_owned, d) [µm] of a Newton step."""

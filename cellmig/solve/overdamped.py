@@ -15,7 +15,7 @@ from ..parallel.collect import Arrays
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
-from .implicit import BALANCE, HALVINGS, LONGEST, Implicit
+from .implicit import BALANCE, Implicit
 
 SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, mean over particles, over the spacing [-]: one that snaps does not set the step
@@ -64,6 +64,7 @@ class Overdamped(Implicit):
         """Create the TS, see `Integrator`; collective."""
         self.unbalanced = self.last = self.least = 0.0
         self._solved = True  # whether the last solve was one
+        self._work, self._grows = 0.0, True  # of the residual on a Newton step, and whether it grows along it
         super().__init__(*about)
         self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
 
@@ -145,7 +146,7 @@ class Overdamped(Implicit):
     # ------------------------------------------------------------ equations
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """As of any implicit step; notes the norm, and whether the solve has succeeded."""
+        """As of any implicit step; notes whether the solve has succeeded."""
         found = super()._converged(snes, iteration, norms)
         self._solved = found > 0
         return found
@@ -163,24 +164,18 @@ class Overdamped(Implicit):
         """
         snes = self.ts.getSNES()
         residual = snes.getFunction()[0]
-        work = residual.dot(step)
-        if work <= 0.0:
-            work = self.equations.descend(residual, step, snes.getKSP())
-        most = LONGEST * self.equations.spacing / max(largest(self.mechanics.comm, self._move(step)), 1e-300)
-        share, grows = min(1.0, most), True
-        trial, out = x.duplicate(), x.duplicate()
-        for _ in range(HALVINGS):
-            trial.waxpy(-share, step, x)
-            snes.computeFunction(trial, out)
-            ahead = out.dot(step)
-            grows = grows and ahead > work and share < most
-            if not grows and ahead >= -work:
-                break
-            share = min(2.0 * share, most) if grows else 0.5 * share
-        step.scale(share)
-        trial.destroy()
-        out.destroy()
+        self._work, self._grows = residual.dot(step), True
+        if self._work <= 0.0:
+            self._work = self.equations.descend(residual, step, snes.getKSP())
+        super()._shorten(x, step)
         return True
+
+    def _better(self, share: float, most: float, step: PETSc.Vec, out: PETSc.Vec) -> float:
+        ahead = out.dot(step)
+        self._grows = self._grows and ahead > self._work and share < most
+        if self._grows:
+            return min(2.0 * share, most)
+        return share if ahead >= -self._work else 0.5 * share
 
     def _out_of_balance(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f."""
