@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -166,38 +167,37 @@ class Progress:
             self._bar.close()
 
 
-class _Section:
-    """Sum of wall time between enter and exit [s]."""
-
-    __slots__ = ("_begin", "seconds")
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __enter__(self) -> None:
-        self._begin = perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        self.seconds += perf_counter() - self._begin
-
-
 class Timers:
-    """Wall time by section, as in ``with timers("contact"):``; sections must not be nested."""
+    """Wall time by section, as in ``with timers("contact"):``; a section inside another interrupts that one."""
 
     def __init__(self) -> None:
-        self._sections: dict[str, _Section] = {}
-        self._begin = perf_counter()
+        self._seconds: dict[str, float] = {}
+        self._open = ["other"]
+        self._since = perf_counter()
 
-    def __call__(self, name: str) -> _Section:
-        """The section of this name."""
-        if name not in self._sections:
-            self._sections[name] = _Section()
-        return self._sections[name]
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Time what is done inside as part of this section."""
+        self._settle()
+        self._open.append(name)
+        try:
+            yield
+        finally:
+            self._settle()
+            self._open.pop()
+
+    def _settle(self) -> None:
+        """Give the time since the last change of section to the one that is open."""
+        now, name = perf_counter(), self._open[-1]
+        self._seconds[name] = self._seconds.get(name, 0.0) + now - self._since
+        self._since = now
 
     def seconds(self) -> dict[str, float]:
-        """Wall time of this rank by section [s]; `other` is time outside of sections since the timers were created."""
-        spent = {name: section.seconds for name, section in self._sections.items()}
-        return spent | {"other": perf_counter() - self._begin - sum(spent.values())}
+        """Wall time of this rank by section since the timers were created [s]; `other` is outside of all sections."""
+        self._settle()
+        spent = dict(self._seconds)
+        other = spent.pop("other")
+        return {**spent, "other": other}
 
     def summary(self, comm: MPI.Intracomm) -> str:
         """Table of sections: smallest, mean and largest time of the ranks, share of the total; collective."""

@@ -87,7 +87,7 @@ class Run:
             checkpointing.check_method(state, self.simulation, options)
         self._log_scene()
         self.strain = StrainWatch(self.simulation.mechanics)
-        self.worst_energy_error = self.step_seconds = self.wall_before = 0.0
+        self.worst_energy_error = self.steps_before = self.wall_before = 0.0
         self.entries: dict[str, float] = {}
         self.output_time, self.stopping, self.resumed = -1.0, "", []  # last output time [µs]
         self.frames: Frames | None = None
@@ -210,7 +210,7 @@ class Run:
         about, arrays = self.simulation.saved()
         files = {**self.tables.ends(), "frames": self.frames.count if self.frames else self.frames_before}
         run = {"output_time": self.output_time, "worst_energy_error": self.worst_energy_error, "resumed": self.resumed,
-               "step_seconds": self.step_seconds, "wall_seconds": self._wall(), "strain": self.strain.saved()}
+               "step_seconds": self._step_seconds(), "wall_seconds": self._wall(), "strain": self.strain.saved()}
         now = checkpointing.method(self.simulation, self.manifest["petsc_options"])
         return Checkpoint({"format": checkpointing.FORMAT, "id": self.manifest["run_id"],
                            "from": self.manifest.get("from"),
@@ -222,7 +222,7 @@ class Run:
         self.simulation.restore(state.about["state"], state.stored)
         run = state.about["past"]
         self.output_time, self.worst_energy_error = run["output_time"], run["worst_energy_error"]
-        self.step_seconds, self.wall_before = run["step_seconds"], run["wall_seconds"]
+        self.steps_before, self.wall_before = run["step_seconds"], run["wall_seconds"]
         self.strain.restore(run["strain"])
         self.resumed = [*run["resumed"], {"time_us": state.about["time_us"], "ranks": self.comm.size}]
         self.manifest["resumed"] = self.resumed
@@ -240,15 +240,15 @@ class Run:
         """Wall time of the run, with that before it was resumed [s]."""
         return self.wall_before + perf_counter() - self.begin
 
+    def _step_seconds(self) -> float:
+        """Wall time of all steps, with those before it was resumed [s]."""
+        return self.steps_before + self.timers.seconds().get("steps", 0.0)
+
     # ------------------------------------------------------------ steps and samples
 
     def _advance(self, stop: float) -> None:
         with self.timers("steps"):
-            start = perf_counter()
-            try:
-                self.simulation.go(stop)
-            finally:  # the report on a run that failed tells the time of its steps, too
-                self.step_seconds += perf_counter() - start
+            self.simulation.go(stop)
 
     def _write_outputs(self, sample: bool, frame: bool) -> None:
         s = self.simulation
@@ -344,7 +344,7 @@ class Run:
 
     def _finish(self, status: int, cause: str) -> None:
         s, run, wall = self.simulation, self._integrator, self._wall()
-        per_step = 1e9 * self.step_seconds / max(1, run.steps) / s.scene.size
+        per_step = 1e9 * self._step_seconds() / max(1, run.steps) / s.scene.size
         mechanism = max(run.count, key=run.count.get) if run.count else ""
         impulse = IMPULSE[self.case.dimension]
         self.manifest |= {

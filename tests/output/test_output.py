@@ -433,6 +433,21 @@ def test_the_closing_summary_has_every_section_over_the_ranks_and_adds_up_to_the
     assert sum(float(row[3]) for row in rows.values()) == pytest.approx(100, abs=0.2)  # rounded to 0.1 each
 
 
+def test_a_section_inside_another_interrupts_it_so_that_no_time_counts_twice(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("cellmig.output.log.perf_counter", lambda: now[0])
+    timers = Timers()
+    with timers("steps"):
+        now[0] += 2.0
+        with timers("checkpoints"):
+            now[0] += 4.0
+        now[0] += 3.0
+    with timers("checkpoints"):
+        now[0] += 1.0
+    now[0] += 6.0
+    assert timers.seconds() == {"steps": 5.0, "checkpoints": 5.0, "other": 6.0}
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(8.2, "8 s"), (59.7, "1:00"), (125, "2:05"), (3725, "1:02:05"),
                                                   (276480, "3.2 days"), (2.714e8, "8.6 years")])
 def test_wall_time_is_told_as_people_tell_it(seconds, text):
