@@ -60,7 +60,7 @@ def pairs(rows: Iterable[tuple[str, Any]]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table that sorts by a click on the head of a column; numbers stand at the right."""
+    """A table that sorts by a click on the head of a column."""
     top = "".join(f"<th scope=col><button type=button>{escape(text)}</button></th>" for text in head)
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
     return f'<div class="wide"><table class="sorts"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'

@@ -135,7 +135,7 @@ def _warnings(directory: Path, manifest: dict[str, Any], log: list[str]) -> Iter
         yield str(manifest.get("cause") or f"exit code {status}"), (
             "docs/stability.md tells what ends a run; a smaller time.step_factor or finer particles are the first to "
             "try." if status == FAILED else "docs/troubleshooting.md lists messages and remedies.")
-    text = "\n".join(log)
+    text = "\n".join(line for line in log if not _PROGRESS.match(line))
     for found in re.findall(r"^WARNING:? +(?:at )?(.*(?:\n +.*)*)|(.*TOO LARGE.*)", text, re.MULTILINE):
         warning = re.sub(r"\s*\n\s*", " ", found[0] or found[1])
         yield warning, next((remedy for piece, remedy in _REMEDIES.items() if piece in warning), "")

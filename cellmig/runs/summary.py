@@ -6,7 +6,7 @@ import dataclasses
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from cellmig.model.ground import fields_of
 from cellmig.model.protocols import Adhesion
 from cellmig.model.seifert import solid
 from cellmig.output.log import duration
-from cellmig.simulation import Simulation
 from cellmig.solve.step import binding
 
 from .estimates import LASTING, SMALL, Expected, expected, polarities
+
+if TYPE_CHECKING:  # imports MPI, which opens ports to all addresses; `watch` is to listen to this machine alone
+    from cellmig.simulation import Simulation
 
 FLOATING = 5  # largest number of cells that a warning names
 LISTED = 4  # the same of a pair, and of kinds of cells in space

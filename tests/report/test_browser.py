@@ -218,12 +218,30 @@ def test_tables_sort_by_a_key_on_their_heads(page: Callable[[str], Browser]) -> 
 def test_lines_differ_in_more_than_their_colours(page: Callable[[str], Browser]) -> None:
     one = page("all_protrude")
     assert one.does("return new Set([0, 1, 2, 3].map(k => String(dashOf(k)))).size") == 4
+    marks = one.does("return [...document.querySelectorAll('#history .u-legend')].map(legend => "
+                     "[...legend.querySelectorAll('.u-marker')].slice(1).map(mark => mark.style.background))")
+    dashes = [[re.sub(r"rgb\(.*?\)", "", mark) for mark in legend] for legend in marks]
+    assert dashes and all(len(set(legend)) == len(legend) == 4 for legend in dashes)  # the mean and three cells
+
+
+def test_a_page_that_is_hidden_for_a_while_is_drawn_again(page: Callable[[str], Browser]) -> None:
+    """As in a part of another page that is folded: nothing has a width."""
+    one = page("all_protrude")
+    before = one.settled()
+    for shown in ("none", ""):
+        one.does("document.querySelector('main').style.display = arguments[0]", shown)
+        one.does("return document.documentElement.offsetHeight")  # lays it out
+        one.until("return player.canvas.clientWidth > 0 === (arguments[0] === '')".replace("arguments[0]", repr(shown)))
+    one.does("player.paint()")
+    assert one.settled() == before
 
 
 def test_the_page_of_a_study_shows_its_runs_over_each_other(
         browser: Browser, coarse: Callable[[str], Path], tmp_path: Path) -> None:
     (tmp_path / "rows.csv").write_text("name,number\nb,2\na,10\n", encoding="utf-8")
-    path = write_study(tmp_path, "A study", [], [], {"Rows": tmp_path / "rows.csv"},
+    (tmp_path / "paths.csv").write_text(f"{','.join('abcdefghij')},path\n{9 * '0.12345678,'}1,runs/bonds=4000_seed=1\n",
+                                        encoding="utf-8")
+    path = write_study(tmp_path, "A study", [], [], {"Rows": tmp_path / "rows.csv", "Paths": tmp_path / "paths.csv"},
                        {name: coarse(name) for name in RUNS})
     browser.open(path.as_uri())
     assert browser.does("return document.querySelectorAll('.u-wrap canvas').length") >= 3
@@ -236,6 +254,8 @@ def test_the_page_of_a_study_shows_its_runs_over_each_other(
         browser.chrome.find_element(By.CSS_SELECTOR, f"#rows th:nth-child({column}) button").click()
         assert browser.does("return document.querySelector('#rows tbody').textContent") == order
     assert browser.does("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.does("return Math.max(...[...document.querySelectorAll('#paths td')].map(one => one.offsetHeight))"
+                        ) < 100  # names are not broken letter by letter
     assert browser.errors() == []
 
 

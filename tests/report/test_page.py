@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import http.client
 import json
+import os
 import re
 import shutil
 import signal
@@ -54,6 +55,13 @@ def copy(run: Path, tmp_path: Path) -> Path:
 def data_of(path: Path) -> dict[str, Any]:
     """The data in a page."""
     return json.loads(re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1])
+
+
+def listening(process: int) -> set[str]:
+    """Addresses and ports at which a process waits for connections, in hexadecimal."""
+    rows = [row.split() for table in ("tcp", "tcp6") for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]]
+    own = {os.readlink(file) for file in Path(f"/proc/{process}/fd").iterdir()}
+    return {row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in own}
 
 
 def unrounded(rounded: dict[str, Any]) -> np.ndarray:
@@ -252,6 +260,13 @@ def test_an_incomplete_run_says_how_to_go_on(copy: Path) -> None:
         assert describe(copy).lead.startswith("It runs; 20 of 20 µs") and not describe(copy).warnings
 
 
+def test_lines_of_progress_are_no_part_of_the_warning_above_them(copy: Path) -> None:
+    with (copy / "run.log").open("a", encoding="utf-8") as log:
+        log.write("WARNING at 3 µs: a cell is\n  stretched\n"
+                  "     3.5 µs   17.5 %  step        9  dt      0.7 ns  wall      5 s  left      1 s\n")
+    assert [text for text, _ in describe(copy).warnings] == ["3 µs: a cell is stretched"]
+
+
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is not the directory of a run"):
         report(tmp_path)
@@ -337,6 +352,8 @@ def test_watch_serves_this_machine_alone_and_leaves_nothing_behind(
     process, address = watched(copy)
     with urllib.request.urlopen(address) as answer:
         assert '"live":true' in answer.read().decode()
+    port = int(address.rstrip("/").rpartition(":")[2])
+    assert listening(process.pid) == {f"0100007F:{port:04X}"}  # 127.0.0.1, and nothing of MPI
     with urllib.request.urlopen(f"{address}state.json") as answer:
         first = answer.read()
     with open(copy / "run.log", "a", encoding="utf-8") as log:

@@ -5,6 +5,14 @@ const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9
 const DASHES = [[], [7, 3], [2, 2], [9, 3, 2, 3]];  // tell lines apart without colours
 const dashOf = k => DASHES[(k + Math.floor(k / COLOURS.length)) % DASHES.length];
 const HEIGHT = 220;
+
+/* A line as the background of its mark in a legend. */
+function stroke(colour, dash) {
+    let at = 0;
+    const parts = (dash.length ? dash : [1, 0]).map((long, k) => `${k % 2 ? "transparent" : colour} ${at}px ${at += long}px`);
+    return `repeating-linear-gradient(90deg, ${parts.join(", ")})`;
+}
+
 const SYNC = "time";
 
 /* A chart in `parent`.  lines: {label, values} each, values as long as x;  limit: of the vertical axis either way. */
@@ -34,6 +42,9 @@ function lineChart(parent, { x, unit, lines, axis, along = "time", limit = 0, se
                { label: axis, size: 62, labelSize: 18, values, font: "11px system-ui, sans-serif" }],
     }, [Array.from(x), ...columns], place);
     new ResizeObserver(() => chart.setSize({ width: Math.max(200, place.clientWidth), height })).observe(place);
+    chart.root.querySelectorAll(".u-legend .u-marker").forEach((mark, k) => {
+        if (k) mark.style.background = stroke(series[k].stroke, series[k].dash);
+    });
     chart.root.setAttribute("role", "img");
     chart.root.setAttribute("aria-label", `${axis} against ${along}: ${lines.slice(0, 8).map(line => line.label).join(", ")}`);
     if (seek && player) {

@@ -35,6 +35,7 @@ class Still {
 
     paint(canvas) {
         const ratio = Math.min(2, window.devicePixelRatio || 1), { clientWidth: width, clientHeight: height } = canvas;
+        if (!width) return;  // not in sight
         const ends = this.x.map(axis => [least(axis), -least(axis.map(value => -value))]), g = canvas.getContext("2d");
         const view = new View(this.run.dimension, ends.map(end => end[0]), ends.map(end => end[1]));
         Object.assign(canvas, { width: width * ratio, height: height * ratio });

@@ -119,6 +119,7 @@ class Player {
 
     resize() {
         const { dimension } = this.movie, { low, high } = this.view, width = this.canvas.clientWidth;
+        if (!width) return;  // not in sight, as in a part of another page that is folded
         const share = dimension === 2 ? (high[1] - low[1]) / (high[0] - low[0] || 1) : 0.5;
         const height = Math.round(Math.min(560, Math.max(220, share * (width - 56) + 40)));
         this.canvas.style.height = `${height}px`;
