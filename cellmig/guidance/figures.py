@@ -66,7 +66,7 @@ def _rows(results: Results) -> Figure | None:
     _points(ax, ROWS, results, names, lambda walk: walk.drift, color=COLOURS[0], label="mean of seeds ± s.e.")
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
     ax.set(xlabel="cells in the row", ylabel="drift up the gradient [µm/h]")
-    ax.legend(loc="lower right")
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.1))  # above the line of zero
     return figure
 
 

@@ -65,7 +65,7 @@ class Rendered(Solid):
                          layout="constrained")
         axes = figure.subplots(n if stacked else 1, 1 if stacked else n, squeeze=False).ravel()
         for ax in axes:
-            ax.set(xlim=self._box[0], ylim=self._box[1], aspect="equal")
+            ax.set(xlim=(0.0, wide), ylim=(0.0, high), aspect="equal")
             ax.set_axis_off()
             self._directions(ax)
         self.bar(figure, list(axes))
@@ -79,7 +79,7 @@ class Rendered(Solid):
     def _directions(self, ax: Axes) -> None:
         """Draw the axes of the scene in the lower left corner, and how long they are."""
         wide = np.ptp(self._box[0])
-        at, length = self._box[:2, 0] + 0.04 * wide, self._unit
+        at, length = np.full(2, 0.04 * wide), self._unit
         for name, way in zip("xyz", length * self._axes[:2].T, strict=True):
             ax.annotate("", at + way, at, arrowprops={"arrowstyle": "-|>", "color": "0.2", "linewidth": 0.7,
                                                       "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}, zorder=3)
@@ -88,18 +88,23 @@ class Rendered(Solid):
         what = f"squares of {self._unit:g} µm" if self.substrate else f"arrows of {length:g} µm"
         ax.set_title(what, loc="right", fontsize=7, color="0.3")
 
-    def draw(self, ax: Axes, frame: Frame) -> None:
-        """Draw all cells of a frame."""
-        ax.imshow(self._image(frame), extent=self._box[:2].ravel(), zorder=1, interpolation="antialiased")
-        ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}", loc="left", fontsize=8)
+    def limit(self, ax: Axes) -> None:
+        """Leave the limits: pictures begin at 0 wherever the cells are."""
 
-    def _image(self, frame: Frame) -> np.ndarray:
+    def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
+        """Draw all cells of a frame with these fields."""
+        wide, high, _ = np.ptp(self._box, axis=1)
+        ax.imshow(self._image(fields), extent=(0.0, wide, 0.0, high), zorder=1, interpolation="antialiased")
+        x, y, _ = np.rint(0.5 * (self.low + self.high)).astype(int)
+        at = f", around x = {x} µm, y = {y} µm" if self.follows else ""
+        ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}{at}", loc="left", fontsize=8)
+
+    def _image(self, fields: dict[str, np.ndarray]) -> np.ndarray:
         """Colours (height, width, 3) of the pixels."""
         import pyvista
         from vtkmodules.vtkCommonCore import vtkLogger
 
         vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # of displays that are not there
-        fields = frame.read()
         surface = pyvista.PolyData.from_regular_faces((fields["X"] + fields["u"])[:, :3], self.triangles)
         surface["values"] = scalar(fields[self.field], self.field)
         extent = np.ptp(self._box, axis=1)

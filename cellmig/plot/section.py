@@ -28,7 +28,7 @@ class Section(View):
     """Settings of sections through the centre of the cell number `middle`; tetrahedra (m, 4) int by particles."""
 
     dimension: ClassVar[int] = 3
-    names: ClassVar[tuple[str, str]] = ("x", "z")
+    names: ClassVar[tuple[str, ...]] = ("x", "z")
     tetrahedra: np.ndarray
     middle: int = 1
 
@@ -51,10 +51,9 @@ class Section(View):
         """Where the section is [µm]."""
         return float((fields["X"] + fields["u"])[fields["cell"] == self.middle, 1].mean())
 
-    def draw(self, ax: Axes, frame: Frame) -> None:
-        """Draw the sections of all cells of a frame."""
+    def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
+        """Draw the sections of all cells of a frame with these fields."""
         self.draw_behind(ax, frame)
-        fields = frame.read()
         y = self._y(fields)
         pair, share, triangles = cut((fields["X"] + fields["u"])[:, 1] - y, self.tetrahedra)
 

@@ -15,6 +15,7 @@ STYLE = {"font.size": 8, "axes.linewidth": 0.6, "axes.spines.top": False, "axes.
          "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 200, "savefig.bbox": "tight"}
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
 FORMATS = ("png", "pdf", "svg")
+FAR = 2.0  # way of cells, over their extent at any time, beyond which pictures follow them
 
 
 def in_print(unit: str) -> str:

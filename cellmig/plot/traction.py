@@ -11,12 +11,14 @@ from matplotlib.figure import Figure
 
 from cellmig.output.tables import ALONG, FORCE, time_column, unit_of
 
-from .style import COLOURS, legend_above
+from .style import COLOURS, FAR, legend_above
 
 Table = Mapping[str, np.ndarray]
 _SHARE = 95.0  # percentile that sets colours and axes: peaks of a membrane that jumps to contact are far larger
 _BEYOND = 3.0  # axes end at this multiple of it, with a note
 _LEAST_ARROW, _LONGEST_ARROW = 0.05, 2.0  # of arrows that are drawn, over the largest; length of that [places]
+_LEAST_HEIGHT = 2.6  # of a picture, for the label of its colours [inches]
+_KEY = 0.12  # height of the key of arrows above a map [inches]
 _ABOVE_NOTE = 1.12  # height of the legend over that of the axes: a note may stand between
 _SIDES = {"normal": "pressed ←  [Pa]  → pulled up", "tangential": "to the left ←  [Pa]  → to the right"}
 
@@ -77,31 +79,47 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
     along = np.stack([by_place(table, samples, f"tangential{axis}_pa")[1] for axis in ALONG[3]])
     rows = sorted({_before(samples, time) for time in times or samples[-1:]})
     top, most = usual_peak(normal[rows]), np.linalg.norm(along[:, rows], axis=0).max()
-    width, wide, high = x[1] - x[0], np.ptp(x), np.ptp(y)
+    windows = _windows((x, y), normal[rows])
+    width, (wide, high) = x[1] - x[0], np.ptp(windows[0], axis=1)
+    follows = bool(np.any(windows != windows[0]))
     stacked = len(rows) == 1 or wide > 1.3 * high
-    size = (6.4, 0.6 + len(rows) * (0.25 + 5.0 * high / wide)) if stacked else (1.2 + 2.6 * len(rows),
-                                                                                   1.0 + 2.6 * high / wide)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(rows) if stacked else 1, 1 if stacked else len(rows), sharex=True, sharey=True,
-                           squeeze=False)
-    for ax, row in zip(axes.flat, rows, strict=True):
+    tall = (5.0 if stacked else 2.6) * high / wide
+    size = (6.4, 0.6 + len(rows) * (0.25 + tall)) if stacked else (1.2 + 2.6 * len(rows), 1.0 + tall)
+    figure = Figure(figsize=(size[0], max(_LEAST_HEIGHT, size[1])), layout="constrained")
+    axes = figure.subplots(len(rows) if stacked else 1, 1 if stacked else len(rows), sharex=not follows,
+                           sharey=not follows, squeeze=False)
+    for ax, row, window in zip(axes.flat, rows, windows, strict=True):
         image = ax.pcolormesh(x, y, normal[row].T, cmap="PuOr_r", norm=Normalize(-top, top), rasterized=True)
-        size_of = np.linalg.norm(along[:, row], axis=0)
-        at = np.nonzero(size_of > _LEAST_ARROW * most)
-        arrows = ax.quiver((x[:-1] + 0.5 * width)[at[0]], (y[:-1] + 0.5 * width)[at[1]], *along[:, row][:, *at],
-                           units="xy", angles="xy", scale=most / (_LONGEST_ARROW * width), color="0.15", pivot="mid",
-                           width=0.1 * width)
+        if most > 0.0:
+            at = np.nonzero(np.linalg.norm(along[:, row], axis=0) > _LEAST_ARROW * most)
+            arrows = ax.quiver((x[:-1] + 0.5 * width)[at[0]], (y[:-1] + 0.5 * width)[at[1]], *along[:, row][:, *at],
+                               units="xy", angles="xy", scale=most / (_LONGEST_ARROW * width), color="0.15",
+                               pivot="mid", width=0.1 * width)
         ax.set_title(_between(samples, row, table), loc="left", fontsize=8)
-        ax.set_aspect("equal")
+        ax.set(aspect="equal", xlim=window[0], ylim=window[1], facecolor=image.cmap(0.5))  # zero beyond all places
     if most > 0.0:
-        axes.flat[0].quiverkey(arrows, 0.9, 1.06, most, f"tangential, {most:.3g} Pa", labelpos="W")
+        axes.flat[-1].quiverkey(arrows, 0.9, 1.0 + _KEY / tall, most, f"tangential, {most:.3g} Pa", labelpos="W")
     for ax in axes[-1]:
         ax.set_xlabel("x [µm]")
     for ax in axes[:, 0]:
         ax.set_ylabel("y [µm]")
-    label = "normal traction: " + _SIDES["normal"].replace("Pa", "Pa = N/m²")
+    label = "normal traction\n" + _SIDES["normal"].replace("Pa", "Pa = N/m²")
     figure.colorbar(image, ax=axes, extend="both", label=label + _colours_end(top, normal[rows]))
     return figure
+
+
+def _windows(edges: Sequence[np.ndarray], maps: np.ndarray) -> np.ndarray:
+    """Limits (n, 2, 2) [µm] along both axes of n maps: all places, or where cells are, if these went far."""
+    whole, ends = np.array([[at[0], at[-1]] for at in edges]), []
+    for map_ in maps:
+        there = [np.flatnonzero(map_.any(axis=axis)) for axis in (1, 0)]
+        ends.append([[at[on[0]], at[on[-1] + 1]] if len(on) else every
+                     for at, on, every in zip(edges, there, whole, strict=True)])
+    size, middle = np.ptp(ends, axis=2).max(axis=0), np.mean(ends, axis=2)
+    if np.ptp(whole, axis=1).max() <= FAR * size.max():
+        return np.repeat(whole[None], len(maps), axis=0)
+    half = 0.5 * size + np.diff(edges[0])[0]
+    return np.stack([middle - half, middle + half], axis=-1)
 
 
 def by_place(table: Table, samples: np.ndarray, column: str) -> tuple[list[np.ndarray], np.ndarray]:

@@ -25,7 +25,7 @@ from cellmig.output.xdmf import Frame
 
 from . import background
 from .background import Background
-from .style import in_print
+from .style import FAR, in_print
 
 DPI = 140  # resolution of films and of pictures in notebooks
 MAP = "viridis"
@@ -47,7 +47,8 @@ class View:
     """Settings that all pictures of a run share: field, colours, limits of the axes, presence of a substrate.
 
     low, high : (2,) float -- limits [um];  extend : sides of the colour bar with values beyond its range;  behind : the
-    field behind the cells, if any.
+    field behind the cells, if any;  follows : whether the limits go with the cells, which else would be specks on a
+    long way.
     """
 
     field: str
@@ -58,9 +59,10 @@ class View:
     high: np.ndarray
     substrate: bool
     dimension: ClassVar[int] = 2
-    names: ClassVar[tuple[str, str]] = ("x", "y")  # of the axes
+    names: ClassVar[tuple[str, ...]] = ("x", "y")  # of the axes
     pad: ClassVar[float] = 0.02  # between the panels and the colour bar, over their width
     behind: Background | None = field(default=None, kw_only=True)
+    follows: bool = field(default=False, kw_only=True)
 
     @classmethod
     def of(cls, directory: Path, found: Sequence[Frame], field: str, **more: Any) -> Self:
@@ -72,19 +74,33 @@ class View:
             fields = frame.read()
             x = (fields["X"] + fields["u"])[:, : cls.dimension]
             values.append(scalar(fields[field], field))
-            corners += [x.min(axis=0), x.max(axis=0)]
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+            corners.append((x.min(axis=0), x.max(axis=0)))
+        lows, highs = np.swapaxes(corners, 0, 1)
+        low, high, sizes = lows.min(axis=0), highs.max(axis=0), (highs - lows).max(axis=0)
+        follows = bool((high - low).max() > FAR * sizes.max())
+        if follows:
+            middle, sizes[-1] = 0.5 * (low + high), (high - low)[-1]
+            low, high = middle - 0.5 * sizes, middle + 0.5 * sizes
         margin = 0.04 * (high - low).max() + 1e-9  # a single particle needs a panel, too
         unit = in_print(units[field])
         label = field.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
-                   _on_substrate(directory), **more)
+                   _on_substrate(directory), follows=follows, **more)
+
+    def around(self, fields: dict[str, np.ndarray]) -> Self:
+        """The same view with the cells of a frame in the middle along the substrate, if it follows them."""
+        if not self.follows:
+            return self
+        x = (fields["X"] + fields["u"])[:, ["xyz".index(name) for name in self.names]]
+        shift = 0.5 * (x.min(axis=0) + x.max(axis=0) - self.low - self.high)
+        shift[-1] = 0.0
+        return replace(self, low=self.low + shift, high=self.high + shift)
 
     def before(self, directory: Path, found: Sequence[Frame], name: str | None) -> Self:
         """The same view, wider, before a field of the case, if it has one.  Raises CaseError for an unknown name."""
         around = _AROUND * (self.high - self.low).max()
         wide = replace(self, low=self.low - [around, 0.0], high=self.high + around)
-        behind = Background.of(directory, name, wide.middles, found)
+        behind = Background.of(directory, name, lambda frame: wide.around(frame.read()).middles(frame), found)
         return self if behind is None else replace(wide, behind=behind)
 
     @property
@@ -113,9 +129,10 @@ class View:
         size = (6.0, 0.6 + n * (0.25 + 4.9 * height / width)) if stacked else (7.2, 0.9 + 6.2 / n * height / width)
         below = 0.0 if self.behind is None else 0.7  # another colour bar
         figure = Picture(figsize=(size[0], size[1] + below), layout="constrained")
-        axes = figure.subplots(n if stacked else 1, 1 if stacked else n, sharex=True, sharey=True, squeeze=False)
+        axes = figure.subplots(n if stacked else 1, 1 if stacked else n, sharex=not self.follows, sharey=True,
+                               squeeze=False)
         for ax in axes.flat:
-            ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")
+            ax.set_aspect("equal")
             ax.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
         for ax in axes[-1]:
             ax.set_xlabel(f"{self.names[0]} [µm]")
@@ -137,9 +154,19 @@ class View:
                             shrink=0.8, label=self.behind.label)
 
     def draw(self, ax: Axes, frame: Frame) -> None:
-        """Draw all cells of a frame."""
-        self.draw_behind(ax, frame)
+        """Draw all cells of a frame, in the limits of the view."""
         fields = frame.read()
+        view = self.around(fields)
+        view.limit(ax)
+        view.draw_cells(ax, frame, fields)
+
+    def limit(self, ax: Axes) -> None:
+        """Set the limits of the axes."""
+        ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]))
+
+    def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
+        """Draw all cells of a frame with these fields, and what is around them."""
+        self.draw_behind(ax, frame)
         values = scalar(fields[self.field], self.field)
         for cell in np.unique(fields["cell"]):
             own = fields["cell"] == cell

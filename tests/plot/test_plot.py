@@ -19,8 +19,8 @@ from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.plot.plot import _displacement, plot
 from cellmig.plot.snapshots import nearest_frames
-from cellmig.plot.traction import by_place, limit_axis, pulls, traction, usual_peak
-from cellmig.plot.view import drawing
+from cellmig.plot.traction import _windows, by_place, limit_axis, pulls, traction, usual_peak
+from cellmig.plot.view import View, drawing
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
 
@@ -118,6 +118,38 @@ def test_the_map_of_traction_has_what_the_table_lists_and_nothing_elsewhere():
     (edges,), found = by_place(TRACTION, SAMPLES, "normal_pa")
     assert edges == pytest.approx([-0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
     assert found.tolist() == [[0, 7, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, -5]]
+
+
+def test_pictures_follow_cells_that_go_far_and_show_whole_ways_that_are_short(shared_tmp):
+    """Cells of 31 um: a way of 8 um, as in `scene`, is shown whole; one of 400 um would make them specks."""
+    for way, follows in ((0.0, False), (400.0, True)):
+        writer, places = Frames(shared_tmp / f"{way:g}", COMM, FIELDS), []
+        for step in range(3):
+            fields = scene(200.0 * step)
+            fields["u"][:, 0] += way * step / 2
+            places.append(fields["X"] + fields["u"])
+            mine = fields["id"] % COMM.size == COMM.rank
+            writer.write(200.0 * step, step, {name: values[mine] for name, values in fields.items()})
+        COMM.barrier()
+        found = frames(shared_tmp / f"{way:g}")
+        view = View.of(shared_tmp / f"{way:g}", found, "effective_stress")
+        _, axes = view.panels(3)
+        for ax, frame, x in zip(axes, found, places, strict=True):
+            view.draw(ax, frame)
+            (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+            assert left < x[:, 0].min() and x[:, 0].max() < right and low < x[:, 1].min() and x[:, 1].max() < high
+            assert right - left == pytest.approx(view.high[0] - view.low[0])
+        assert view.follows is follows and (len({ax.get_xlim() for ax in axes}) == 3) is follows
+        assert view.high[0] - view.low[0] < 50.0  # measured 42, and 43 of those that are followed
+
+
+@pytest.mark.parametrize(("far", "wide"), [(4, 8.0), (100, 6.0)])
+def test_maps_of_traction_in_space_follow_cells_that_go_far(far, wide):
+    edges, maps = (np.arange(far + 5.0), np.arange(5.0)), np.zeros((2, far + 4, 4))
+    maps[0, :4], maps[1, far:] = 1.0, 1.0
+    windows = _windows(edges, maps)
+    assert np.ptp(windows, axis=2)[:, 0] == pytest.approx([wide, wide])
+    assert windows[1, 0, 0] <= far < far + 4 <= windows[1, 0, 1]
 
 
 def test_in_space_the_map_of_traction_is_one_of_squares():
