@@ -26,6 +26,7 @@ from .tracks import measure
 NAME = "report.html"
 LARGE_ERROR = 0.02  # error of the energy that the page warns of
 _PROGRESS = re.compile(r"done: |\s*[\d.e+-]+ \S+ +[\d.]+ %  step|stopped|failed|section  ")
+_STRETCHED = "fluid was stretched beyond"
 # What to do about a warning, by a piece of its text; others say it themselves.
 _REMEDIES = {
     "too far apart for any flow": "Compare with finer particles; if they agree, it does no harm.",
@@ -136,8 +137,11 @@ def _warnings(directory: Path, manifest: dict[str, Any], log: list[str]) -> Iter
             "docs/stability.md tells what ends a run; a smaller time.step_factor or finer particles are the first to "
             "try." if status == FAILED else "docs/troubleshooting.md lists messages and remedies.")
     text = "\n".join(line for line in log if not _PROGRESS.match(line))
-    for found in re.findall(r"^WARNING:? +(?:at )?(.*(?:\n +.*)*)|(.*TOO LARGE.*)", text, re.MULTILINE):
-        warning = re.sub(r"\s*\n\s*", " ", found[0] or found[1])
+    told = [re.sub(r"\s*\n\s*", " ", found[0] or found[1]) for found in
+            re.findall(r"^WARNING:? +(?:at )?(.*(?:\n +.*)*)|(.*TOO LARGE.*)", text, re.MULTILINE)]
+    if any(_STRETCHED in warning for warning in told):  # at the end of a run: those of its times say no more
+        told = [warning for warning in told if " is stretched " not in warning]
+    for warning in told:
         yield warning, next((remedy for piece, remedy in _REMEDIES.items() if piece in warning), "")
     yield from _energy(directory)
 

@@ -267,6 +267,13 @@ def test_lines_of_progress_are_no_part_of_the_warning_above_them(copy: Path) -> 
     assert [text for text, _ in describe(copy).warnings] == ["3 µs: a cell is stretched"]
 
 
+def test_a_stretch_is_told_once_at_the_end(copy: Path) -> None:
+    with (copy / "run.log").open("a", encoding="utf-8") as log:
+        log.write("WARNING at 3 µs: particle 1 of cell 2 is stretched 3.03-fold, beyond the limit of 3\n"
+                  "WARNING: from 3 µs on fluid was stretched beyond the limit of 3, up to 8-fold\n")
+    assert [text[:9] for text, _ in describe(copy).warnings] == ["from 3 µs"]
+
+
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is not the directory of a run"):
         report(tmp_path)
