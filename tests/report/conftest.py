@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-LENGTHS = {"all_protrude": (60, "20 us"), "cap": (200, "5 us"), "chemotaxis": (60, "10 min")}  # particles, end
+LENGTHS = {"all_protrude": (60, "20 us"), "cap": (200, "5 us"), "chemotaxis": (60, "10 min"),
+           "crawl": (60, "1 h")}  # particles, end
 
 
 @pytest.fixture(scope="session")

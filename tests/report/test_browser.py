@@ -190,6 +190,25 @@ def test_a_drag_turns_a_cell_in_space_and_zero_turns_it_back(page: Callable[[str
     assert before == one.settled()
 
 
+def test_cells_that_go_far_are_followed_unless_one_wants_the_whole_way(page: Callable[[str], Browser]) -> None:
+    one = page("all_protrude")
+    assert not one.of("follow").is_displayed()
+    one = page("crawl")
+    wide, of_cell = one.does("return [player.view.high[0] - player.view.low[0], player.size[0]]")
+    assert of_cell < wide < 1.2 * of_cell
+    for key in (Keys.HOME, Keys.END):
+        one.press(key)
+        one.settled()
+        places = one.does("return Array.from(player.on.x, x => x / player.ratio)")
+        assert 0.0 < min(places) and max(places) < one.does("return player.view.width")
+    followed = one.settled()
+    one.of("follow").click()
+    assert one.does("return player.view.high[0] - player.view.low[0]") > 2.0 * of_cell
+    assert one.settled() != followed
+    one.of("follow").click()
+    assert one.settled() == followed
+
+
 def test_a_field_of_the_case_stands_behind_the_cells(page: Callable[[str], Browser]) -> None:
     one = page("chemotaxis")
     before = one.settled()
@@ -269,6 +288,7 @@ def test_a_page_that_is_watched_renews_itself(
     browser.open(address)
     assert browser.does("return player.times.length") == 2
     Select(browser.of("field")).select_by_visible_text("pressure")
+    browser.of("tracks").click()
     browser.until("return player.name === 'pressure' && !player.due")  # texts of another field take another height
     browser.does("document.querySelector('#case details').open = true; scrollTo(0, 1500); byId('stage').focus("
                  "{ preventScroll: true })")
@@ -277,6 +297,7 @@ def test_a_page_that_is_watched_renews_itself(
     browser.until("return player.name === 'pressure' && document.documentElement.style.minHeight === ''")
     assert browser.does("return [document.activeElement.id, scrollY, document.querySelector('#case details').open]"
                         ) == ["stage", 1500, True]
+    assert not browser.of("tracks").is_selected() and browser.does("return player.options.outlines")
     shutil.rmtree(run)
     browser.until("return byId('lead').textContent.startsWith('Files of the run are being replaced')")
     process.terminate()

@@ -34,13 +34,16 @@ async function setUpMenus(before) {
     if (arrows.value) await player.arrowsOf(arrows.value);
 }
 
-function setUpControls() {
+function setUpControls(before) {
     player.options = {};
-    for (const name of ["outlines", "levels", "tracks", "behind"]) {
+    for (const name of ["outlines", "levels", "tracks", "behind", "follow"]) {
         const box = byId(name), read = () => { player.options[name] = box.checked; player.draw(); };
+        box.checked = before.options?.[name] ?? box.checked;
         box.onchange = read;
         read();
     }
+    byId("follow-label").hidden = !player.far;
+    byId("follow").addEventListener("change", () => player.resize());  // another box, of another height
     byId("behind-label").hidden = !player.behind;
     byId("behind-label").querySelector("span").textContent = player.movie.behind?.label ?? "";
     const flat = player.movie.dimension === 2;
@@ -177,7 +180,7 @@ async function start(before = {}) {
     player = null;
     if (d?.movie) {
         player = await Player.of(d.movie, d.tracks);
-        setUpControls();
+        setUpControls(before);
         await setUpMenus(before);
         player.seek(before.frame ?? Infinity);
         if (before.view) Object.assign(player.view, before.view);
@@ -202,7 +205,7 @@ async function start(before = {}) {
 function chosen() {
     if (!player) return {};
     const last = player.frame === player.times.length - 1, { zoom, moved, azimuth, elevation } = player.view;
-    return { field: byId("field").value, part: byId("part").value, arrows: byId("arrows").value,
+    return { options: player.options, field: byId("field").value, part: byId("part").value, arrows: byId("arrows").value,
              frame: last ? undefined : player.frame, view: { zoom, moved, azimuth, elevation } };
 }
 

@@ -2,6 +2,7 @@
 "use strict";
 
 const SECONDS = 12;  // that all frames take
+const FAR = 2;  // way of the cells, over their extent at any time, beyond which they would be specks: they are followed
 const SAMPLED = 40000;  // values from which the range of colours is taken
 const byId = id => document.getElementById(id);
 
@@ -32,12 +33,29 @@ class Player {
         const n = this.ids.length;
         this.on = { x: new Float32Array(n), y: new Float32Array(n), z: new Float32Array(n) };
         this.light = m.dimension === 3 ? new Float32Array(n) : null;
-        this.view = new View(m.dimension, ...this.corners());
+        this.ends = this.x.map(frames => frames.map(values => [least(values), -least(values.map(v => -v))]));
+        this.whole = this.corners();
+        this.size = this.ends.map(axis => Math.max(...axis.map(([low, high]) => high - low)));
+        const ways = this.ends.map(axis => Math.max(...axis.map(end => end[1])) - Math.min(...axis.map(end => end[0])));
+        this.far = Math.max(...ways) > FAR * Math.max(...this.size);
+        this.view = new View(m.dimension, ...this.whole);
+    }
+
+    /* What is shown: all of the scene, or where the cells are. */
+    box() {
+        if (!this.far || !this.options.follow) return this.whole;
+        const [low, high] = this.whole.map(corner => corner.slice()), last = low.length - 1;
+        this.ends.forEach((axis, k) => {
+            const [least, most] = axis[this.frame], half = 0.55 * this.size[k];
+            if (k < last) [low[k], high[k]] = [(least + most) / 2 - half, (least + most) / 2 + half];
+        });
+        if (this.behind && last === 1) high[1] = Math.min(high[1], 2 * Math.max(...this.ends[1].map(end => end[1])));
+        return [low, high];
     }
 
     corners() {
-        const low = this.x.map(frames => Math.min(...frames.map(values => least(values))));
-        const high = this.x.map(frames => Math.max(...frames.map(values => -least(values.map(v => -v)))));
+        const low = this.ends.map(axis => Math.min(...axis.map(end => end[0])));
+        const high = this.ends.map(axis => Math.max(...axis.map(end => end[1])));
         if (this.movie.substrate) low[low.length - 1] = Math.min(0, low.at(-1)) - (this.movie.dimension === 2 ? 0.04 * high.at(-1) : 0);
         if (this.behind && this.movie.dimension === 2) {
             low[0] = this.movie.behind.low[0];
@@ -118,6 +136,7 @@ class Player {
     /* ------------------------------------------------------------------------------------------------ drawing */
 
     resize() {
+        this.view.show(this.box());
         const { dimension } = this.movie, { low, high } = this.view, width = this.canvas.clientWidth;
         if (!width) return;  // not in sight, as in a part of another page that is folded
         const share = dimension === 2 ? (high[1] - low[1]) / (high[0] - low[0] || 1) : 0.5;
@@ -142,6 +161,7 @@ class Player {
         const { context: g, view, raster, options } = this, x = this.x.map(frames => frames[this.frame]);
         const values = this.shownValues[this.frame], scaled = this.scaled ??= new Float32Array(values.length);
         for (let i = 0; i < values.length; i++) scaled[i] = (values[i] - this.low) / (this.high - this.low);
+        view.show(this.box());
         view.project(x, this.ratio, this.on);
         if (this.light) shine(this.light, x, this.triangles, view);
         raster.fill(this.triangles, this.on.x, this.on.y, this.on.z, scaled, this.light, options.levels);

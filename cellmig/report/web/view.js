@@ -29,6 +29,13 @@ class View {
         this.fitted = Math.min(across / (wide || 1), up / (tall || 1));
     }
 
+    /* Show another box; one of the same size leaves the scale as it is. */
+    show([low, high]) {
+        const same = low.every((one, k) => Math.abs(high[k] - one - this.high[k] + this.low[k]) < 1e-6 * (high[k] - one));
+        Object.assign(this, { low, high });
+        if (same) this.middle = low.map((one, k) => (one + high[k]) / 2); else this.fit();
+    }
+
     resize(width, height) {
         if (width === this.width && height === this.height) return;
         Object.assign(this, { width, height });
