@@ -34,6 +34,7 @@ class Equations:
     matrix_free : bool -- whether tangents are applied by differences of forces while `matrix` preconditions, by the
         option -matrix_free, else without inertia, and in scenes of more than MATRIX_FREE_FROM particles.
     exact : int -- for how many steps yet tangents are assembled all the same: differences are wrong across a kink.
+    slips : bool -- whether there is friction, which may fall with the speed.
     """
 
     def __init__(self, mechanics: Mechanics, holding: float = 0.0):
@@ -54,6 +55,7 @@ class Equations:
         self._begun = 0.0  # time of that start [µs]
         self._stiffer = STIFFER  # factor of 1/dt that `descend` tries first
         self._by_v = 0.0  # 0 before there is a matrix
+        self.slips = m.terms.friction is not None or bool(m.terms.contacts and m.terms.contacts.frictions)
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
         self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
 
@@ -166,10 +168,10 @@ class Equations:
                 return
         self._assemble(by_v, by_a, pc)
 
-    def _assemble(self, by_v: float, by_a: float, pc: PETSc.PC) -> None:
-        """Set the matrix for the state of now; collective."""
+    def _assemble(self, by_v: float, by_a: float, pc: PETSc.PC, secant: bool = False) -> None:
+        """Set the matrix for the state of now, with the `secant` of friction or its slope; collective."""
         bodies = self.stiffness.internal(1.0, by_v)
-        surfaces = self.stiffness.surfaces(1.0, by_v)
+        surfaces = self.stiffness.surfaces(1.0, by_v, secant=secant)
         for K in (bodies, surfaces):
             K.data *= self.free[np.repeat(np.arange(len(self.free)), np.diff(K.indptr)), :, None]
         bodies.data -= self._geometric.data
@@ -178,20 +180,21 @@ class Equations:
         self.assembled, self._by_v = self.assembled + 1, by_v
 
     def descend(self, residual: PETSc.Vec, step: PETSc.Vec, ksp: PETSc.KSP) -> float:
-        """Set a Newton step to one that goes down in energy, by tangents of shorter time steps; collective.
+        """Set a Newton step to one down in energy, by the secant of friction and shorter time steps; collective.
 
-        Where a contact lets go, or closes, the tangent is indefinite, and a Newton step leads to the state between.
-        That of a shorter time step is definite, as viscosity grows with 1/dt, but where friction falls with the speed:
-        there the step is reversed.
+        Friction that falls with the speed makes the tangent indefinite, however short a time step is.  Its secant, the
+        ratio to the speed, is positive and lies above all slopes, so that full steps with it go down.  Where a contact
+        lets go, or closes, a Newton step leads to the state between; the tangent of a shorter time step is definite, as
+        viscosity grows with 1/dt.  If none is, the step is reversed.
 
         Returns the work of the residual on the step [pN, pN µm], which is not negative.
         """
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
         operators, reversed_step = ksp.getOperators(), -step
-        for factor in self._stiffer ** np.exp2(np.arange(STIFFENINGS)):
+        for factor in (*([1.0] if self.slips else []), *self._stiffer ** np.exp2(np.arange(STIFFENINGS))):
             self.acceleration(t, u, v)
-            self._assemble(factor * by_v, by_a, ksp.getPC())
+            self._assemble(factor * by_v, by_a, ksp.getPC(), secant=True)
             ksp.setOperators(*operators)  # new contacts have reset the preconditioner
             ksp.solve(residual, step)
             self._stiffer = max(STIFFER, factor**0.5)

@@ -20,7 +20,8 @@ from .implicit import BALANCE, Implicit
 SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, mean over particles, over the spacing [-]: one that snaps does not set the step
 SAFETY, SHORTER, LONGER = 0.8, 0.2, 2.0  # of the next step: share of the expected one, limits of its change
-ITERATIONS = 20  # of Newton's method, which takes 3 or 4, and about 10 where a particle snaps to the substrate
+ITERATIONS = 100  # of Newton's method: 3 or 4, 10 where a particle snaps to the substrate, up to 80 where bonds slip
+STALLED, PROGRESS = 15, 0.9  # iterations without a norm that is so much smaller [-], after which a solve is given up
 ACCURATE = "1e-6"  # tolerance of Krylov methods: with 1e-2 Newton's method stalls where a push turns round
 EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
@@ -64,7 +65,9 @@ class Overdamped(Implicit):
         """Create the TS, see `Integrator`; collective."""
         self.unbalanced = self.last = self.least = 0.0
         self._solved = True  # whether the last solve was one
-        self._work, self._grows = 0.0, True  # of the residual on a Newton step, and whether it grows along it
+        # Work of the residual on a Newton step, whether it grows along it, and how often the step was halved.
+        self._work, self._grows, self._halvings = 0.0, True, 0
+        self._least, self._since = 0.0, 0  # least norm of a solve, and the iteration that came to it
         super().__init__(*about)
         self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
 
@@ -148,6 +151,10 @@ class Overdamped(Implicit):
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """As of any implicit step; notes whether the solve has succeeded."""
         found = super()._converged(snes, iteration, norms)
+        if iteration == 0 or norms[2] < PROGRESS * self._least:
+            self._least, self._since = norms[2], iteration
+        if found == PETSc.SNES.ConvergedReason.ITERATING and iteration - self._since >= STALLED:
+            found = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         self._solved = found > 0
         return found
 
@@ -162,20 +169,27 @@ class Overdamped(Implicit):
         Source: step limits of incremental potential contact, Li et al. (2020); a line search by the work, as
         SNESLINESEARCHCP in PETSc's manual.
         """
-        snes = self.ts.getSNES()
-        residual = snes.getFunction()[0]
-        self._work, self._grows = residual.dot(step), True
-        if self._work <= 0.0:
-            self._work = self.equations.descend(residual, step, snes.getKSP())
-        super()._shorten(x, step)
+        residual, ksp = self.ts.getSNES().getFunction()[0], self.ts.getSNES().getKSP()
+        if (work := residual.dot(step)) > 0.0:
+            self._follow(x, step, work)
+        if work <= 0.0 or (self._halvings > 1 and self.equations.slips):
+            self._follow(x, step, self.equations.descend(residual, step, ksp))
         return True
+
+    def _follow(self, x: PETSc.Vec, step: PETSc.Vec, work: float) -> None:
+        """Scale a step on which the residual does `work` [pN, pN µm]; collective."""
+        self._work, self._grows, self._halvings = work, True, 0
+        super()._shorten(x, step)
 
     def _better(self, share: float, most: float, step: PETSc.Vec, out: PETSc.Vec) -> float:
         ahead = out.dot(step)
         self._grows = self._grows and ahead > self._work and share < most
         if self._grows:
             return min(2.0 * share, most)
-        return share if ahead >= -self._work else 0.5 * share
+        if ahead >= -self._work:
+            return share
+        self._halvings += 1
+        return 0.5 * share
 
     def _out_of_balance(self, ts: PETSc.TS, t: float, u: PETSc.Vec, rate: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set `out` to -f."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,11 +16,14 @@ from ..meshfree.contact import ContactLists
 from ..meshfree.contact_space import TriangleLists
 from ..model.director import Couple
 from ..model.ligand import LigandTable
+from ..model.protocols import Friction
 from .contact_tangent import ContactDifferences
 from .mechanics import Mechanics
 from .push_tangent import Push, PushesOff, pushes, pushes_off
 from .tangent import mixed
 
+FRICTION = ("friction", "sliding")  # terms
+LEAST_SPEED = 1e-100  # of which the ratio is taken [µm/µs]
 
 @dataclass(frozen=True)
 class Stencil:
@@ -45,13 +48,34 @@ class Stencil:
         return rows.ravel(), columns.ravel(), blocks.reshape(-1, d, d)
 
 
-def stencils(m: Mechanics) -> Iterator[Stencil | Push | PushesOff | ContactDifferences]:
-    """The surface terms of a scene, for its current search lists, clock and closest points."""
+@dataclass(frozen=True)
+class Secant:
+    """A law of friction by its ratio to the speed: derivatives do not go by its slope, which may fall, nor by bonds.
+
+    Source: the secant of Kačanov's method, Zeidler (1990), Nonlinear Functional Analysis II/B, section 25.14.
+    """
+
+    law: Friction
+
+    def drag(self, share: Any, speed: Any) -> Any:
+        """Traction [Pa] for the `share` of closed bonds [-] and the `speed` [µm/µs], as of the law."""
+        bonded, at = (getattr(a, "value", a) for a in (share, speed))
+        moving = np.where(np.abs(at) > LEAST_SPEED, at, LEAST_SPEED)
+        return self.law.drag(bonded, moving) / moving * speed
+
+
+def stencils(m: Mechanics, secant: bool = False) -> Iterator[Stencil | Push | PushesOff | ContactDifferences]:
+    """The surface terms of a scene, for its current search lists, clock and closest points.
+
+    secant : whether tangents have the `Secant` of friction.
+    """
     k = m.kernel
     for term in SURFACE_TERMS:
         if (formula := term.formula(m.terms)) is None:
             continue
         if term.name in OWN_STENCILS:
+            if secant and term.name in FRICTION:
+                formula = tuple(replace(one, law=Secant(one.law)) for one in formula)
             yield from OWN_STENCILS[term.name](m, formula)
         else:
             on = k["near"] if "gap1" in _arguments(formula) else k["taut"]

@@ -136,9 +136,13 @@ class Stiffness:
                  blocks)
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
-    def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = ()) -> sparse.bsr_matrix:
-        """The part [Pa] of surface terms, or of those in `names`, with the closest points that were found last."""
-        parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics)
+    def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = (),
+                 secant: bool = False) -> sparse.bsr_matrix:
+        """The part [Pa] of surface terms, or of those in `names`, with the closest points that were found last.
+
+        secant : whether friction that falls with the speed counts as one in proportion to it, which never pushes.
+        """
+        parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics, secant)
                  if s.nodes.size and (not names or s.name in names)]
         if not parts:
             return sparse.bsr_matrix(self.shape, blocksize=(self.dimension,) * 2)

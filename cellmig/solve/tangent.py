@@ -17,14 +17,16 @@ from ..case.pointwise import pointwise
 from ..model.protocols import Value
 
 
-class Dual(np.lib.mixins.NDArrayOperatorsMixin):
+class Dual:
     """Dual numbers.
 
     value : (...);  slope : (k, ...) -- its derivatives in k directions.
     """
 
+    __slots__ = ("slope", "value")
+
     def __init__(self, value: Value, slope: Value):
-        self.value, self.slope = np.asarray(value, float), np.asarray(slope, float)
+        self.value, self.slope = value, slope
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         """Arithmetic and functions by the chain rule; comparisons of values."""
@@ -37,7 +39,63 @@ class Dual(np.lib.mixins.NDArrayOperatorsMixin):
             return NotImplemented
         partial = RULES[ufunc](*values)
         terms = [p * x.slope for p, x in zip(partial, inputs, strict=False) if isinstance(x, Dual)]
-        return Dual(ufunc(*values), sum(terms))
+        return Dual(ufunc(*values), sum(terms[1:], terms[0]))
+
+    # The same rules for operators, which most of a formula are, without the detour through numpy.
+
+    def __add__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value + other.value, self.slope + other.slope)
+        return Dual(self.value + other, self.slope)
+
+    def __sub__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value - other.value, self.slope - other.slope)
+        return Dual(self.value - other, self.slope)
+
+    def __rsub__(self, other: Any) -> Dual:
+        return Dual(other - self.value, -self.slope)
+
+    def __mul__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value * other.value, other.value * self.slope + self.value * other.slope)
+        return Dual(self.value * other, other * self.slope)
+
+    def __truediv__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            share = self.value / other.value
+            return Dual(share, (self.slope - share * other.slope) / other.value)
+        return Dual(self.value / other, self.slope / other)
+
+    def __rtruediv__(self, other: Any) -> Dual:
+        share = other / self.value
+        return Dual(share, -share / self.value * self.slope)
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
+    def __pow__(self, power: Any) -> Any:
+        return self.__array_ufunc__(np.power, "__call__", self, power)
+
+    def __rpow__(self, base: Any) -> Any:
+        return self.__array_ufunc__(np.power, "__call__", base, self)
+
+    def __abs__(self) -> Any:
+        return self.__array_ufunc__(np.absolute, "__call__", self)
+
+    def __lt__(self, other: Any) -> Any:
+        return self.value < getattr(other, "value", other)
+
+    def __le__(self, other: Any) -> Any:
+        return self.value <= getattr(other, "value", other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self.value > getattr(other, "value", other)
+
+    def __ge__(self, other: Any) -> Any:
+        return self.value >= getattr(other, "value", other)
+
+    __radd__, __rmul__ = __add__, __mul__
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
         """The function `where`, for values and derivatives."""
