@@ -20,6 +20,7 @@ from cellmig.model.adhesion import bonds_of
 from cellmig.parallel.options import OVERDAMPED, default_options
 from cellmig.simulation import Simulation
 from cellmig.solve import mechanics
+from cellmig.solve.stiffness import Stiffness
 
 GEL = {"law": "gel", "density": "1000 kg/m^3", "viscosity": "100 Pa s", "shear_modulus": "200 Pa",
        "bulk_modulus": "1 MPa", "reduced_bulk_modulus": "1 MPa"}
@@ -104,6 +105,32 @@ def test_a_cell_spreads_on_bonds_that_yield_far_below_its_speed() -> None:
         at(sim, 0.002)  # without a line search no step is short enough from 0.04 ms on
         assert sim.integrator.failures < 10  # measured 1
         assert sim.sample()[1]["energy_error"] < 1e-3  # measured 8e-5
+
+
+def test_a_cell_begins_to_push_on_bonds_that_yield_at_once() -> None:
+    """Its membrane goes from rest to a hundred times the speed at which bonds yield, part by part."""
+    sharp = BELL | {"bonds": "300 /um^2", "stiffness": "0.2 pN/nm", "off": "0.25 /s"}
+    spread = {"name": "Cell", "shape": "segment", "width": "3.7 um", "height": "1.8 um", "centre": ["0 um"]}
+    push = {"cells": ["Cell"], "protrusion_ratio": 0.2, "height": "0.6 um", "random": True}
+    tree = crawler(spread, cortex={"line_tension": "80 pN/um"}, protrusion=push).resolved()
+    with built(from_dict(tree | {"friction": sharp})) as sim:
+        at(sim, 1e-4)
+        assert sim.integrator.failures == 0  # by the slope of friction alone no step is short enough
+        assert sim.integrator.record()["out_of_balance"] <= 1e-6
+
+
+@pytest.mark.serial
+def test_the_secant_of_friction_has_its_force_and_resists_where_its_slope_falls() -> None:
+    with built(from_dict(crawler(BOX).resolved() | {"friction": BELL})) as sim:
+        m, rng = sim.mechanics, np.random.default_rng(3)
+        v = 1e-6 * rng.uniform(0.2, 2.0, m.state.v.shape)  # bonds bear most at 0.02 µm/s
+        m.state.u[:, 1], m.state.v[:] = 1e-3 * rng.uniform(0.0, 1.0, len(v)), v
+        m.state.exchange()
+        m.rate()
+        slope, secant = ((Stiffness(m).surfaces(0.0, 1.0, ("friction",), secant=of) @ v.ravel()).reshape(v.shape)
+                         for of in (False, True))
+        assert np.abs(secant + m.surface_force("friction")[0]).max() <= 1e-14 * np.abs(secant).max()  # measured 1e-16
+        assert np.vdot(v, secant) > 0.0 > np.vdot(v, slope)
 
 
 @pytest.mark.serial
