@@ -12,6 +12,7 @@ from ..model.tensors import cofactors, contracted, determinant
 from ..parallel.collect import Arrays
 from ..parallel.reduce import largest
 from .mechanics import Mechanics
+from .stencils import DRAGS
 from .stiffness import Stiffness, fill
 
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
@@ -55,6 +56,7 @@ class Equations:
         self._begun = 0.0  # time of that start [µs]
         self._stiffer = STIFFER  # factor of 1/dt that `descend` tries first
         self._by_v = 0.0  # 0 before there is a matrix
+        self._still: Any = None  # tangent of surface terms in the state `at`, but of those that depend on velocities
         self.slips = m.terms.friction is not None or bool(m.terms.contacts and m.terms.contacts.frictions)
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
         self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
@@ -153,7 +155,7 @@ class Equations:
         Source: the shifts of TSSetI2Jacobian, PETSc's manual; stresses that are variables of their own in Newton's
         method, Magisano, Leonetti & Garcea (2017), here the pressure.
         """
-        self.at = t, u.copy(), v.copy(), by_v, by_a, self.acceleration(t, u, v)
+        self.at, self._still = (t, u.copy(), v.copy(), by_v, by_a, self.acceleration(t, u, v)), None
         n = self.mechanics.n_owned
         self._geometric = geometric = self.stiffness.of_dilation(self._error_of_J(first))
         geometric.data *= self.free[np.repeat(np.arange(n), np.diff(geometric.indptr)), :, None]
@@ -171,7 +173,9 @@ class Equations:
     def _assemble(self, by_v: float, by_a: float, pc: PETSc.PC, secant: bool = False) -> None:
         """Set the matrix for the state of now, with the `secant` of friction or its slope; collective."""
         bodies = self.stiffness.internal(1.0, by_v)
-        surfaces = self.stiffness.surfaces(1.0, by_v, secant=secant)
+        if self._still is None:
+            self._still = self.stiffness.surfaces(1.0, by_v, DRAGS, others=True)
+        surfaces = self._still + self.stiffness.surfaces(1.0, by_v, DRAGS, secant=secant)
         for K in (bodies, surfaces):
             K.data *= self.free[np.repeat(np.arange(len(self.free)), np.diff(K.indptr)), :, None]
         bodies.data -= self._geometric.data

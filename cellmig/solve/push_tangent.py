@@ -14,10 +14,10 @@ from .mechanics import Mechanics
 from .tangent import derivative
 
 
-def pushes(m: Mechanics, formula: Any) -> Iterator[Push]:
+def pushes(m: Mechanics, formula: Any) -> Iterator[Pushes]:
     """Pushes off the substrate of all cells, in each of their directions."""
     assert m.protrusion is not None
-    k, vectors = m.kernel, m.protrusion.now()
+    k, vectors, found = m.kernel, m.protrusion.now(), []
     for c, side in np.ndindex(k["hold"].shape):
         on, grip = slice(*k["first_mover"][c : c + 2]), k["grip"][slice(*k["first_grip"][c : c + 2])]
         strength = np.linalg.norm(vectors[c, side])
@@ -26,8 +26,10 @@ def pushes(m: Mechanics, formula: Any) -> Iterator[Push]:
         nodes = k["mover"][on]
         order = np.argsort(nodes)
         ends = order[np.searchsorted(nodes, k["facet"][grip], sorter=order)]
-        yield Push("protrusion", nodes[:, None], formula, k["mover_weight"][on], ends.T, k["facet_size"][grip],
-                   strength * k["push"][grip].T, vectors[c, side] / strength)
+        found.append(Push(nodes, formula, k["mover_weight"][on], ends.T, k["facet_size"][grip],
+                          strength * k["push"][grip].T, vectors[c, side] / strength))
+    if found:
+        yield Pushes("protrusion", tuple(found))
 
 
 def pushes_off(m: Mechanics, formulas: tuple) -> Iterator[PushesOff]:
@@ -60,13 +62,12 @@ def pushes_off(m: Mechanics, formulas: tuple) -> Iterator[PushesOff]:
 class Push:
     """The push of a cell in a direction, whose derivatives go by the mean of its surface and by its closed bonds.
 
-    name : of the term;  nodes : (k, 1) int -- local numbers;  formula : ProtrusionForce or ProtrusionPush;
+    nodes : (k,) int -- local numbers;  formula : ProtrusionForce or ProtrusionPush;
     weight : (k,) float -- of the particles in the mean [-];  ends : (d, n) int -- corners of the facets near the
     substrate, among the nodes;  size : (n,) float -- of these [µm, µm²];  push : (d, n) float -- on their corners
     [pN/µm];  direction : (d - 1,) float -- along the substrate [-].
     """
 
-    name: str
     nodes: np.ndarray
     formula: Any
     weight: np.ndarray
@@ -75,46 +76,84 @@ class Push:
     push: np.ndarray
     direction: np.ndarray
 
-    def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Forces (k, d, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
-        ahead, gaps = self._places(x[..., 0])
-        bonded, out = self._closed(ahead[self.ends].mean(axis=0), *gaps).sum(), np.zeros_like(x)
-        for end, along in zip(self.ends, self._along(bonded, *ahead[self.ends], *gaps), strict=True):
-            np.add.at(out[:, :-1, 0], end, along[:, None] * self.direction)
+    def places(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the ends of facets (d, n), for nodes at x (k, d) [µm], what they are ahead of the mean, and gaps [µm]."""
+        place = x[:, :-1] @ self.direction
+        return (place - self.weight @ place)[self.ends], x[self.ends, -1]
+
+    def force(self, x: np.ndarray) -> np.ndarray:
+        """Forces (k, d) [pN/µm] on nodes at x (k, d) [µm]."""
+        ahead, gaps = self.places(x)
+        bonded, out = self.formula.grip(self.size, ahead.mean(axis=0), *gaps).sum(), np.zeros_like(x)
+        forces = _along(self.formula, self.push, self.size, bonded, *ahead, *gaps)
+        for end, along in zip(self.ends, forces, strict=True):
+            np.add.at(out[:, :-1], end, along[:, None] * self.direction)
         return out
 
-    def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
-        ahead, gaps = self._places(m.state.x(self.nodes[:, 0]))
-        d, k, unit = len(gaps), len(ahead), np.eye(len(ahead))
+    def blocks(self, by_u: float, of_bonds: np.ndarray,
+               of_forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -by_u ∂f/∂u.
+
+        of_bonds : (1 + d, n) -- derivatives of closed bonds by places ahead and gaps [-];
+        of_forces : (d, 1 + 2 d, n) -- of forces by all bonds and by these [Pa].
+        """
+        d, k, unit = len(self.ends), len(self.nodes), np.eye(len(self.nodes))
         by_x = unit - self.weight  # of `ahead`, by x of all
-        closed, slope = derivative(self._closed, ahead[self.ends].mean(axis=0), *gaps)
-        by_all = (slope[0] @ by_x[self.ends].mean(axis=0),
-                  sum(by_gap @ unit[end] for by_gap, end in zip(slope[1:], self.ends, strict=True)))
-        slopes = derivative(self._along, np.full(len(closed), closed.sum()), *ahead[self.ends], *gaps)[1]
+        by_all = (of_bonds[0] @ by_x[self.ends].mean(axis=0),
+                  sum(by_gap @ unit[end] for by_gap, end in zip(of_bonds[1:], self.ends, strict=True)))
         row, at = np.unique(self.ends, return_inverse=True)
         blocks = np.zeros((len(row), k, d, d))
-        for on, (bonded, *by) in zip(at.reshape(self.ends.shape), slopes[..., None], strict=True):
+        for on, (bonded, *by) in zip(at.reshape(self.ends.shape), of_forces[..., None], strict=True):
             of_x, of_gap = (bonded * mean + sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
                             for mean, part, place in zip(by_all, (by[:d], by[d:]), (by_x, unit), strict=True))
             both = self.direction[:, None] * self.direction
             np.subtract.at(blocks[..., :-1, :-1], on, by_u * of_x[..., None, None] * both)
             np.subtract.at(blocks[..., :-1, -1], on, by_u * of_gap[..., None] * self.direction)
-        node = self.nodes[:, 0]
-        return np.repeat(node[row], k), np.tile(node, len(row)), blocks.reshape(-1, d, d)
+        return np.repeat(self.nodes[row], k), np.tile(self.nodes, len(row)), blocks.reshape(-1, d, d)
 
-    def _places(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the nodes at x (k, d) [µm] what they are ahead of the mean (k,), of the ends the gaps (d, n) [µm]."""
-        place = x[:, :-1] @ self.direction
-        return place - self.weight @ place, x[self.ends, -1]
 
-    def _closed(self, ahead: Any, *gaps: Any) -> Any:
-        return self.formula.grip(self.size, ahead, *gaps)
+@dataclass(frozen=True)
+class Pushes:
+    """All pushes off the substrate: most have few facets, so that their derivatives are found together.
 
-    def _along(self, bonded: Any, *places: Any) -> tuple:
-        d = len(self.ends)
-        ends = self.formula.force(self.push, self.formula.hold(bonded), self.size, places[:d], places[d:])
-        return tuple(along for along, *_ in ends)
+    name : of the term;  each : of a cell in a direction.
+    """
+
+    name: str
+    each: tuple[Push, ...]
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Local numbers (sum of k, 1) int, of one push after the other."""
+        return np.concatenate([push.nodes for push in self.each])[:, None]
+
+    def force(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Forces (sum of k, d, 1) [pN/µm] at places x [µm] and velocities v [µm/µs] of that shape."""
+        first = np.cumsum([len(push.nodes) for push in self.each])[:-1]
+        parts = np.split(x[..., 0], first)
+        return np.concatenate([push.force(part) for push, part in zip(self.each, parts, strict=True)])[..., None]
+
+    def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Local rows and columns (b,) int, and blocks (b, d, d) [Pa], of -by_u ∂f/∂u; velocities do not matter."""
+        formula, sizes = self.each[0].formula, [len(push.size) for push in self.each]
+        number = np.repeat(np.arange(len(sizes)), sizes)
+        size = np.concatenate([push.size for push in self.each])
+        force = np.concatenate([push.push for push in self.each], axis=1)
+        places = [push.places(m.state.x(push.nodes)) for push in self.each]
+        ahead, gaps = (np.concatenate(parts, axis=-1) for parts in zip(*places, strict=True))
+        closed, of_bonds = derivative(partial(formula.grip, size), ahead.mean(axis=0), *gaps)
+        bonded = np.bincount(number, closed)[number]
+        of_forces = derivative(partial(_along, formula, force, size), bonded, *ahead, *gaps)[1]
+        rows, columns, blocks = zip(*(push.blocks(by_u, of_bonds[:, number == i], of_forces[..., number == i])
+                                      for i, push in enumerate(self.each)), strict=True)
+        return np.concatenate(rows), np.concatenate(columns), np.concatenate(blocks)
+
+
+def _along(formula: Any, push: np.ndarray, size: np.ndarray, bonded: Any, *places: Any) -> tuple:
+    """Forces along a push on the corners of facets [pN/µm], for the `bonded` size of all of the cell [µm, µm²]."""
+    d = len(push)
+    ends = formula.force(push, formula.hold(bonded), size, places[:d], places[d:])
+    return tuple(along for along, *_ in ends)
 
 
 @dataclass(frozen=True)

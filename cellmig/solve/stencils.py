@@ -19,10 +19,11 @@ from ..model.ligand import LigandTable
 from ..model.protocols import Friction
 from .contact_tangent import ContactDifferences
 from .mechanics import Mechanics
-from .push_tangent import Push, PushesOff, pushes, pushes_off
+from .push_tangent import Pushes, PushesOff, pushes, pushes_off
 from .tangent import mixed
 
 FRICTION = ("friction", "sliding")  # terms
+DRAGS = (*FRICTION, "medium")  # those that depend on velocities
 LEAST_SPEED = 1e-100  # of which the ratio is taken [µm/µs]
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Secant:
         return self.law.drag(bonded, moving) / moving * speed
 
 
-def stencils(m: Mechanics, secant: bool = False) -> Iterator[Stencil | Push | PushesOff | ContactDifferences]:
+def stencils(m: Mechanics, secant: bool = False) -> Iterator[Stencil | Pushes | PushesOff | ContactDifferences]:
     """The surface terms of a scene, for its current search lists, clock and closest points.
 
     secant : whether tangents have the `Secant` of friction.

@@ -136,14 +136,14 @@ class Stiffness:
                  blocks)
         return sparse.bsr_matrix((blocks, self.pattern.indices, self.pattern.indptr), self.shape)
 
-    def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = (),
+    def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = (), others: bool = False,
                  secant: bool = False) -> sparse.bsr_matrix:
-        """The part [Pa] of surface terms, or of those in `names`, with the closest points that were found last.
+        """The part [Pa] of surface terms, of those in `names` or all `others`, with the closest points of last.
 
         secant : whether friction that falls with the speed counts as one in proportion to it, which never pushes.
         """
         parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics, secant)
-                 if s.nodes.size and (not names or s.name in names)]
+                 if s.nodes.size and (not names or (s.name in names) != others)]
         if not parts:
             return sparse.bsr_matrix(self.shape, blocksize=(self.dimension,) * 2)
         rows, columns, blocks = (np.concatenate(a) for a in zip(*parts, strict=True))
@@ -152,13 +152,13 @@ class Stiffness:
 
     def _of_blocks(self, rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> sparse.bsr_matrix:
         """Matrix of blocks at local rows and columns; blocks at one place are added."""
-        order = np.argsort(rows, kind="stable")
+        n, wide = self.mechanics.scene.size, self.mechanics.state.in_petsc[columns]  # contacts change the ghosts
+        order = np.argsort(places := rows * n + wide, kind="stable")
+        first = np.flatnonzero(np.diff(places[order], prepend=-1))
+        rows, columns = np.divmod(places[order[first]], n)
         ptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.mechanics.n_owned))])
-        m = self.mechanics  # contacts change the ghosts
-        wide = m.state.in_petsc[columns[order]]
-        out = sparse.bsr_matrix((blocks[order], wide, ptr), self.shape)
-        out.sum_duplicates()
-        return out
+        return sparse.bsr_matrix((np.add.reduceat(blocks[order], first) if len(first) else blocks, columns, ptr),
+                                 self.shape, blocksize=(self.dimension,) * 2)
 
     def __call__(self, by_u: float = 1.0, by_v: float = 0.0) -> sparse.bsr_matrix:
         """The tangent -(by_u ∂f/∂u + by_v ∂f/∂v) [Pa] in the current state, after F was updated."""
