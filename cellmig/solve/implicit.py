@@ -309,10 +309,7 @@ class Implicit(Integrator):
             m.rate(0.0)
             self.fail("no step was short enough for Newton's method", remedy=self.remedy)
         if failed:
-            self.failures += failed
-            unit = m.scene.time_unit
-            self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
-            self.dt = dt
+            self._cut(failed, start, dt)
         if self._accept(before, dt):
             self._finish(before, start, dt)
             return True
@@ -321,6 +318,11 @@ class Implicit(Integrator):
         m.state.owned[:] = before
         m.state.exchange()
         return False
+
+    def _cut(self, failed: int, start: float, dt: float) -> None:
+        """Note that so many solves have failed before the step from `start` was short enough, dt [µs]; collective."""
+        self.failures, self.dt, unit = self.failures + failed, dt, self.mechanics.scene.time_unit
+        self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
 
     def _accept(self, before: np.ndarray, dt: float) -> bool:
         """Whether a step of dt [µs] from the state `before` is accurate, which PETSc's error control sees to."""

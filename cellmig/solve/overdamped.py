@@ -26,6 +26,7 @@ ACCURATE = "1e-6"  # tolerance of Krylov methods: with 1e-2 Newton's method stal
 EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 COLLAPSED = 0.1  # size of a facet over that at rest, below which tension has closed it [-]
+CLOSED = 1e-3  # below which a run ends where a solve fails [-]: 1e-8 is left when no step is short enough
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
@@ -222,6 +223,12 @@ class Overdamped(Implicit):
         out.destroy()
 
     # ------------------------------------------------------------ steps
+
+    def _cut(self, failed: int, start: float, dt: float) -> None:
+        """As of any implicit step; ends a run whose membrane has closed, as steps would become ever shorter."""
+        super()._cut(failed, start, dt)
+        if self.mechanics.terms.cortex is not None and self._least_facet() < CLOSED:
+            self.fail("the membrane has gathered at one place", remedy=self.remedy)
 
     def _choose_step(self, stop: float) -> None:
         """Set the next step: one of equal ones to `stop` [µs], at most as long as errors, or the case, allow."""
