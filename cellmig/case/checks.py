@@ -91,12 +91,9 @@ def _renewal(source: Source, found: dict[str, Any]) -> None:
         return
     director = found["director"]
     eta = any(getattr(law, "eta", 0.0) for law in (found["materials"] or {}).values())
-    for wrong, why in (
-            (found["dimension"] == 3, "neighbours are found anew in two dimensions only: take \"never\""),
-            (eta and director is not None and not director.uniform, "neighbours are not found anew where directors "
-             "exert stresses: take \"never\", or materials with eta = 0")):
-        if wrong:
-            source.reject(("numerics", "renewal"), why)
+    if eta and director is not None and not director.uniform:
+        source.reject(("numerics", "renewal"), "neighbours are not found anew where directors exert stresses: take "
+                      "\"never\", or materials with eta = 0")
 
 
 _ALONG_P = "cells with a polarity push along that: leave it out; polarity.start is where they begin"

@@ -133,7 +133,11 @@ def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
-    """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it."""
+    """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it;
+    none in space.
+    """
+    if scene.dimension == 3:
+        return np.zeros(len(scene.kind), bool)
     flows = _fluids(scene)
     free = np.array([bool(flows[np.where(t.nucleus[t.surface], inner, outer)].all())
                      for t, (outer, inner) in zip(scene.templates, scene.material_of, strict=True)])[scene.kind]

@@ -13,33 +13,37 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry import delaunay, polygons
+from ..geometry import delaunay, polygons, tetrahedra
+from ..geometry.surfaces import ClosedSurface
+from ..geometry.triangles import volume
 from ..model.tensors import contracted, determinant
 from . import rkpm
 from .body import Template
 from .recovery import recovery
 from .scene import Scene
-from .simplices import edges_of, zero_row_sums
+from .simplices import averaged, edges_of, zero_row_sums
 from .stabilisation import laplacian, missed
 
-TIGHT = 1.1  # distance up to which neighbours push each other, over that in a hexagonal lattice [-]
+TIGHT = 1.1  # distance up to which neighbours push each other, over that in the densest lattice [-]
 PUSHES, SHARE = 4, 0.2  # how often they do, and by which share of what they lack each moves [-]
 FARTHEST = 0.2  # how far a particle moves at most [spacings]
-NUDGE, GOLDEN = 0.01, 2.399963229728653  # moves that come first [spacings], and the angle from one to the next [rad]
+DEEP = 0.4  # how far below a surface in space they are at least, over that distance [-]
+NUDGE = 0.01  # moves that come first [spacings]
+GOLDEN, RATIO = 2.399963229728653, 0.6180339887498949  # turn from one of these to the next [rad], and height in space
 
 
 def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | None = None,
             solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
-    r"""A body in the plane with the neighbours that its particles have at x0.
+    r"""A body with the neighbours that its particles have at x0.
 
-    Weights of integrals at x0 are V J; they are scaled to the area that the surface encloses, so that uniform stress
+    Weights of integrals at x0 are V J; they are scaled to the content that the surface encloses, so that uniform stress
     causes no force inside.  The stabilisations begin anew: their Laplacians vanish at x0.
 
     Parameters
     ----------
     t : Template -- the body, in its reference configuration or renewed before.
-    x0 : (n, 2) -- positions from the centre [µm].
-    F0 : (n, 2, 2) -- deformation gradients there [-].
+    x0 : (n, D) -- positions from the centre [µm].
+    F0 : (n, D, D) -- deformation gradients there [-].
     along : (m,) -- places of the surface particles along the reference outline [µm], None for those of before.
     solve : function -- as for `rkpm.consistent`.
 
@@ -48,14 +52,17 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
     Source: derived here, as updated Lagrangian forms of meshfree methods with total Lagrangian stresses.
     """
     facets, J = t.facets, determinant(F0.transpose(1, 2, 0))
-    edges = edges_of(_triangles(x0, facets))
+    simplices, share = _simplices(x0, facets)
+    if len(np.unique(simplices)) < len(x0):
+        raise ValueError("a particle of the surface has no neighbours inside it")
+    edges = edges_of(simplices)
     support = rkpm.supports(x0, edges, t.dilation * t.spacing)
-    now = t.V * J
-    enclosed = polygons.area(x0[facets])
-    near = rkpm.gradients(x0, support, None, edges)
+    now, D = t.V * J, x0.shape[1]
+    enclosed = polygons.area(x0[facets]) if D == 2 else volume(x0, facets)
+    near = rkpm.gradients(x0, support, None, edges) if t.dilation else averaged(x0, simplices, share)
     G = rkpm.consistent(near, x0, now * (enclosed / now.sum()), support, facets, solve)
     C, square = laplacian(x0, edges)
-    weight = missed(2, t.dilation) * now * square
+    weight = missed(D, t.dilation) * now * square
     inner = t.laws[1] if t.laws[1] is not None else t.laws[0]
     viscosity, modulus = (np.where(t.nucleus, of(inner), of(t.laws[0])) for of in (
         lambda law: law.numerical_viscosity(t.spacing), lambda law: law.numerical_modulus))
@@ -82,33 +89,48 @@ def at_rest(t: Template) -> Template:
 
 
 def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.ndarray:
-    """Positions (n, 2) [µm] near x (n, 2) [µm], at which particles that are `loose` (n,) bool are more evenly spread.
+    """Positions (n, D) [µm] near x (n, D) [µm], at which particles that are `loose` (n,) bool are more evenly spread.
 
     Nodal gradients do not see that particles gather: they would do so more and more as a fluid flows.  Neighbours that
-    are closer than particles of their volumes V J, with J (n,) [-], are in a hexagonal lattice push each other apart;
-    nobody moves by more than FARTHEST.  Points on long segments of the surface push as well.  Moves in all directions
-    come first: where all is symmetric, particles would stay on an axis that flow compresses.
+    are closer than particles of their mass and J (n,) [-] are in the densest lattice, hexagonal or face-centred, push
+    each other apart; nobody moves by more than FARTHEST.  Points on long segments of the surface push as well; in space
+    nobody comes close to the surface.  Moves in all directions come first: where all is symmetric, particles would stay
+    on an axis that flow compresses.
 
     Source: forces in bars that only push, Persson & Strang (2004), SIAM Review 46, 329; small shifts of particles as in
     Lind, Xu, Stansby & Rogers (2012), J. Comput. Phys. 231, 1499.
     """
-    on = _marked(len(x), t.facets)
-    size = np.sqrt(2.0 / np.sqrt(3.0) * t.V * J * np.where(on, 2.0, 1.0))  # of the surface's only half is inside
-    count, x, size, facets = len(x), *_divided(x, size, t.facets)
+    on, facets, count, D = _marked(len(x), t.facets), t.facets, len(x), x.shape[1]
+    root, densest = (np.sqrt, 2.0 / np.sqrt(3.0)) if D == 2 else (np.cbrt, np.sqrt(2.0))
+    size = root(densest * t.V * t.heaviness * J * np.where(on, 2.0, 1.0))  # of the surface's only half is inside
+    surface = _closed(x, facets) if D == 3 else None
+    if surface is None:
+        x, size, facets = _divided(x, size, facets)
     start, loose = x, np.append(loose, np.zeros(len(x) - count, bool))
-    angle = GOLDEN * np.arange(len(x))
-    x = x + np.where(loose[:, None], NUDGE * t.spacing * np.column_stack([np.cos(angle), np.sin(angle)]), 0.0)
+    x = x + np.where(loose[:, None], NUDGE * t.spacing * _directions(len(x), D), 0.0)
     for _ in range(PUSHES):
-        ends = edges_of(_triangles(x, facets))
+        ends = edges_of(_simplices(x, facets)[0])
         apart = x[ends[:, 1]] - x[ends[:, 0]]
         length = np.linalg.norm(apart, axis=1)
         push = (np.maximum(TIGHT * size[ends].mean(axis=1) / length - 1.0, 0.0))[:, None] * apart
         moved = x - start
         np.add.at(moved, ends, SHARE * np.stack([-push, push], axis=1))
+        if surface is not None:
+            moved[loose] = _below(start[loose] + moved[loose], DEEP * size[loose], surface) - start[loose]
         far = np.linalg.norm(moved, axis=1)
         shortened = moved * np.minimum(1.0, FARTHEST * t.spacing / np.maximum(far, 1e-300))[:, None]
         x = start + np.where(loose[:, None], shortened, 0.0)
     return x[:count]
+
+
+def _directions(n: int, D: int) -> np.ndarray:
+    """Unit vectors (n, D) [-], each in another direction."""
+    k = np.arange(n)
+    turn = np.column_stack([np.cos(GOLDEN * k), np.sin(GOLDEN * k)])
+    if D == 2:
+        return turn
+    z = 2.0 * (RATIO * k % 1.0)[:, None] - 1.0
+    return np.hstack([np.sqrt(1.0 - z**2) * turn, z])
 
 
 def _divided(x: np.ndarray, size: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,9 +145,16 @@ def _divided(x: np.ndarray, size: np.ndarray, facets: np.ndarray) -> tuple[np.nd
     return np.concatenate([x, between]), np.append(size, wide[of]), divided
 
 
+def _below(x: np.ndarray, depth: np.ndarray, surface: ClosedSurface) -> np.ndarray:
+    """Points x (n, 3) [µm], moved to a `depth` (n,) [µm] below a surface where they are higher."""
+    on, triangle = surface.closest(x)
+    high = (np.linalg.norm(on - x, axis=1) < depth) | ~surface.inside(x)
+    return np.where(high[:, None], on - depth[:, None] * surface.normals[triangle], x)
+
+
 def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray, along: np.ndarray,
                  solve: Callable[..., np.ndarray] = rkpm.factorised) -> Scene:
-    """A scene in which some `cells` (k,) int are renewed, by x0 (size, 2) [µm] and F0 (size, 2, 2) [-] of all particles
+    """A scene in which some `cells` (k,) int are renewed, by x0 (size, D) [µm] and F0 (size, D, D) [-] of all particles
     and by `along` (m,) [µm] of all surface particles, nan where surfaces are as they were.
     """
     templates, kind, material_of = list(scene.templates), scene.kind.copy(), list(scene.material_of)
@@ -147,11 +176,17 @@ def _divisor(F: np.ndarray) -> np.ndarray:
     return contracted(parts, parts) - (len(parts) - 1.0) * determinant(parts)
 
 
-def _triangles(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Delaunay triangles (k, 3) int of points x (n, 2) [µm], but for those outside of a surface `facets` (m, 2) int.
+def _simplices(x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Delaunay triangles or tetrahedra (k, D + 1) int of points x (n, D) [µm], but for those outside of a surface
+    `facets` (m, D) int, and their weights in sums (k,) [-].
 
-    Segments of a surface that has grown long need not be edges of them.
+    Facets of a surface that has flowed need not be sides of them.
     """
+    if x.shape[1] == 3:
+        found = tetrahedra.delaunay(x)
+        found = found[tetrahedra.quality(x, found) > tetrahedra.COPLANAR]
+        found = found[_closed(x, facets).inside(x[found].mean(axis=1))]
+        return found, np.ones(len(found))
     on = _marked(len(x), facets)
 
     def inside(tri: np.ndarray) -> np.ndarray:
@@ -160,8 +195,12 @@ def _triangles(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
         within[between] = polygons.inside(x[tri[between]].mean(axis=1), x[facets])
         return within
 
-    return delaunay.triangles(x, inside)[0]
+    return delaunay.triangles(x, inside)
 
+
+def _closed(x: np.ndarray, facets: np.ndarray) -> ClosedSurface:
+    """The surface in space with the triangles `facets` (m, 3) int of points x (n, 3) [µm]."""
+    return ClosedSurface(x, facets, np.zeros(len(facets), int))
 
 
 def _marked(n: int, facets: np.ndarray) -> np.ndarray:

@@ -234,6 +234,8 @@ def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, f
     -------
     (n, n) CSR [1/µm] for each direction -- with the pattern of G.
 
+    Raises ValueError where the neighbours of a particle are in one plane.
+
     Source: derived here, as a variationally consistent integration (Chen, Hillman & Rüter 2013) in which trial and test
     functions have the same corrected gradients, so that the forces have an energy.
     """
@@ -243,7 +245,10 @@ def consistent(G: Gradient, X: np.ndarray, V: np.ndarray, support: np.ndarray, f
     w = window(np.linalg.norm(d, axis=1) / support[column])[0]
     p = np.column_stack([np.ones(len(d)), d])
     M = np.add.reduceat(w[:, None, None] * p[:, :, None] * p[:, None, :], start[:-1])
-    fit = np.linalg.solve(np.linalg.cholesky(M)[rows], (w[:, None] * p)[:, :, None])[:, :, 0]
+    try:
+        fit = np.linalg.solve(np.linalg.cholesky(M)[rows], (w[:, None] * p)[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError as error:
+        raise ValueError("a part of the body is too thin for the particles") from error
     Y = [sparse.csr_matrix((f, column, start), (n, n)) for f in fit.T]
     V2 = sparse.diags(V**2)
     A = sparse.diags(np.bincount(column, V[rows] ** 2 * w, n)) - sum(y.T @ V2 @ y for y in Y)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.polygons import cross, turn
+from ..geometry import polygons, triangles
 from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
 from ..meshfree.renewal import evened
 from ..model.tensors import determinant
@@ -30,6 +30,8 @@ def stretched(m: Mechanics) -> np.ndarray:
 
 def crowded(m: Mechanics) -> np.ndarray:
     """Cells whose surface is to be divided anew, as lengths of segments differ too much (cells,) bool; collective."""
+    if not m.divisible.any():
+        return np.zeros(len(m.divisible), bool)
     s, own = m.surfaces, m.kernel["facet"][:, 0] < m.n_owned
     loop, x = s.loop[m.segments.number[own]], m.segments.owned()[1]
     ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(m.scene.first_loop[-1]))
@@ -75,6 +77,8 @@ def renew(m: Mechanics, time: float) -> None:
                                "try finer particles, or numerics.renewal = \"never\"") from error
     m.renewals += 1
     m.renewal_loss += before - _energy(m)
+    if m.scene.dimension == 3:  # where neighbours are of one ring, another mode may be the fastest with others
+        m.modes.follow()
 
 
 def _energy(m: Mechanics) -> float:
@@ -107,7 +111,9 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     by = _centred(by, t.mass, loose)
     v += np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0)
     v -= np.where(loose[:, None], t.mass @ (v - state[:, d:]) / max(t.mass[loose].sum(), 1e-300), 0.0)
-    v += _turn(t.mass * (cross(x, state[:, d:]) - cross(x + by, v)), x + by, t.mass, loose)
+    cross = polygons.cross if d == 2 else triangles.cross
+    lost = t.mass * (cross(x, state[:, d:]) - cross(x + by, v)).T
+    v += _turn(lost.sum(axis=-1), x + by, t.mass, loose)
     state[:] = np.hstack([state[:, :d] + by, v])
     F = np.where(flows[:, None, None], J[:, None, None] ** (1.0 / d) * np.eye(d), F)
     if m.network is not None:  # b = F A Fᵀ stays
@@ -129,16 +135,19 @@ def _divide(m: Mechanics, arrays: dict[str, np.ndarray], c: int, division: Divis
     arrays["surface renewed"][on] = arrays["particle state"][at][t.surface, : m.scene.dimension] + by
     if "surface turn" in arrays:
         way = division.x[t.after] - division.x
-        arrays["surface turn"][on] = turn(way[t.before], way)
+        arrays["surface turn"][on] = polygons.turn(way[t.before], way)
 
 
 def _turn(moment: np.ndarray, x: np.ndarray, mass: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """Velocities (n, 2) [µm/µs] of the particles `on` (n,) bool, as of a rigid turn around their centre, that have the
-    sum of the moments of momentum `moment` (n,) [pN µs].
+    """Velocities (n, d) [µm/µs] of the particles `on` (n,) bool, as of a rigid turn around their centre, that have the
+    `moment` of momentum () or (3,) [pN µs µm^(D - 2)].
     """
     away = _centred(np.where(on[:, None], x, 0.0), mass, on)
-    inertia = mass @ (away**2).sum(axis=1)
-    return moment.sum() / max(inertia, 1e-300) * np.column_stack([-away[:, 1], away[:, 0]])
+    square = mass @ (away**2).sum(axis=1)
+    if x.shape[1] == 2:
+        return moment / max(square, 1e-300) * np.column_stack([-away[:, 1], away[:, 0]])
+    inertia = square * np.eye(3) - away.T @ (mass[:, None] * away)
+    return triangles.cross(np.linalg.pinv(inertia, hermitian=True) @ moment, away)
 
 
 def _centred(values: np.ndarray, mass: np.ndarray, on: np.ndarray) -> np.ndarray:

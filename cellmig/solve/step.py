@@ -81,6 +81,8 @@ class StepControl:
         drag += max(terms.medium.coefficient / t.radius * _size_per_mass(t) for t in used) if terms.medium else 0.0
         tension = terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
         self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
+        # the particle whose own stress is stiffest is then seldom in the fastest mode, and no measure of its growth
+        self._anew = scene.dimension == 3 and any(scene.templates[k].F0 is not None for k in scene.kind)
         self._follows = not terms.director_acts  # the modes lack its stresses and torques
         law = terms.director_law if terms.director == "relaxing" else None
         mobility = law.mobility if law is not None else 0.0
@@ -113,8 +115,10 @@ class StepControl:
         growth = limits["viscous"] / self._viscous0 if self._viscous0 else 1.0
         viscous, elastic = self.viscous * growth, self.elastic * limits["elastic"] / self._elastic0
         if "sound" in limits:
-            viscous = min(viscous, max(limits["viscous"], limits["viscosity"]))
-            elastic = min(elastic, max(limits["elastic"], limits["sound"])) if self._follows else elastic
+            followed = max(limits["viscous"], limits["viscosity"])
+            viscous = followed if self._anew else min(viscous, followed)
+            followed = max(limits["elastic"], limits["sound"])
+            elastic = (followed if self._anew else min(elastic, followed)) if self._follows else elastic
         c = self.stabilisation / limits["J_min"] + viscous  # F : F - J is at least J
         sound = elastic + self.stiffening
         steps = {"viscosity": _root(c, 0.0), "sound": _root(c, sound)}

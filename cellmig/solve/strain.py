@@ -78,11 +78,12 @@ class StrainWatch:
         if m.terms.renewal is None:
             return ""
         x = m.segments.owned()[1]
-        sizes = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) / min(t.spacing for t in m.scene.templates)
-        self.longest = max(before, largest(m.comm, sizes))
+        sides = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
+        self.longest = max(before, largest(m.comm, sides.max(axis=1) / min(t.spacing for t in m.scene.templates)))
         if _doublings(self.longest, LONG) <= _doublings(before, LONG):
             return ""
-        return (f"WARNING at {m.scene.time_unit.text(time)}: a segment of a surface is {self.longest:.3g} spacings "
+        side = "a segment" if m.scene.dimension == 2 else "an edge"
+        return (f"WARNING at {m.scene.time_unit.text(time)}: {side} of a surface is {self.longest:.3g} spacings "
                 "long: surfaces have as many particles as at the start, and are coarse where they have grown; take "
                 "finer particles")
 
