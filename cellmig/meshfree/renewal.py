@@ -28,6 +28,7 @@ TIGHT = 1.1  # distance up to which neighbours push each other, over that in the
 PUSHES, SHARE = 4, 0.2  # how often they do, and by which share of what they lack each moves [-]
 FARTHEST = 0.2  # how far a particle moves at most [spacings]
 DEEP = 0.4  # how far below a surface in space they are at least, over that distance [-]
+HALVINGS = 4  # of this distance where the body is thin
 NUDGE = 0.01  # moves that come first [spacings]
 GOLDEN, RATIO = 2.399963229728653, 0.6180339887498949  # turn from one of these to the next [rad], and height in space
 
@@ -54,7 +55,7 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
     facets, J = t.facets, determinant(F0.transpose(1, 2, 0))
     simplices, share = _simplices(x0, facets)
     if len(np.unique(simplices)) < len(x0):
-        raise ValueError("a particle of the surface has no neighbours inside it")
+        raise ValueError("a particle has no neighbours inside the surface, which is too coarse or too thin there")
     edges = edges_of(simplices)
     support = rkpm.supports(x0, edges, t.dilation * t.spacing)
     now, D = t.V * J, x0.shape[1]
@@ -93,16 +94,17 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
 
     Nodal gradients do not see that particles gather: they would do so more and more as a fluid flows.  Neighbours that
     are closer than particles of their mass and J (n,) [-] are in the densest lattice, hexagonal or face-centred, push
-    each other apart; nobody moves by more than FARTHEST.  Points on long segments of the surface push as well; in space
-    nobody comes close to the surface.  Moves in all directions come first: where all is symmetric, particles would stay
+    each other apart, by FARTHEST at most.  Points on long segments of the surface push as well; in space nobody stays
+    close to the surface.  Moves in all directions come first: where all is symmetric, particles would stay
     on an axis that flow compresses.
 
     Source: forces in bars that only push, Persson & Strang (2004), SIAM Review 46, 329; small shifts of particles as in
     Lind, Xu, Stansby & Rogers (2012), J. Comput. Phys. 231, 1499.
     """
     on, facets, count, D = _marked(len(x), t.facets), t.facets, len(x), x.shape[1]
-    root, densest = (np.sqrt, 2.0 / np.sqrt(3.0)) if D == 2 else (np.cbrt, np.sqrt(2.0))
-    size = root(densest * t.V * t.heaviness * J * np.where(on, 2.0, 1.0))  # of the surface's only half is inside
+    densest = 2.0 / np.sqrt(3.0) if D == 2 else np.sqrt(2.0)
+    content = densest * t.V * t.heaviness * J * np.where(on, 2.0, 1.0)  # of the surface's only half is inside
+    size = np.sqrt(content) if D == 2 else np.cbrt(content)
     surface = _closed(x, facets) if D == 3 else None
     if surface is None:
         x, size, facets = _divided(x, size, facets)
@@ -115,11 +117,11 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
         push = (np.maximum(TIGHT * size[ends].mean(axis=1) / length - 1.0, 0.0))[:, None] * apart
         moved = x - start
         np.add.at(moved, ends, SHARE * np.stack([-push, push], axis=1))
-        if surface is not None:
-            moved[loose] = _below(start[loose] + moved[loose], DEEP * size[loose], surface) - start[loose]
         far = np.linalg.norm(moved, axis=1)
         shortened = moved * np.minimum(1.0, FARTHEST * t.spacing / np.maximum(far, 1e-300))[:, None]
         x = start + np.where(loose[:, None], shortened, 0.0)
+        if surface is not None:
+            x[loose] = _below(x[loose], DEEP * size[loose], surface)
     return x[:count]
 
 
@@ -146,10 +148,17 @@ def _divided(x: np.ndarray, size: np.ndarray, facets: np.ndarray) -> tuple[np.nd
 
 
 def _below(x: np.ndarray, depth: np.ndarray, surface: ClosedSurface) -> np.ndarray:
-    """Points x (n, 3) [µm], moved to a `depth` (n,) [µm] below a surface where they are higher."""
+    """Points x (n, 3) [µm], moved to a `depth` (n,) [µm] below a surface where they are higher; where the body is thin,
+    to a half of it, and so on.
+    """
     on, triangle = surface.closest(x)
-    high = (np.linalg.norm(on - x, axis=1) < depth) | ~surface.inside(x)
-    return np.where(high[:, None], on - depth[:, None] * surface.normals[triangle], x)
+    high = np.flatnonzero((np.linalg.norm(on - x, axis=1) < depth) | ~surface.inside(x))
+    down, moved = -depth[:, None] * surface.normals[triangle], x.copy()
+    for _ in range(HALVINGS):
+        moved[high] = on[high] + down[high]
+        high = high[~surface.inside(moved[high])]
+        down[high] *= 0.5
+    return moved
 
 
 def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray, along: np.ndarray,

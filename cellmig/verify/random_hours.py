@@ -37,7 +37,7 @@ def scene(seed: int, number: int, dimension: int = 2) -> Tables:
         tables["protrusion"] = {"cells": [name for name in names if rng.random() < 0.7],
                                 "protrusion_ratio": decades(rng, -2, 0), "height": text(rng.uniform(0.2, 1), "um"),
                                 "random": bool(rng.random() < 0.3)}
-    if dimension == 2 and tables["materials"]["cytoplasm"]["law"] != "gel" and rng.random() < 0.5:
+    if tables["materials"]["cytoplasm"]["law"] != "gel" and rng.random() < 0.5:
         tables["numerics"] = {"renewal": 1.3}
     cues = np.random.default_rng([seed, number, 5])
     if tables.get("protrusion", {}).get("cells") and cues.random() < 0.7:

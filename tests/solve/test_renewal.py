@@ -361,7 +361,7 @@ def test_steps_that_are_repeated_begin_with_the_neighbours_of_before(
 @pytest.mark.serial
 @pytest.mark.parametrize(("sets", "told"), [
     (("one_cell", "numerics.renewal=0.9"), "renewal"),
-    (("ball", "numerics.renewal=1.3"), "two dimensions only"),
+    (("ball_director", "numerics.renewal=1.3"), "directors exert stresses"),
     (("director_radial", "numerics.renewal=1.3"), "directors exert stresses")])
 def test_what_cannot_find_neighbours_anew_is_refused(sets: tuple[str, ...], told: str) -> None:
     with pytest.raises(CaseError, match=told):

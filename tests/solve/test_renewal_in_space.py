@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, case, everywhere, outlines, set_motion, smooth
+from scenes import built, case, outlines, set_motion, smooth
 from test_renewal import renewing, state
 
 from mpi4py import MPI
@@ -112,7 +112,7 @@ def test_particles_that_are_spread_stay_below_the_surface() -> None:
     for _ in range(3):  # by a part of a spacing each
         x = evened(t, x, np.ones(300), loose)
     deep = -surface.distance(x[loose]) / t.spacing
-    assert deep.min() > 0.2  # measured 0.42
+    assert deep.min() > 0.2  # measured 0.39; 0.29 before
 
 
 @pytest.mark.serial
@@ -151,16 +151,17 @@ def followed(scene: Case, times: np.ndarray, comm: MPI.Comm) -> tuple[np.ndarray
 
 
 @pytest.mark.serial
-def test_a_ball_squeezed_to_a_fourth_of_its_height_is_round_again() -> None:
-    """As its neighbours of the start would have it; but they lose volume where it is flat."""
-    times = np.array([2.0, 4.0, 6.0, 20.0, 40.0])
-    kept = followed(flattened(300), times, MPI.COMM_SELF)
+def test_a_ball_squeezed_to_a_fourth_of_its_height_is_as_with_finer_particles_and_round_again() -> None:
+    times = np.array([2.0, 4.0, 6.0, 40.0])
     size, volume, error, renewals, _ = followed(renewing(flattened(300)), times, MPI.COMM_SELF)
-    assert renewals > 8 and size[:, 2].min() < 2.7  # µm; measured 2.62, from 9.9
-    assert np.abs(size[:3] / kept[0][:3] - 1.0).max() < 0.03  # measured 0.018
-    assert np.abs(size[-1] - size[-1].mean()).max() < 0.06  # µm; measured 0.02
-    assert np.ptp(volume) < 5e-3 * volume[0] < np.ptp(kept[1])  # measured 3e-3; 1.6e-2
-    assert error.max() < 2e-4  # measured 5e-5
+    fine, kept = (followed(flattened(n), times[:3], MPI.COMM_SELF) for n in (1000, 300))
+    assert renewals > 8 and size[:, 2].min() < 2.45  # µm; measured 2.38, of 9.9
+    assert np.abs(size[:3] / fine[0] - 1.0).max() < 0.02  # measured 0.013
+    assert np.abs(kept[0] / fine[0] - 1.0).max() > 0.04  # neighbours of the start; measured 0.053
+    assert np.abs(size[-1] - size[-1].mean()).max() < 0.1  # µm; measured 0.04
+    assert np.ptp(volume[:3]) < 2e-3 * volume[0] < 0.2 * np.ptp(kept[1])  # measured 1.2e-3; 1.9e-2
+    assert np.ptp(volume) < 1e-2 * volume[0]  # measured 4.6e-3
+    assert error.max() < 2e-4  # measured 4e-5
 
 
 def test_a_ball_squeezed_flat_has_the_same_bits_on_any_ranks(comm: MPI.Comm) -> None:
@@ -285,10 +286,9 @@ def test_a_fluid_sheared_tenfold_inside_a_ball_is_resisted_as_at_the_start() -> 
     """An angle of 1 is a shear of 320 % at the inner ball, which particles make somewhat smaller: torques are low."""
     angles = np.array([0.0, 0.5, 1.0, 2.5, 3.0])
     kept, (found, J) = torques(ball(1000), angles)[0], torques(renewing(ball(1000), 1.2), angles)
-    assert kept[-1] > 1.5 * kept[0]  # measured 1.8
-    assert np.abs(found / found[0] - 1.0).max() < 0.1  # measured 0.12
-    assert 0.7 < found[0] < 0.9 and J < 5e-3  # measured 0.79; 1.6e-3
-    print(kept, found, J)
+    assert kept[-1] > 1.5 * kept[0]  # measured 1.77
+    assert np.abs(found / found[0] - 1.0).max() < 0.1  # measured 0.087
+    assert 0.7 < found[0] < 0.9 and J < 5e-3  # measured 0.79; 2.3e-3
 
 
 # ------------------------------------------------------------------------------------------------------ without inertia
@@ -324,7 +324,7 @@ def spreading(limit: float | None) -> Case:
     tree = case("ball", per_cell=120).resolved()
     del tree["materials"]["nucleus"], tree["cells"][0]["nucleus"], tree["cells"][0]["nucleus_ratio"]
     tree["materials"]["cytoplasm"] |= {"viscosity": "100 Pa s", "reduced_bulk_modulus": "1 MPa"}
-    tree["adhesion"]["substrate"] |= {"equilibrium_distance": "500 nm", "cutoff": "default"}
+    tree["adhesion"]["substrate"]["equilibrium_distance"] = "500 nm"
     del tree["adhesion"]["substrate"]["cutoff"]
     tree |= {"medium": {"viscosity": "100 mPa s"},
              "cortex": {"law": "elastic", "line_tension": "30 pN/um", "area_modulus": "1000 pN/um"},
