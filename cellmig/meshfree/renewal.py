@@ -70,7 +70,7 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
     entries = np.einsum("ejk,ej->ek", F0[np.repeat(np.arange(len(x0)), np.diff(G[0].indptr))],
                         np.column_stack([g.data for g in G]))
     return replace(t, G=zero_row_sums(entries, G[0].indices, G[0].indptr), C=C, missed=weight,
-                   bending_weight=weight * viscosity * _divisor(F0), bending_modulus=weight * modulus,
+                   bending_weight=weight * viscosity * _divisor(F0), bending_modulus=weight * modulus * t.grades,
                    R=recovery(x0, G[0], support, t.nucleus), x0=x0, F0=F0,
                    along=t.along if along is None else along)
 
@@ -93,10 +93,10 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
     """Positions (n, D) [µm] near x (n, D) [µm], at which particles that are `loose` (n,) bool are more evenly spread.
 
     Nodal gradients do not see that particles gather: they would do so more and more as a fluid flows.  Neighbours that
-    are closer than particles of their mass and J (n,) [-] are in the densest lattice, hexagonal or face-centred, push
-    each other apart, by FARTHEST at most.  Points on long segments of the surface push as well; in space nobody stays
-    close to the surface.  Moves in all directions come first: where all is symmetric, particles would stay
-    on an axis that flow compresses.
+    are closer than particles of their masses, with J (n,) [-], are in the densest lattice, hexagonal or face-centred,
+    push each other apart, by FARTHEST at most.  Points on long segments of the surface push as well; in space nobody
+    stays close to the surface.  Moves in all directions come first: where all is symmetric, particles would stay on an
+    axis that flow compresses.
 
     Source: forces in bars that only push, Persson & Strang (2004), SIAM Review 46, 329; small shifts of particles as in
     Lind, Xu, Stansby & Rogers (2012), J. Comput. Phys. 231, 1499.

@@ -70,22 +70,22 @@ def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: 
         B = np.array([[0.9, 0.3, 0.0], [0.0, 1.1, 0.1], [-0.2, 0.0, 1.02]])  # of the particles where they are now
         set_motion(sim, u=(X + after["u"]) @ B.T - X)
         further = state(sim)
-    kept = np.cbrt(np.linalg.det(A)) * np.eye(3) if law == "nematic" else A
-    assert np.abs(after["F"] - kept).max() < 1e-12 or law == "maxwell"  # measured 2e-15
-    assert np.abs(further["F"] - B @ after["F"]).max() < 1e-11  # measured 1e-14
+    kept = A if law == "gel" else np.cbrt(np.linalg.det(A)) * np.eye(3)
+    assert np.abs(after["F"] - kept).max() < 1e-12  # measured 7e-16
+    assert np.abs(further["F"] - B @ kept).max() < 1e-11  # measured 9e-16
     assert np.abs(after["J"] - before["J"]).max() < 1e-12  # measured 1e-15
-    assert np.abs(after["stress"] - before["stress"]).max() < 1e-5  # Pa, of 5e4; measured 3e-8
+    assert np.abs(after["stress"] - before["stress"]).max() < 1e-5  # Pa, of 5e4; measured 6e-9
     moved = np.linalg.norm(after["u"] - before["u"], axis=1) / sim.scene.templates[0].spacing
     inside = np.setdiff1d(np.arange(200), sim.scene.surface(0))
     assert moved[sim.scene.surface(0)].max() == 0.0
-    assert moved.max() == 0.0 if law == "gel" else 0.01 < moved[inside].max() < 0.25
-    assert np.abs(mass @ (after["u"] - before["u"])).max() < 1e-6  # fg µm, of 5e5; measured 6e-11
-    assert np.abs(mass @ (after["v"] - before["v"])).max() < 1e-6  # pN µs; measured 1e-10
+    assert moved.max() == 0.0 if law == "gel" else 0.01 < moved[inside].max() < 0.25  # measured 0.21
+    assert np.abs(mass @ (after["u"] - before["u"])).max() < 1e-6  # fg µm, of 1e6; measured 6e-12
+    assert np.abs(mass @ (after["v"] - before["v"])).max() < 1e-6  # pN µs, of 1e5; measured 0
 
 
 @pytest.mark.serial
 def test_uniform_stress_causes_no_force_inside_a_body_that_has_flowed() -> None:
-    """Its surface has a fold, whose edges are none of the tetrahedra."""
+    """Its surface is hollow above and below, and 36 of its 430 triangles are no faces of tetrahedra."""
     with built(ball(400), MPI.COMM_SELF) as sim:
         t = sim.scene.templates[0]
     F0 = np.broadcast_to(np.eye(3), (400, 3, 3))
@@ -94,11 +94,11 @@ def test_uniform_stress_causes_no_force_inside_a_body_that_has_flowed() -> None:
     new = renewed(t, x, F0)
     inside = np.setdiff1d(np.arange(400), new.surface)
     force = np.column_stack([new.V @ g for g in new.G])
-    assert np.abs(force[inside]).max() < 1e-9  # µm²; measured 1e-13
+    assert np.abs(force[inside]).max() < 1e-9  # µm²; measured 2e-13, of 2.6 at the surface
     assert np.abs(force[new.surface]).max() > 0.1
     for g, direction in zip(new.G, np.eye(3), strict=True):
-        assert np.abs(g @ x - direction).max() < 1e-10  # measured 1e-13
-        assert np.abs(g @ np.ones(400)).max() < 1e-12
+        assert np.abs(g @ x - direction).max() < 1e-10  # measured 2e-14
+        assert np.abs(g @ np.ones(400)).max() < 1e-12  # measured 5e-16
     assert np.abs(at_rest(new).mass - t.mass).max() < 1e-12 * t.mass.max()
 
 
@@ -181,7 +181,7 @@ def test_a_ball_that_turns_and_is_stretched_keeps_momentum_and_its_moment(comm: 
             found.append([(mass * q["v"]).sum(axis=0), (mass * np.cross(sim.scene.X + q["u"], q["v"])).sum(axis=0)])
     assert sim.mechanics.renewals > 2
     change, moment = np.abs(np.subtract(*found)).max(axis=1), np.abs(found[0][1]).max()
-    assert moment > 1e5 and (change < 1e-9 * moment).all()  # pN µs µm; measured 1e-14
+    assert moment > 1e5 and (change < 1e-9 * moment).all()  # pN µs µm; measured 5e-10, of 1.3e6
 
 
 def test_energy_that_neighbours_found_anew_take_is_an_item_of_the_ledger(comm: MPI.Comm) -> None:
@@ -191,8 +191,8 @@ def test_energy_that_neighbours_found_anew_take_is_an_item_of_the_ledger(comm: M
         ledger = sim.sample()[1]
     assert sim.mechanics.renewals > 1
     assert abs(ledger["renewal_loss_pn_um"]) > 50.0 and ledger["renewal_loss_pn_um"] == sim.mechanics.renewal_loss
-    assert abs(ledger["renewal_loss_pn_um"]) < 0.02 * ledger["viscous_loss_pn_um"]
-    assert ledger["energy_error"] < 1e-3
+    assert abs(ledger["renewal_loss_pn_um"]) < 0.01 * ledger["viscous_loss_pn_um"]  # measured 0.0025: 2,300 pN µm
+    assert ledger["energy_error"] < 1e-3  # measured 5e-5
 
 
 FLOWS = {"ball": lambda: flattened(150), "cell": lambda: flattened(150, nucleus=True), "network": lambda: flattened(
@@ -315,8 +315,8 @@ def test_a_maxwell_fluid_without_inertia_keeps_its_stress(comm: MPI.Comm) -> Non
         sim.go(4e6)
         ledger, size = sim.sample()[1], np.ptp(outlines(sim), axis=0)
     assert np.abs(after["stress"] - before["stress"]).max() < 1e-6  # Pa, of 2,700; measured 4e-9
-    assert ledger["energy_error"] < 1e-3 and m.renewals > 1
-    assert size.max() / size.min() < 1.2  # 2.7 at the start
+    assert ledger["energy_error"] < 1e-3 and m.renewals > 1  # measured 1.4e-6; 4
+    assert size.max() / size.min() < 1.02  # 2.7 at the start; measured 1.006
 
 
 def spreading(limit: float | None) -> Case:
@@ -340,4 +340,4 @@ def test_a_ball_that_spreads_without_inertia_is_as_high_as_with_the_neighbours_o
     assert none == 0 and renewals > 0
     assert size[0, 2] == pytest.approx(kept[0, 2], rel=0.01) and size[0, 2] < 9.2  # µm, of 9.8; measured 9.03 and 9.01
     assert now == pytest.approx(volume, rel=1e-3)
-    assert error.max() < 1e-5
+    assert error.max() < 1e-5  # measured 1e-7
