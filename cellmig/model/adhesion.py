@@ -18,6 +18,12 @@ TINY = 1e-30  # square of a distance below which a vertex on a segment has no di
 NARROW = 0.01  # least change of a gap over which a curvature is a difference of slopes, over the gap [-]
 
 
+def knot_near(law: Adhesion, gap):
+    """That of cap, equilibrium distance and cutoff of bonds which is nearest to a gap [µm]: derivatives jump there."""
+    return where(gap < 0.5 * (law.cap + law.equilibrium_distance), law.cap,
+                 where(gap < 0.5 * (law.equilibrium_distance + law.cutoff), law.equilibrium_distance, law.cutoff))
+
+
 @dataclass(frozen=True)
 class SegmentBonds:
     """The potential U of a bond, averaged over a segment whose gap goes linearly from gap1 to gap2.
@@ -44,13 +50,23 @@ class SegmentBonds:
         return mean, (mean - self.law.potential(gap1)) / change, (self.law.potential(gap2) - mean) / change
 
     def by_quadrature(self, gap1, gap2):
-        """The mean by three Gauss points, where the gap hardly changes: the primitives cancel [pN µm], [pN]."""
-        change = gap2 - gap1
+        """The same where the gap hardly changes, and primitives cancel, between jumps of derivatives [pN µm], [pN]."""
+        knot = knot_near(self.law, 0.5 * (gap1 + gap2))
+        across = (knot - gap1) * (gap2 - knot) > 0.0
+        part = (knot - gap1) / where(across, gap2 - gap1, 1.0)
+        below, above = self.by_points(gap1, gap2, 0.0, part), self.by_points(gap1, gap2, part, 1.0)
+        return either(across, tuple(first + second for first, second in zip(below, above, strict=True)),
+                      self.by_points(gap1, gap2, 0.0, 1.0))
+
+    def by_points(self, gap1, gap2, start, end):
+        """The part of the mean from ξ = `start` to `end` by three Gauss points [pN µm], [pN]."""
+        change, width = gap2 - gap1, end - start
         mean, by_gap1, by_gap2 = 0.0, 0.0, 0.0
-        for at, weight in GAUSS:
+        for share, weight in GAUSS:
+            at, size = start + width * share, width * weight
             gap = gap1 + at * change
-            slope = weight * self.law.slope(gap)
-            mean = mean + weight * self.law.potential(gap)
+            slope = size * self.law.slope(gap)
+            mean = mean + size * self.law.potential(gap)
             by_gap1 = by_gap1 + slope * (1.0 - at)
             by_gap2 = by_gap2 + slope * at
         return mean, by_gap1, by_gap2

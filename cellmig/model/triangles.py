@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from numpy import maximum, minimum, sqrt, where
 
 from ..case.pointwise import either
-from .adhesion import GAUSS, GAUSS_OF_VERTEX, NARROW, SegmentBonds
+from .adhesion import GAUSS, GAUSS_OF_VERTEX, NARROW, SegmentBonds, knot_near
 from .protocols import ProtrusionLaw, SurfaceBonds
 
 FLAT = 0.02  # change of the gap over a triangle, over the gap itself, below which divided differences cancel [-]
@@ -155,10 +155,7 @@ class TriangleBonds(TriangleMean):
 
     def knot(self, middle):
         """That of cap, equilibrium distance and cutoff which is nearest [µm]."""
-        law = self.law
-        return where(middle < 0.5 * (law.cap + law.equilibrium_distance), law.cap,
-                     where(middle < 0.5 * (law.equilibrium_distance + law.cutoff), law.equilibrium_distance,
-                           law.cutoff))
+        return knot_near(self.law, middle)
 
     def mean(self, gap1, gap2, gap3):
         """Mean energy of a bond [pN µm] and its derivatives by the gaps [pN]."""
