@@ -338,6 +338,6 @@ def test_a_ball_that_spreads_without_inertia_is_as_high_as_with_the_neighbours_o
     (kept, volume, _, none, _), (size, now, error, renewals, _) = (
         followed(spreading(limit), np.array([5e6]), MPI.COMM_SELF) for limit in (None, 1.1))
     assert none == 0 and renewals > 0
-    assert size[0, 2] == pytest.approx(kept[0, 2], rel=0.01) and size[0, 2] < 9.2  # µm, of 9.8; measured 9.03 and 9.01
+    assert size[0, 2] == pytest.approx(kept[0, 2], rel=0.01) and size[0, 2] < 9.2  # µm, of 9.9; measured 9.03 and 9.00
     assert now == pytest.approx(volume, rel=1e-3)
     assert error.max() < 1e-5  # measured 1e-7
