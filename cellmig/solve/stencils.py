@@ -53,7 +53,7 @@ class Stencil:
 class Secant:
     """A law of friction by its ratio to the speed: derivatives do not go by its slope, which may fall, nor by bonds.
 
-    Source: the secant of Kačanov's method, Zeidler (1990), Nonlinear Functional Analysis II/B, section 25.14.
+    Source: the secant of Kačanov's method, Han, Jensen & Shimansky (1997), Appl. Numer. Math. 24, 57.
     """
 
     law: Friction
