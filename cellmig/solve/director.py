@@ -8,6 +8,7 @@ from ..kernel.fields import Field
 from ..kernel.kernel import Kernel, aligned_zeros
 from ..model.director import numbers
 from ..parallel.ghosts import GhostedField
+from ..parallel.reduce import largest
 from .anchors import Anchors
 from .state import State
 from .subdomain import Subdomain
@@ -105,7 +106,10 @@ class Director(GhostedField):
         bend = self._state.by_row(self._kernel["director_bend"])[: len(self.owned)]
         return 0.5 * self._modulus * (bend * bend).sum(axis=1)
 
-    def anchored(self) -> tuple[np.ndarray, np.ndarray]:
-        """Anchors of two dimensions with both neighbours (n_anchors, 3) int, and their torques (n_anchors,) [pN]."""
-        anchor = self._kernel["anchor"]
-        return anchor, self.memory[anchor[:, 1], 1]
+    def widest(self) -> float:
+        """Largest angle [rad] between anchored directors of neighbours along the membrane, in the plane; collective.
+
+        At π their energy has a kink: the difference of angles that are constant up to 2π changes its sign.
+        """
+        facets = self._kernel["facet"] if len(self.anchors.at) else np.zeros((0, 2), int)
+        return largest(self._comm, np.arccos(np.cos(np.diff(self.memory[facets, 0], axis=1))))

@@ -14,7 +14,6 @@ from ..case.pointwise import between
 from ..kernel.terms import SURFACE_TERMS
 from ..meshfree.contact import ContactLists
 from ..meshfree.contact_space import TriangleLists
-from ..model.director import Couple
 from ..model.ligand import LigandTable
 from ..model.protocols import Friction
 from .contact_tangent import ContactDifferences
@@ -81,10 +80,6 @@ def stencils(m: Mechanics, secant: bool = False) -> Iterator[Stencil | Pushes | 
         else:
             on = k["near"] if "gap1" in _arguments(formula) else k["taut"]
             yield _of_facets(term.name, formula, k["facet"][on].T, k["facet_size"][on])
-    law = m.terms.director_law
-    if law is not None and law.anchoring == "surface" and m.director is not None and m.state.dimension == 2:
-        anchor, torque = m.director.anchored()
-        yield _of_facets("anchors", Couple(), anchor[:, [0, 2]].T, torque=torque)
 
 
 def _arguments(formula: Any) -> list[str]:

@@ -16,6 +16,7 @@ from ..kernel.layout import csr_rows
 from ..meshfree.stabilisation import BulkDamping, Stabilisation
 from ..model.tensors import cofactors
 from ..parallel.collect import Arrays
+from .anchor_tangent import AnchorTangent
 from .mechanics import Mechanics
 from .stencils import stencils
 from .tangent import mixed
@@ -61,6 +62,7 @@ class Stiffness:
         self._lists = d, len(columns), *(a.astype(np.int64) for a in lists), np.column_stack(columns)
         self._blocks = *(a.astype(np.int64) for a in (self.pattern.indptr, self.pattern.indices)),
         self._volume = m.part.rows.field("V")
+        self._anchored = self._of_anchors(wide)
         self._damping = m.part.rows.field("damping") if m.terms.bulk_damped else None
         self._bending = [there * m.part.rows.field(f"bending_{kind}")
                          for kind, there in (("weight", m.terms.stabilised), ("modulus", m.terms.stiffened))]
@@ -76,6 +78,14 @@ class Stiffness:
         wide = sparse.csr_matrix((local.data, self._column[local.indices], local.indptr), (n_rows, scene.size))
         wide.sort_indices()
         return wide
+
+    def _of_anchors(self, gradients: list[sparse.csr_matrix]) -> AnchorTangent | None:
+        """The part of anchored directors, where a scene has them; collective."""
+        m = self.mechanics
+        law, n = m.terms.director_law, m.n_owned
+        if m.director is None or law is None or law.anchoring != "surface":
+            return None
+        return AnchorTangent(m, [g[:n] for g in gradients], self._wide([t.C for t in m.scene.templates], n))
 
     def moduli(self, by_u: float, by_v: float) -> np.ndarray:
         """Moduli V (by_u ∂P/∂F + by_v ∂P/∂Ḟ) (d, k, d, k, n_rows) [pN] of the rows.
@@ -138,17 +148,24 @@ class Stiffness:
 
     def surfaces(self, by_u: float = 1.0, by_v: float = 0.0, names: tuple = (), others: bool = False,
                  secant: bool = False) -> sparse.bsr_matrix:
-        """The part [Pa] of surface terms, of those in `names` or all `others`, with the closest points of last.
+        """The part [Pa] of surface terms and "anchors", of those in `names` or all `others`, with the closest points of
+        last; collective.
 
         secant : whether friction that falls with the speed counts as one in proportion to it, which never pushes.
         """
+        def wanted(name: str) -> bool:
+            return not names or (name in names) != others
+
         parts = [s.tangent(self.mechanics, by_u, by_v) for s in stencils(self.mechanics, secant)
-                 if s.nodes.size and (not names or (s.name in names) != others)]
-        if not parts:
-            return sparse.bsr_matrix(self.shape, blocksize=(self.dimension,) * 2)
-        rows, columns, blocks = (np.concatenate(a) for a in zip(*parts, strict=True))
-        own = (rows < self.mechanics.n_owned) & blocks.any(axis=(1, 2))
-        return self._of_blocks(rows[own], columns[own], blocks[own])
+                 if s.nodes.size and wanted(s.name)]
+        found = sparse.bsr_matrix(self.shape, blocksize=(self.dimension,) * 2)
+        if parts:
+            rows, columns, blocks = (np.concatenate(a) for a in zip(*parts, strict=True))
+            own = (rows < self.mechanics.n_owned) & blocks.any(axis=(1, 2))
+            found = self._of_blocks(rows[own], columns[own], blocks[own])
+        if self._anchored is not None and wanted("anchors"):
+            found += by_u * self._anchored().tobsr(found.blocksize)
+        return found
 
     def _of_blocks(self, rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> sparse.bsr_matrix:
         """Matrix of blocks at local rows and columns; blocks at one place are added."""

@@ -221,6 +221,30 @@ def test_tangent_of_bodies_is_the_derivative_of_their_forces(name: str, by_u: fl
         assert_close(applied(sim, d, by_u, by_v), expected, 1e-7)  # measured 1e-9
 
 
+ACTIVE, NOT_ACTIVE = (f'materials.cytoplasm.zeta="{zeta} Pa"' for zeta in (300, 0))
+ALONG = 'director.start="tangential"'
+ANCHORED = {"in the plane": ("director_radial", NOT_ACTIVE), "in space": ("ball_director", NOT_ACTIVE),
+            "along the membrane": ("director_radial", ALONG, ACTIVE), "and in space": ("ball_director", ALONG, ACTIVE)}
+
+
+@pytest.mark.parametrize("name", ANCHORED)
+def test_tangent_of_anchored_directors_is_the_derivative_of_all_forces(name: str) -> None:
+    """Directors at the membrane turn with it, others are still, and torques act on all; on any ranks."""
+    with built(case(*ANCHORED[name], *SOFT)) as sim:
+        u, v = deform(sim)
+        d = smooth(sim.scene.X, 7, 1.0, shortest=1.0)
+
+        def moved(s: float) -> np.ndarray:
+            changed(sim, u + s * d, v)
+            return -forces(sim)
+
+        expected = slope(moved, 0.0, 1e-5)
+        changed(sim, u, v)
+        assert_close(applied(sim, d, 1.0, 0.0), expected, 1e-9)  # measured 3e-11
+        part = applied(sim, d, 1.0, 0.0, "anchors")
+        assert np.abs(part).max() > 0.005 * np.abs(expected).max()  # measured 0.009 to 0.014
+
+
 KINDS = {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction", "push_off": "protrusion"}
 KIND_OF = {term.name: KINDS.get(term.name, term.name) for term in SURFACE_TERMS if term.name != "loads"}
 PLANE = ("sliding", "push_off")  # in two dimensions only
