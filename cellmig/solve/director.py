@@ -84,6 +84,11 @@ class Director(GhostedField):
         return self.owned[:, : self.numbers]
 
     @property
+    def torques(self) -> np.ndarray:
+        """Torques on the owned particles (n_owned, m) [pN], [pN µm]."""
+        return self.owned[:, self.numbers :]
+
+    @property
     def by_block(self) -> dict[str, np.ndarray]:
         """Gradients (n_blocks, m d, 4) [1/µm], axis h (n_blocks, d, 4) [-] and in space Laplacians (n_blocks, d, 4)
         [1/µm²], writable, by the names of the fields.
@@ -109,7 +114,7 @@ class Director(GhostedField):
     def widest(self) -> float:
         """Largest angle [rad] between anchored directors of neighbours along the membrane, in the plane; collective.
 
-        At π their energy has a kink: the difference of angles that are constant up to 2π changes its sign.
+        At π their energy jumps, as the difference of angles, which are known up to 2π, changes its sign.
         """
         facets = self._kernel["facet"] if len(self.anchors.at) else np.zeros((0, 2), int)
         return largest(self._comm, np.arccos(np.cos(np.diff(self.memory[facets, 0], axis=1))))

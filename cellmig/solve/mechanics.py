@@ -238,9 +238,12 @@ class Mechanics:
         if self.director is None or self.terms.director != "relaxing":
             return
         parts = math.ceil(dt / relaxing) or 1  # millions in a step of seconds
-        for part in range(parts):
+        for part in range(parts + 1):  # in the last one only the loss is completed
             before = self.director.values.copy() if part % LOOK == LOOK - 1 else None
-            self.relax_director(dt / parts)
+            torque = self.director.torques.copy()
+            self.relax_director(dt / parts if part < parts else 0.0)
+            if part:  # by the torques at both ends: those at the start alone would take twice of what decays at once
+                self.kernel("complete_loss", torque, dt / parts)
             if before is not None and largest(self.comm, self.director.values - before) < RESTS:
                 return  # it is at rest for the shape at the end of the step
 

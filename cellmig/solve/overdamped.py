@@ -27,7 +27,7 @@ EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 COLLAPSED = 0.1  # size of a facet over that at rest, below which tension has closed it [-]
 CLOSED = 1e-3  # below which a run ends where a solve fails [-]: 1e-8 is left when no step is short enough
-OPPOSED = 3.0  # angle between anchored directors of neighbours, at π of which their energy has a kink [rad]
+OPPOSED = 3.0  # angle between anchored directors of neighbours, at π of which their energy jumps [rad]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
@@ -129,8 +129,8 @@ class Overdamped(Implicit):
         tries = [text for there, text in (
             (t.protrusion or t.load_curves, "a weaker push or load: one above what bonds bear has no speed, which "
                                             "validate compares"),
-            (opposed, "another start of the director: neighbours on the membrane point against each other, and their "
-                      "energy has a kink there"),
+            (opposed, "another start of the director: neighbours on the membrane point against each other, where "
+                      "their energy jumps"),
             (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]
         return "try " + "; ".join([*tries, "more friction, or finer particles"])
 

@@ -29,7 +29,8 @@ class Stiffness:
     forces are per µm of thickness; in space all are those times µm.
 
     Columns are in the order of PETSc's particles of all ranks.  Terms are all stresses, in first Piola-Kirchhoff form
-    with the geometric part included, bulk damping, both stabilisations, and all surface terms, at constant director.
+    with the geometric part included, bulk damping, both stabilisations, and all surface terms, at constant directors
+    but for those at the membrane that are anchored.
     """
 
     def __init__(self, mechanics: Mechanics):

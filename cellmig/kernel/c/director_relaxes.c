@@ -42,3 +42,13 @@ static int director_step(const KernelData *s, double dt)
     }
     return 0;
 }
+
+/* Makes the loss of a step dt of the directors trapezoidal, for torques (n_owned, M) before it and those of now. */
+void complete_loss(const KernelData *s, const double *before, double dt)
+{
+    for (long i = 0; i < s->n_owned; i++)
+        for (int m = 0; m < M; m++) {
+            const double torque = before[M * i + m], change = s->director[2L * M * i + M + m] - torque;
+            s->viscous_loss[i] += 0.5 * dt * s->director_mobility[i] * torque * change;
+        }
+}
