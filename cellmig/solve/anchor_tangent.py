@@ -73,7 +73,7 @@ class AnchorTangent:
                 first[:known, on], S[:known, : known + k, on] = self._volume[on] * value, self._volume[on] * by
         first[bend] = self._missed * m.state.by_row(m.kernel["director_bend"])[near, :k].T
         S[: d * d, : d * d], S[bend, bend] = 0.0, self._missed
-        at = np.arange(len(S) * n).reshape(-1, n)
+        at = np.arange(len(S) * n).reshape(len(S), n)
         out = _of_blocks(S, at, at, (at.size, at.size))
         out.eliminate_zeros()
         return first.ravel(), out
@@ -135,7 +135,7 @@ def _in_space(m: Mechanics, torque: np.ndarray) -> tuple[sparse.csr_matrix, spar
     react, bend = derivative(reaction, *frame)
     by_normal = tuple(react[:3, of])
     at, x = _components(m, corners), m.state.x(corners).transpose(1, 2, 0)
-    rows = np.arange(6 * n).reshape(-1, n)
+    rows = np.arange(6 * n).reshape(6, n)
     Q = _of_blocks(derivative(part, *x)[1], rows[:, of], at, (6 * n, size))
     bent = Q.T @ _of_blocks(bend, rows, rows, (6 * n, 6 * n)) @ Q
     bent += _of_blocks(derivative(pulls, *x)[1], at, at, (size, size))
@@ -150,7 +150,7 @@ def _of_numbers(parts: list[sparse.csr_matrix], k: int) -> sparse.csr_matrix:
 def _components(m: Mechanics, nodes: np.ndarray) -> np.ndarray:
     """Columns (k d, n) int of the displacements of k particles each, by local numbers (n, k) int."""
     d = m.scene.dimension
-    return (d * m.state.in_petsc[nodes][:, :, None] + np.arange(d)).reshape(len(nodes), -1).T
+    return (d * m.state.in_petsc[nodes][:, :, None] + np.arange(d)).reshape(len(nodes), d * nodes.shape[1]).T
 
 
 def _of_blocks(values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple) -> sparse.csr_matrix:

@@ -8,6 +8,7 @@ Source: forward automatic differentiation, Griewank & Walther (2008).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -144,7 +145,7 @@ def derivative(formula: Callable[..., Any], *arguments: Any) -> tuple[np.ndarray
     value : (result, n);  slope : (result, entries, n) -- by the entries of all arguments in turn, row by row.
     """
     given = [np.asarray(a, float) for a in arguments]
-    entries = [a.reshape(-1, a.shape[-1]) for a in given]
+    entries = [a.reshape(math.prod(a.shape[:-1]), a.shape[-1]) for a in given]
     unit = np.eye(sum(map(len, entries)))[:, :, None]
     duals, k = [], 0
     for a, e in zip(given, entries, strict=True):

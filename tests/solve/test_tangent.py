@@ -245,6 +245,18 @@ def test_tangent_of_anchored_directors_is_the_derivative_of_all_forces(name: str
         assert np.abs(part).max() > 0.005 * np.abs(expected).max()  # measured 0.009 to 0.014
 
 
+@pytest.mark.serial
+@pytest.mark.parametrize("name", ["director_radial", "ball_director"])
+def test_a_rank_without_anchors_has_no_part_of_their_tangent(name: str) -> None:
+    """As one that is inside a cell."""
+    with built(case(name, *SOFT, per_cell=60), MPI.COMM_SELF) as sim:
+        m = sim.mechanics
+        m.rate()
+        assert Stiffness(m).surfaces(names=("anchors",)).nnz > 0
+        m.director.anchors.at, m.kernel["anchor_owned"][:] = m.director.anchors.at[:0], 0
+        assert Stiffness(m).surfaces(names=("anchors",)).nnz == 0
+
+
 KINDS = {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction", "push_off": "protrusion"}
 KIND_OF = {term.name: KINDS.get(term.name, term.name) for term in SURFACE_TERMS if term.name != "loads"}
 PLANE = ("sliding", "push_off")  # in two dimensions only
