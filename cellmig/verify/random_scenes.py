@@ -42,7 +42,7 @@ DEPTH = 0.02  # largest depth of a cell within another, over its size
 # space 4 to 20 %.  It is of the first order in the spacing where sharp edges become round: 138, 500, 1,500 particles of
 # a cap under tension have 2.2, 1.0, 0.7 %.
 AREA = {2: 0.1, 3: 0.4}
-STEPS, LIMIT = {False: 3000, True: 500}, 240.0  # limits of a run: steps, of an overdamped one fewer, wall time [s]
+STEPS, LIMIT = {False: 3000, True: 500}, {False: 240.0, True: 900.0}  # of a run, of an overdamped one: steps, time [s]
 # A clear message names time, cause, particle and remedy, or the cell that has left the box of a field.
 CLEAN = re.compile(r"failed at [\d.e+-]+ (µs|ms|s|min|h): "
                    r"(.+; particle \d+ of cell \d+ has .+; .*(try|take) |cell \d+, .+ has left its box .+; make )")
@@ -74,7 +74,7 @@ def stress(out: Path, count: int, seed: int, at_once: int | None = None, sets: S
     jobs = [prepare(out, seed, number, tuple(sets), dimension, overdamped) for number in range(count)]
     verdicts, progress = [], ProgressCounter(count)
     with Claim(out, MPI.COMM_SELF, make=True), stop_requests() as stop_signals:
-        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), stop_signals, LIMIT):
+        for ended in run_all(jobs, at_once or len(os.sched_getaffinity(0)), stop_signals, LIMIT[overdamped]):
             verdicts.append(judge(ended, *measure(ended)))
             progress(JobResult(ended.job, 0))
     progress.close()
