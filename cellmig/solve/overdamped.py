@@ -26,6 +26,7 @@ ACCURATE = "1e-6"  # tolerance of Krylov methods: with 1e-2 Newton's method stal
 EXACT = 10  # steps with assembled tangents after a solve that failed
 MOVE = 0.25  # largest expected displacement in a step, over the margin of the search lists [-]
 COLLAPSED = 0.1  # size of a facet over that at rest, below which tension has closed it [-]
+BARE = 10.0  # the same above which few bonds are left on it [-]
 CLOSED = 1e-3  # below which a run ends where a solve fails [-]: 1e-8 is left when no step is short enough
 OPPOSED = 3.0  # angle between anchored directors of neighbours, at π of which their energy jumps [rad]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
@@ -119,11 +120,6 @@ class Overdamped(Implicit):
     def remedy(self) -> str:
         """What to try where no step is short enough, by what the scene has."""
         t, flows = self.mechanics.terms, any(getattr(law, "fluid", False) for law in self.mechanics.scene.materials)
-        left = self._least_facet() if t.cortex is not None else 1.0
-        if left < COLLAPSED:
-            return (f"a part of the surface has {100.0 * left:.2g} % of its size; tension that is the same everywhere "
-                    "gathers it at the contact: try [cortex] law = \"elastic\" with an area_modulus above the work of "
-                    "adhesion, or a smaller line_tension")
         director = self.mechanics.director if t.dimension == 2 else None
         opposed = director is not None and director.widest() > OPPOSED
         tries = [text for there, text in (
@@ -134,11 +130,23 @@ class Overdamped(Implicit):
             (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]
         return "try " + "; ".join([*tries, "more friction, or finer particles"])
 
-    def _least_facet(self) -> float:
-        """Smallest size of a segment, or triangle, of the surface over that at rest [-]; collective."""
+    def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
+        """End the run, as `Integrator.fail`; with another remedy where tension has gathered the membrane; collective."""
+        cortex = self.mechanics.terms.cortex
+        if cortex is not None and cortex.tension(2.0) == cortex.tension(1.0):
+            least, most = self._facets()
+            if least < COLLAPSED or most > BARE:
+                remedy = (f"parts of the surface have {least:.2g} to {most:.3g} times their size; "
+                          "tension that is the same everywhere gathers it at the contact, and few bonds are left "
+                          "elsewhere: try [cortex] law = \"elastic\" with an area_modulus above the work of adhesion, "
+                          "or a smaller line_tension")
+        super().fail(cause, particle, remedy)
+
+    def _facets(self) -> tuple[float, float]:
+        """Smallest and largest size of a segment, or triangle, of the surface over that at rest [-]; collective."""
         m = self.mechanics
-        now = np.maximum(facet_sizes(m.state.x(m.kernel["facet"])), 1e-300)
-        return 1.0 / max(largest(m.comm, m.kernel["facet_size"] / now), 1e-300)
+        ratio = facet_sizes(m.state.x(m.kernel["facet"])) / np.maximum(m.kernel["facet_size"], 1e-300)
+        return 1.0 / largest(m.comm, 1.0 / np.maximum(ratio, 1e-300)), largest(m.comm, ratio)
 
     @property
     def step_description(self) -> str:
@@ -230,7 +238,7 @@ class Overdamped(Implicit):
     def _cut(self, failed: int, start: float, dt: float) -> None:
         """As of any implicit step; ends a run whose membrane has closed, as steps would become ever shorter."""
         super()._cut(failed, start, dt)
-        if self.mechanics.terms.cortex is not None and self._least_facet() < CLOSED:
+        if self.mechanics.terms.cortex is not None and self._facets()[0] < CLOSED:
             self.fail("the membrane has gathered at one place", remedy=self.remedy)
 
     def _choose_step(self, stop: float) -> None:
