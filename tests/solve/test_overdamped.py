@@ -170,7 +170,7 @@ def test_a_surface_that_tension_has_gathered_is_named_with_its_remedy(share: flo
         state = sim.mechanics.state
         ahead = state.x(np.array([other])) - state.x(np.array([one]))
         state.memory[other, :2] -= share * ahead[0]
-        with pytest.raises(NumericsError, match="have 0.05 to|to 13.1 times .*area_modulus"):
+        with pytest.raises(NumericsError, match=r"have 0.05 to|to 13.1 times .*area_modulus"):
             sim.integrator.fail("nothing", remedy=sim.integrator.remedy)
 
 
