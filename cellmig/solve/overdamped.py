@@ -131,7 +131,7 @@ class Overdamped(Implicit):
         return "try " + "; ".join([*tries, "more friction, or finer particles"])
 
     def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
-        """End the run, as `Integrator.fail`; with its own remedy where tension has gathered the membrane; collective."""
+        """End the run as `Integrator.fail`; with its own remedy where tension has gathered the membrane; collective."""
         cortex = self.mechanics.terms.cortex
         if cortex is not None and cortex.tension(2.0) == cortex.tension(1.0):
             least, most = self._facets()
