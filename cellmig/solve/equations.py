@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -189,13 +190,13 @@ class Equations:
         Friction that falls with the speed makes the tangent indefinite, however short a time step is.  Its secant, the
         ratio to the speed, is positive and lies above all slopes, so that full steps with it go down.  Where a contact
         lets go, or closes, a Newton step leads to the state between; the tangent of a shorter time step is definite, as
-        viscosity grows with 1/dt.  If none is, the step is reversed.
+        viscosity grows with 1/dt.  If none is, the step is as it was, or reversed if it goes up.
 
         Returns the work of the residual on the step [pN, pN µm], which is not negative.
         """
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
-        operators, reversed_step = ksp.getOperators(), -step
+        operators, given = ksp.getOperators(), step.copy()
         for factor in (*([1.0] if self.slips else []), *self._stiffer ** np.exp2(np.arange(STIFFENINGS))):
             self.acceleration(t, u, v)
             self._assemble(factor * by_v, by_a, ksp.getPC(), secant=True)
@@ -206,7 +207,8 @@ class Equations:
                 break
         else:
             self._stiffer = STIFFER
-            reversed_step.copy(step)
+            given.copy(step)
+            step.scale(math.copysign(1.0, residual.dot(given)))
         self.exact = exact
         return residual.dot(step)
 

@@ -23,7 +23,7 @@ from .tangent import mixed
 
 FRICTION = ("friction", "sliding")  # terms
 DRAGS = (*FRICTION, "medium")  # those that depend on velocities
-LEAST_SPEED = 1e-100  # of which the ratio is taken [µm/µs]
+LEAST_SPEED = 1e-16  # of which the ratio is taken [µm/µs]: a law may cancel below
 
 @dataclass(frozen=True)
 class Stencil:
@@ -57,11 +57,17 @@ class Secant:
 
     law: Friction
 
+    @property
+    def coefficient(self) -> float:
+        """Drag at low speed, which is the largest [Pa µs/µm]."""
+        return self.law.coefficient
+
     def drag(self, share: Any, speed: Any) -> Any:
         """Traction [Pa] for the `share` of closed bonds [-] and the `speed` [µm/µs], as of the law."""
         bonded, at = (getattr(a, "value", a) for a in (share, speed))
-        moving = np.where(np.abs(at) > LEAST_SPEED, at, LEAST_SPEED)
-        return self.law.drag(bonded, moving) / moving * speed
+        moves = np.abs(at) > LEAST_SPEED
+        moving = np.where(moves, at, LEAST_SPEED)
+        return np.where(moves, self.law.drag(bonded, moving) / moving, self.coefficient * bonded) * speed
 
 
 def stencils(m: Mechanics, secant: bool = False) -> Iterator[Stencil | Pushes | PushesOff | ContactDifferences]:

@@ -84,6 +84,9 @@ class Dual:
     def __abs__(self) -> Any:
         return self.__array_ufunc__(np.absolute, "__call__", self)
 
+    def __eq__(self, other: object) -> bool:
+        raise TypeError("a formula compares numbers by < and >, not by ==")
+
     def __lt__(self, other: Any) -> Any:
         return self.value < getattr(other, "value", other)
 

@@ -20,6 +20,7 @@ from cellmig.model.adhesion import bonds_of
 from cellmig.parallel.options import OVERDAMPED, default_options
 from cellmig.simulation import Simulation
 from cellmig.solve import mechanics
+from cellmig.solve.stencils import FRICTION
 from cellmig.solve.step import NumericsError
 from cellmig.solve.stiffness import Stiffness
 
@@ -121,16 +122,29 @@ def test_a_cell_begins_to_push_on_bonds_that_yield_at_once() -> None:
 
 
 @pytest.mark.serial
-def test_the_secant_of_friction_has_its_force_and_resists_where_its_slope_falls() -> None:
-    with built(from_dict(crawler(BOX).resolved() | {"friction": BELL})) as sim:
+@pytest.mark.parametrize("term", FRICTION)
+def test_the_secant_of_friction_has_its_force_and_resists_where_its_slope_falls(term: str) -> None:
+    """Of a box on the substrate, and on another one."""
+    tree = crawler(BOX).resolved() | {"friction": BELL}
+    if term == "sliding":
+        tree["cells"] = [tree["cells"][0] | {"name": name, "rest": False, "centre": ["0 um", height]}
+                         for name, height in (("Below", "1.55 um"), ("Above", "4.6 um"))]
+        tree["adhesion"] = {"substrate": BONDS, "cells": BONDS,
+                            "pairs": [{"cells": [["Below"], ["Above"]], **BONDS, "friction": BELL}]}
+    with built(from_dict(tree)) as sim:
         m, rng = sim.mechanics, np.random.default_rng(3)
-        v = 1e-6 * rng.uniform(0.2, 2.0, m.state.v.shape)  # bonds bear most at 0.02 µm/s
-        m.state.u[:, 1], m.state.v[:] = 1e-3 * rng.uniform(0.0, 1.0, len(v)), v
+        above = 1.0 + (sim.scene.X[m.ids, 1] > 3.0)
+        m.state.v[:] = 1e-6 * above[:, None] * rng.uniform(0.2, 2.0, m.state.v.shape)  # bonds bear most at 0.02 µm/s
+        m.state.u[:, 1] = 1e-3 * rng.uniform(0.0, 1.0, len(above))
+        m.state.v[:2] = 0.0
         m.state.exchange()
         m.rate()
-        slope, secant = ((Stiffness(m).surfaces(0.0, 1.0, ("friction",), secant=of) @ v.ravel()).reshape(v.shape)
+        v = m.state.v.copy()
+        slope, secant = ((Stiffness(m).surfaces(0.0, 1.0, (term,), secant=of) @ v.ravel()).reshape(v.shape)
                          for of in (False, True))
-        assert np.abs(secant + m.surface_force("friction")[0]).max() <= 1e-14 * np.abs(secant).max()  # measured 1e-16
+        force = m.surface_force(term)[0]
+        assert np.abs(force).max() > 0.0
+        assert np.abs(secant + force).max() <= 1e-13 * np.abs(secant).max()  # measured 1e-16 and 1.2e-14
         assert np.vdot(v, secant) > 0.0 > np.vdot(v, slope)
 
 
