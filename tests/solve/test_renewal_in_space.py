@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 import pytest
 from scenes import built, case, outlines, set_motion, smooth
-from test_renewal import renewing, state
+from test_renewal import gone_on, renewing, state
 
 from mpi4py import MPI
 
@@ -16,11 +15,9 @@ from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.geometry.surfaces import ClosedSurface
 from cellmig.meshfree.renewal import at_rest, evened, renewed
-from cellmig.parallel.collect import broadcast
 from cellmig.solve.renewal import due, renew
 from cellmig.solve.stiffness import Stiffness
 
-COMM = MPI.COMM_WORLD
 MU, RADIUS, INNER, RATE = 1000.0, 5.0, 2.0, 0.1  # Pa µs, µm, µm, 1/µs
 
 
@@ -201,27 +198,7 @@ FLOWS = {"ball": lambda: flattened(150), "cell": lambda: flattened(150, nucleus=
 
 @pytest.mark.parametrize("name", FLOWS)
 def test_a_run_goes_on_with_the_same_bits_after_neighbours_were_found_anew(name: str) -> None:
-    scene = renewing(FLOWS[name]())
-    kept: dict[bool, Any] = {}
-
-    def save(time: float) -> None:
-        if sim.mechanics.renewals == 1 and due(sim.mechanics) not in kept:
-            kept[due(sim.mechanics)] = time, *sim.saved()
-
-    def end(sim: Any) -> list:
-        sim.go(2.5)
-        return [sim.state_hash(), json.loads(json.dumps([sim.sample(), sim.mechanics.renewals]))]
-
-    with built(scene) as sim:
-        sim.integrator.after_batch = save
-        expected = end(sim)
-    assert kept.keys() == {True, False} and expected[1][1] > 1
-    for time, about, arrays in kept.values():
-        about, arrays = json.loads(json.dumps(about)), broadcast(COMM, arrays)
-        for comm in {COMM.size: COMM, 1: MPI.COMM_SELF}.values():
-            with built(scene, comm) as again:
-                again.restore(about, arrays)
-                assert again.time == time and end(again) == expected
+    gone_on(renewing(FLOWS[name]()), 2.5)
 
 
 # ------------------------------------------------------------------------------------------------------------ far flow
