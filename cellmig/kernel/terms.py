@@ -27,7 +27,8 @@ class SurfaceTerm:
     formula : from the terms of a scene, None where it lacks this one, a tuple where several laws may act;
     methods : of the formula, with names of their results where these have different shapes;
     in_fours : those of them that are computed for four points at a time;
-    files : of c/, by default NAME.c.
+    files : of c/, by default NAME.c;
+    moves : whether its force in a step differs from that at rest: c/ has add_NAME_in_motion.
     """
 
     name: str
@@ -35,6 +36,7 @@ class SurfaceTerm:
     methods: Mapping[str, tuple[str, ...]]
     in_fours: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    moves: bool = False
 
 
 def _of_contacts(t: Terms, dimension: int, formula: Callable[[Any], Any]) -> Any:
@@ -60,9 +62,9 @@ POLYHEDRA: dict[str, tuple[str, ...]] = {
 # In the order in which forces are added up.
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),
-                {"facet": ("force", "energy", "impulse")}),
+                {"facet": ("force", "energy", "impulse")}, moves=True),
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 3, t.substrate, lambda _, bonds: TriangleAdhesion(bonds)),
-                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",)),
+                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",), moves=True),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 2, lambda law: CellAdhesion(bonds_of(law))),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
@@ -106,7 +108,7 @@ ANCHORS = {2: ((Couple(), "double", "force", "couple_force", ()),),
 
 # What the step calls at its stages, by the arguments that are there.
 STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces": "const KernelData *s, "
-          "double accounted_dt, double dt", "int after_forces": "const KernelData *s, double dt",
+          "double accounted_dt, double dt", "void add_forces_in_motion": "const KernelData *s, double dt", "int after_forces": "const KernelData *s, double dt",
           "void before_kick": "const KernelData *s", "void after_drift": "const KernelData *s, double kick, double dt",
           "void hold_rates": "const KernelData *s, double *out", "void account_holds": "const KernelData *s, double dt"}
 
@@ -134,7 +136,8 @@ def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
     *others, file = term.files or (f"{term.name}.c",)
     yield from (Part(name, lambda t: term.formula(t) is not None) for name in others)
     call = f"add_{term.name}(s, s->force, 0, accounted_dt, dt);"
-    yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call})
+    moving = {"add_forces_in_motion": f"add_{term.name}_in_motion(s, dt);"} if term.moves else {}
+    yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call} | moving)
 
 
 # In the order of the C source, the stages behind them and step.c at the end.

@@ -20,7 +20,7 @@ from ..geometry.polyhedra import Polyhedron
 from . import rkpm
 from .operators import largest, strain_operator
 from .recovery import recovery
-from .simplices import Gradient, averaged, by_area, edges_of, facet_sizes, nodal_volumes, shape_gradients
+from .simplices import Gradient, averaged, by_area, edges_of, exchanged, facet_sizes, nodal_volumes, shape_gradients
 from .stabilisation import laplacian, missed
 
 STRIP = 3.0  # height [spacings] of the strips in which particles are numbered, so that neighbours are close in memory
@@ -152,6 +152,29 @@ class Template:
             return size
         closes = self.after <= np.arange(len(self.after))
         return self.along[self.after] - self.along + np.where(closes, np.bincount(self.loop, size)[self.loop], 0.0)
+
+    @cached_property
+    def size_per_mass(self) -> np.ndarray:
+        """Share of the facets' sizes over the mass (n,), zero inside [µm^(D - 1)/fg, in the plane times µm]."""
+        share = np.zeros(len(self.X))
+        np.add.at(share, self.facets, self.facet_size[:, None] / self.X.shape[1])
+        return share / self.mass
+
+    @cached_property
+    def drawn_per_mass(self) -> np.ndarray:
+        """Row sums of the stiffness of a surface under tension, over tension and mass (n,), zero inside [1/fg].
+
+        A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A.
+        """
+        x = self.X[self.facets]
+        if self.X.shape[1] == 2:
+            rows = 2.0 / self.facet_size[:, None].repeat(2, axis=1)
+        else:
+            edges = np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)  # opposite of each corner
+            rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * self.facet_size[:, None])
+        total = np.zeros(len(self.X))
+        np.add.at(total, self.facets, rows)
+        return total / self.mass
 
     @cached_property
     def viscosity(self) -> np.ndarray:
@@ -305,7 +328,8 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     relative = None if grade == 1.0 else evaluate(grade, X)
     R = recovery(X, G[0], support, nucleus)
     parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
-    heaviness = np.ones(count) if D == 2 else by_area(X, V, triangles) / V
+    density = np.where(nucleus, inner.density, body.density)
+    heaviness = exchanged(density * (V if D == 2 else by_area(X, V, triangles)), edges) / (density * V)
     return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
                     weight * modulus * (1.0 if relative is None else relative), weight, R, spacing, laws,
                     bulk_viscosity * spacing * wave, dilation, relative)

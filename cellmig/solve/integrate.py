@@ -26,7 +26,7 @@ COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
-_COUNTED = ("dt", "mechanism", "stable", "count", "redone", "crossed", "extremes")
+_COUNTED = ("dt", "mechanism", "stable", "held", "count", "redone", "crossed", "extremes")
 VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
 
 
@@ -39,6 +39,7 @@ class Integrator:
     Attributes
     ----------
     dt, stable : float -- step, and largest stable step [µs].
+    held : float -- stiffness of bonds for which the modes were followed last [Pa/µm]; None before.
     mechanism : str -- what limits the stable step, a key of `StepControl.stable`.
     count : dict -- steps by mechanism.
     gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm].
@@ -57,6 +58,7 @@ class Integrator:
         self.mechanics, self.control, self.factor = mechanics, control, factor
         self.touches, self.redone, self.crossed, self.halted = control.touches, 0, 0, False
         self.mechanism, self.dt, self.stable, self._last_time = "", 0.0, math.inf, 0.0
+        self.held: float | None = None
         self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
@@ -222,6 +224,7 @@ class Integrator:
         if due(m):
             renew(m, self.time)
             self._take_neighbours()
+            self.held = None  # with others another mode may limit the step
 
     def _take_neighbours(self) -> None:
         """Set what depends on the neighbours, after they were found anew; collective."""
@@ -255,7 +258,11 @@ class Integrator:
         """
         m = self.mechanics
         m.resume()
-        self.limits = limits = self._checked_limits() | m.modes.follow(self.leapfrog and self.steps > 0)
+        limits = self._checked_limits()
+        dt = min(self.stable, binding(self.control.stable(limits, self.gaps))[1]) if self.held is None else self.stable
+        dt = m.comm.bcast(dt)  # processors may differ in the last bit
+        limits |= self.control.follow(m.modes, dt, self.gaps, self.held if self.leapfrog else None)
+        self.limits, self.held = limits, limits["held"]
         if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
             limits["displaced"] = 0.0

@@ -66,7 +66,7 @@ class Mechanics:
     kernel : Kernel -- the compiled step.
     state : State -- displacements and velocities.
     segments : Segments -- of surfaces, and search lists.
-    modes : Modes -- the fastest ones of sound and viscosity.
+    modes : Modes -- that which limits the step.
     loads : Loads -- supports, loads and plates.
     network : Network -- None if no material has one.
     director : Director -- None if no term depends on it.

@@ -1,4 +1,4 @@
-"""The fastest modes of viscosity and of sound in the deformed body, which limit the step."""
+"""The mode of stresses and bonds in the deformed body that limits the step."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from ..parallel.ghosts import GhostedField
 from ..parallel.reduce import global_maximum
 from .subdomain import Subdomain
 
-CAUTION = 1.1  # factor on rates that a few iterations have found, which approach the largest one from below [-]
-FIRST = 40  # iterations at the start of a run
-NOISE = 0.02  # added to modes in each iteration, from which another one can grow [-]
+CAUTION = 1.1  # factor on an eigenvalue that a few iterations have found, which approach it from below [-]
+FIRST = 40  # iterations where the mode is not known
+NOISE = 0.02  # added to the mode in each iteration, from which another one can grow [-]
 MULTIPLIER = 2654435761  # of Knuth's multiplicative hash (The Art of Computer Programming 3, 6.4)
 
 
 class Modes(GhostedField):
-    """The modes of largest squared frequency and of largest damping rate, by power iteration along the run.
+    """The mode with the largest eigenvalue of ½ dt M⁻¹ C + ¼ dt² M⁻¹ K, by power iteration along the run.
 
-    The operators are those of isotropic stresses on the current configuration, with the moduli at rest: shear and
-    P-wave moduli, and viscosity with the bulk damping.  A body deforms little from one batch of steps to the next, so
-    that one iteration for each keeps the modes.
+    C and K are damping and stiffness on the current configuration: of isotropic stresses with the moduli at rest (shear
+    and P-wave moduli, viscosity and bulk damping), of both stabilisations, and of what acts on surfaces.  A body deforms
+    little from one batch of steps to the next, so that one iteration for each keeps the mode.
 
     Attributes
     ----------
-    memory : (capacity, 2 d) float -- the mode of sound, and that of viscosity; the largest vector of each is 1
-        [-].  Noise is added to them, from which a mode can grow that becomes the fastest one.
+    dimension : int -- D.
+    memory : (capacity, 2 D) float -- the mode, whose largest vector is 1 [-], and zeros, as the kernel reads numbers of
+        the state.  Noise is added to it, from which another mode can grow that becomes the largest.
 
     Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
     """
@@ -39,31 +40,35 @@ class Modes(GhostedField):
 
     def __init__(self, part: Subdomain, kernel: Kernel):
         """Begin with vectors that look like chance; collective."""
-        self._part, self._kernel, self._width = part, kernel, 2 * part.scene.dimension
-        self.memory = aligned_zeros((part.capacity, self._width))
+        self._part, self._kernel, self.dimension = part, kernel, part.scene.dimension
+        self.memory = aligned_zeros((part.capacity, 2 * self.dimension))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
         self.set_ghosts(part.in_petsc(part.numbering)[part.n_owned :])
-        number = (self._width * part.ids[:, None] + np.arange(1, self._width + 1)) * MULTIPLIER % 2**32
+        number = (2 * self.dimension * part.ids[:, None] + np.arange(1, self.dimension + 1)) * MULTIPLIER % 2**32
         self._noise = NOISE * (number / 2.0**31 - 1.0)
-        self.owned[:] = self._noise
+        self.mode = self.owned[:, : self.dimension]
+        self.mode[:] = self._noise
+        self._at = part.at_surface
+        self._size, self._drawn = (part.owned.field(name)[self._at, None]
+                                   for name in ("size_per_mass", "drawn_per_mass"))
 
-    def follow(self, known: bool = False) -> dict[str, float]:
-        """Rates of the modes, "sound" [1/µs²] and "viscosity" [1/µs], which may be `known` from shortly before;
-        collective.
+    def follow(self, dt: float, drag: float, stiffness: np.ndarray | None, tension: float, anew: bool) -> float:
+        """The largest eigenvalue [-] for a step `dt` [µs]; collective.
+
+        drag, stiffness : of surfaces, per area [Pa µs/µm], and (D,) along the axes [Pa/µm], None for C alone;  tension :
+        of surfaces [pN/µm^(D - 2)];  anew : whether another mode may be the largest than shortly before.
         """
-        k, out = self._kernel, np.zeros((self._part.n_owned + 4, self._width))
-        for _ in range(1 if known else FIRST):
-            self.owned[:] += self._noise
+        out, damping = np.zeros((self._part.n_owned + 4, 2 * self.dimension)), 0.5 * dt
+        squared = 0.0 if stiffness is None else 0.25 * dt**2
+        on_surface = self._size * (damping * drag + squared * (0.0 if stiffness is None else stiffness))
+        on_surface = on_surface + squared * tension * self._drawn
+        for _ in range(FIRST if anew else 1):
+            self.mode[:] += self._noise
             self.exchange()
-            k("respond", k["shear_modulus"], k["dilation_modulus"], self.memory, out, 0)
-            k("respond", k["viscosity"], k["bulk_damping"], self.memory, out, self._width // 2)
-            largest = global_maximum(self._comm, _longest(out))
-            self.owned[:] = out[: self._part.n_owned] * np.repeat(1.0 / np.maximum(largest, 1e-300), self._width // 2)
-        sound, viscosity = (CAUTION * largest).tolist()
-        return {"sound": sound, "viscosity": viscosity}
-
-
-def _longest(modes: np.ndarray) -> np.ndarray:
-    """Largest lengths (2,) of both vectors of all particles, (n, 2 d)."""
-    squares = (sum(part**2 for part in vector) for vector in np.split(modes.T, 2))
-    return np.sqrt([square.max(initial=0.0) for square in squares])
+            self._kernel("respond", damping, squared, self.memory, out)
+            found = out[: self._part.n_owned, : self.dimension]
+            found[self._at] += on_surface * self.mode[self._at]
+            lengths = np.sqrt(np.square(found).sum(axis=1))
+            largest = float(global_maximum(self._comm, np.array([lengths.max(initial=0.0)]))[0])
+            self.mode[:] = found / max(largest, 1e-300)
+        return CAUTION * largest

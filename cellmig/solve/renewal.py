@@ -77,8 +77,6 @@ def renew(m: Mechanics, time: float) -> None:
                                "try finer particles, or numerics.renewal = \"never\"") from error
     m.renewals += 1
     m.renewal_loss += before - _energy(m)
-    if m.scene.dimension == 3:  # where neighbours are of one ring, another mode may be the fastest with others
-        m.modes.follow()
 
 
 def _energy(m: Mechanics) -> float:

@@ -114,7 +114,7 @@ _ACCOUNTED = ("viscous_loss", "artificial_dissipation", "external_work", "networ
 
 def _of_particles(m: Mechanics) -> dict[str, np.ndarray]:
     """Writable values (n_owned, k) of the owned particles."""
-    found = {"state": m.state.owned, "modes": m.modes.owned, **m.accounts.of_particles}
+    found = {"state": m.state.owned, "modes": m.modes.mode, **m.accounts.of_particles}
     if m.director is not None:
         found["director"] = m.director.owned
     if m.loads.there:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..meshfree.body import Template
 from ..meshfree.renewal import at_rest
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
+from .modes import Modes
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
+RISEN = 1.1  # ratio of the stiffness of bonds from which a mode is not the same any more [-]
 TYPICAL = 0.94  # smallest gap of a contact over ε of its bonds, measured at 600 to 1,500 particles a cell [-]
 
 
@@ -39,11 +40,12 @@ def widen(extremes: dict[str, float], name: str, least: float, most: float) -> N
 class StepControl:
     """Largest stable step of leapfrog.
 
-    A mode with u'' + c u' + ω² u = 0 is stable up to the root of c dt/2 + ω² dt²/4 = 1.  c and ω² are those that
-    `Modes` follows in the deformed body, between two bounds of its largest eigenvalues: that of the particle whose own
-    stress is stiffest, max_I w V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹) with the modulus w, and the largest eigenvalue on the
-    reference configuration times the growth of that maximum.  Bonds are stiffer at smaller gaps, which are not known
-    before a step: the integrator checks afterwards which gaps occurred.
+    A step dt is stable if no mode has ½ dt c + ¼ dt² ω² > 1, with its damping c and frequency² ω².  The largest of
+    these forms is that which `Modes` follows in the deformed body with all its stresses and bonds, between two bounds:
+    those of the particle whose own stress is stiffest, max_I w V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹) with the modulus w,
+    and the sum of the largest eigenvalues of all parts on the reference configuration, those of stresses times the
+    growth of that maximum.  Bonds are stiffer at smaller gaps, which are not known before a step: the integrator checks
+    afterwards which gaps occurred.
 
     Attributes
     ----------
@@ -52,8 +54,8 @@ class StepControl:
     touches : bool -- whether bonds act at all.
     director : float -- stable step of a relaxing director [µs].
 
-    Source: derived here.  The root is where leapfrog with damping at the old velocity has the eigenvalue -1; the lower
-    bound is the largest Rayleigh quotient of a single particle's stress.
+    Source: derived here.  At 1 leapfrog with damping at the old velocity has the eigenvalue -1; the lower bound is the
+    largest Rayleigh quotient of a single particle's stress, the upper one Weyl's inequality.
     """
 
     def __init__(self, scene: Scene, terms: Terms):
@@ -75,12 +77,13 @@ class StepControl:
         self.typical = TYPICAL * self.eps
         if len(scene.kind) == 1:
             self.typical[1] = math.inf  # of a cell with itself
-        self._size_per_mass = max(_size_per_mass(t) for t in used)
-        drag = terms.friction.coefficient * self._size_per_mass if terms.friction and terms.substrate else 0.0
-        drag += 2.0 * terms.contacts.coefficient * self._size_per_mass if terms.contacts else 0.0  # against each other
-        drag += max(terms.medium.coefficient / t.radius * _size_per_mass(t) for t in used) if terms.medium else 0.0
-        tension = terms.cortex.tension(1.0) * max(_inverse_inertia(t) for t in used) if terms.cortex else 0.0
-        self._surface = float(drag), float(tension)  # damping and frequency² of a surface particle
+        self._size_per_mass = max(float(t.size_per_mass.max()) for t in used)
+        drag = terms.friction.coefficient if terms.friction and terms.substrate else 0.0
+        drag += 2.0 * terms.contacts.coefficient if terms.contacts else 0.0  # against each other
+        drag += terms.medium.coefficient / min(t.radius for t in used) if terms.medium else 0.0
+        self._drag, self._tension = float(drag), terms.cortex.tension(1.0) if terms.cortex else 0.0
+        self._surface = (self._drag * self._size_per_mass,  # damping and frequency² of a surface particle
+                         self._tension * max(float(t.drawn_per_mass.max()) for t in used))
         # the particle whose own stress is stiffest is then seldom in the fastest mode, and no measure of its growth
         self._anew = scene.dimension == 3 and any(scene.templates[k].F0 is not None for k in scene.kind)
         self._follows = not terms.director_acts  # the modes lack its stresses and torques
@@ -107,29 +110,68 @@ class StepControl:
 
         Parameters
         ----------
-        limits : dict -- of `Mechanics.limits`, and of `Modes.follow` where the modes are followed; None for the
-            reference configuration.
+        limits : dict -- of `Mechanics.limits`, and of `follow` where the modes are followed; None for the reference
+            configuration.
         gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm]; default: typical.
         """
         limits = limits or {"viscous": self._viscous0, "elastic": self._elastic0, "J_min": 1.0}
         growth = limits["viscous"] / self._viscous0 if self._viscous0 else 1.0
         viscous, elastic = self.viscous * growth, self.elastic * limits["elastic"] / self._elastic0
-        if "sound" in limits:
-            followed = max(limits["viscous"], limits["viscosity"])
-            viscous = followed if self._anew else min(viscous, followed)
-            followed = max(limits["elastic"], limits["sound"])
-            elastic = (followed if self._anew else min(elastic, followed)) if self._follows else elastic
         c = self.stabilisation / limits["J_min"] + viscous  # F : F - J is at least J
+        if "damping" in limits:
+            c = min(c, max(limits["viscous"], limits["damping"]))
         sound = elastic + self.stiffening
         steps = {"viscosity": _root(c, 0.0), "sound": _root(c, sound)}
-        contact = max(sides * law.stiffness(gap) if law else 0.0
-                      for (law, sides), gap in zip(self._contacts, self.typical if gaps is None else gaps, strict=True))
+        contact = max(self._stiffness(self.typical if gaps is None else gaps))
         if contact or self._surface != (0.0, 0.0):
             drag, tension = self._surface
             steps["contact"] = _root(c + drag, contact * self._size_per_mass + tension + sound)
+        if "share" in limits:
+            followed = self._followed(limits, contact)
+            steps = {name: followed if self._anew else max(step, followed) for name, step in steps.items()}
         if math.isfinite(self.director):
             steps["director"] = self.director / max(1.0, growth)  # diffusion, as of momentum
         return steps
+
+    def _stiffness(self, gaps: np.ndarray) -> tuple[float, float]:
+        """Largest stiffness of the bonds of a surface at gaps (2,) [µm] to the substrate, and to other cells, on both
+        of which they act [Pa/µm].
+        """
+        of = [sides * law.stiffness(gap) if law else 0.0
+              for (law, sides), gap in zip(self._contacts, gaps, strict=True)]
+        return of[0], of[1]
+
+    def follow(self, modes: Modes, dt: float, gaps: np.ndarray, before: float | None) -> dict[str, float]:
+        """What `modes` say for a step of about `dt` [µs] and the expected `gaps` (2,) [µm]; collective.
+
+        before : stiffness of bonds for which they were followed last [Pa/µm], None for the first time.
+
+        Returns
+        -------
+        dict -- "share" of the stable step [-] at the step "at" [µs] for bonds of the stiffness "held" [Pa/µm]; with a
+        director, whose stresses and torques the modes lack, the largest rate of "damping" [1/µs].
+        """
+        substrate, between = self._stiffness(gaps)
+        held = max(substrate, between)
+        if not self._follows:
+            return {"damping": 2.0 / dt * modes.follow(dt, 0.0, None, 0.0, before is None), "held": held}
+        stiffness = np.full(modes.dimension, between)
+        stiffness[-1] = held
+        risen = before is None or held > RISEN * before
+        return {"share": modes.follow(dt, self._drag, stiffness, self._tension, risen), "at": dt, "held": held}
+
+    def _followed(self, limits: dict[str, Any], contact: float) -> float:
+        """The stable step [µs] by the mode that was followed, and at least by single particles, for bonds of the
+        stiffness `contact` [Pa/µm].
+
+        The share is largest of the forms ½ dt c + ¼ dt² ω² of all modes, each of which grows with dt at least in
+        proportion and at most with its square; stiffer bonds add at most their own.
+        """
+        dt = limits["at"]
+        stiffer = 0.25 * dt**2 * self._size_per_mass
+        alone = 0.5 * dt * limits["viscous"], 0.25 * dt**2 * limits["elastic"], stiffer * contact
+        share = max(limits["share"] + stiffer * max(contact - limits["held"], 0.0), *alone)
+        return dt / max(share, math.sqrt(share))
 
 
 def _strength(law: Any) -> float:
@@ -147,27 +189,3 @@ def _root(c: float, omega2: float) -> float:
     """Positive root dt of c dt/2 + ω² dt²/4 = 1 [µs], for c [1/µs] and ω² [1/µs²]."""
     bottom = 0.5 * c + math.sqrt(0.25 * c * c + omega2)
     return 2.0 / bottom if bottom > 0 else math.inf
-
-
-def _size_per_mass(t: Template) -> float:
-    """Largest ratio of dual length [µm] or area [µm²] to mass of a surface particle [1/fg times that]."""
-    share = np.zeros(len(t.surface))
-    np.add.at(share, t.places, t.facet_size[:, None] / t.places.shape[1])
-    return float((share / t.mass[t.surface]).max())
-
-
-def _inverse_inertia(t: Template) -> float:
-    """Bound of the largest eigenvalue of a surface under tension, over the tension: a row sum over the mass, with the
-    unit of 1/mass, or of 1/(mass × length) in two dimensions.
-
-    A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A.
-    """
-    x = t.X[t.facets]
-    if t.places.shape[1] == 2:
-        rows = 2.0 / t.facet_size[:, None].repeat(2, axis=1)
-    else:
-        edges = np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)  # opposite of each corner
-        rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * t.facet_size[:, None])
-    total = np.zeros(len(t.surface))
-    np.add.at(total, t.places, rows)
-    return float((total / t.mass[t.surface]).max())

@@ -1,6 +1,6 @@
 /* The step: M u'' = F_body + F_cs + F_cc + F_d - F_int, equation (2), in total Lagrangian form.
  *
- * The functions before_stress, add_surface_forces, after_forces, before_kick, after_drift, hold_rates and account_holds
+ * The functions before_stress, add_surface_forces, add_forces_in_motion, after_forces, before_kick, after_drift, hold_rates and account_holds
  * are generated: they call those of the files that the scene has.
  */
 
@@ -45,6 +45,7 @@ int advance(const KernelData *s, long n, double dt, double F_lag, double account
         if (before_stress(s)) return 1;
         stress_of_rate(s, F_lag, accounted_dt, kick);
         surface_forces(s, accounted_dt, kick);
+        add_forces_in_motion(s, kick);
         if (after_forces(s, dt)) return 1;
         if (CONSTRAINED) {
             before_kick(s);

@@ -20,3 +20,20 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
         if (energy) energy[e.node[0]] += stored;
     }
 }
+
+/* What a step of dt adds to these forces for the motion of the gaps in it: see surface.h. */
+void add_substrate_in_motion(const KernelData *s, double dt)
+{
+    for (long k = 0; k < s->n_near; k++) {
+        const Facet e = facet_at(s, s->near[k]);
+        if (!in_haste(s, &e, dt)) continue;
+        const double share = LIGAND ? ligand_below(s, &e) : 1;
+        for (int at = -1; at <= 1; at++) {
+            double gap[D], f[D][D], stored, impulse[D];
+            moved_gaps(s, &e, at * dt, gap);
+            substrate_facet(s->substrate, in_motion(at) * share * e.size, GAPS(gap), dt, f, &stored, impulse);
+            add_to_corners(s->force, e.node, f);
+            for (int i = 0; i < D; i++) *impulse_at(s, &e, i, BY_BONDS) += impulse[i];
+        }
+    }
+}

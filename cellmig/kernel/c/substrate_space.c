@@ -21,6 +21,13 @@ static void pull_down(const KernelData *s, const Facet *e, int n, double pull[D]
     }
 }
 
+/* A force along z on a corner of triangle e, and its impulse of a time dt. */
+static inline void pull_corner(const KernelData *s, const Facet *e, int i, double *force, double pull, double dt)
+{
+    force[D * e->node[i] + NORMAL] += pull;
+    *impulse_at(s, e, i, BY_BONDS) += dt * pull;
+}
+
 /* Forces; energies by the first corners of the triangles, if asked for; impulses of a time dt. */
 void add_substrate(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
@@ -39,11 +46,39 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
                 for (int i = 0; i < D; i++) pull[i][m] *= share;
                 stored[m] *= share;
             }
-            for (int i = 0; i < D; i++) {
-                force[D * e[m].node[i] + NORMAL] += pull[i][m];
-                *impulse_at(s, e + m, i, BY_BONDS) += dt * pull[i][m];
-            }
+            for (int i = 0; i < D; i++) pull_corner(s, e + m, i, force, pull[i][m], dt);
             if (energy) energy[e[m].node[0]] += stored[m];
         }
+    }
+}
+
+/* What a step of dt adds to the forces of n triangles for the motion of their gaps in it: see surface.h. */
+static void pull_in_motion(const KernelData *s, const Facet *e, int n, double dt)
+{
+    Facet moved[TOGETHER];
+    double pull[D][TOGETHER], stored[TOGETHER];
+    for (int at = -1; at <= 1; at++) {
+        for (int m = 0; m < n; m++) {
+            moved[m] = e[m];
+            moved_gaps(s, e + m, at * dt, moved[m].gap);
+            moved[m].size *= in_motion(at) * (LIGAND ? ligand_below(s, e + m) : 1);
+        }
+        pull_down(s, moved, n, pull, stored);
+        for (int m = 0; m < n; m++)
+            for (int i = 0; i < D; i++) pull_corner(s, e + m, i, s->force, pull[i][m], dt);
+    }
+}
+
+/* The same of all triangles that move fast. */
+void add_substrate_in_motion(const KernelData *s, double dt)
+{
+    Facet e[TOGETHER];
+    int n = 0;
+    for (long k = 0; k < s->n_near; k++) {
+        e[n] = facet_at(s, s->near[k]);
+        n += in_haste(s, e + n, dt);
+        if (n < TOGETHER && k + 1 < s->n_near) continue;
+        pull_in_motion(s, e, n, dt);
+        n = 0;
     }
 }
