@@ -64,7 +64,8 @@ SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),
                 {"facet": ("force", "energy", "impulse")}, moves=True),
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 3, t.substrate, lambda _, bonds: TriangleAdhesion(bonds)),
-                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",), moves=True),
+                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",),
+                moves=True),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 2, lambda law: CellAdhesion(bonds_of(law))),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
                  "edge_stiffness": (), "vertex_force": ("fx1", "fy1", "fx2", "fy2"), "vertex_energy": (),
@@ -108,7 +109,8 @@ ANCHORS = {2: ((Couple(), "double", "force", "couple_force", ()),),
 
 # What the step calls at its stages, by the arguments that are there.
 STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces": "const KernelData *s, "
-          "double accounted_dt, double dt", "void add_forces_in_motion": "const KernelData *s, double dt", "int after_forces": "const KernelData *s, double dt",
+          "double accounted_dt, double dt", "void add_forces_in_motion": "const KernelData *s, double dt",
+          "int after_forces": "const KernelData *s, double dt",
           "void before_kick": "const KernelData *s", "void after_drift": "const KernelData *s, double kick, double dt",
           "void hold_rates": "const KernelData *s, double *out", "void account_holds": "const KernelData *s, double dt"}
 

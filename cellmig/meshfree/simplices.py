@@ -67,9 +67,9 @@ def by_area(X: np.ndarray, V: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def exchanged(mass: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Masses (n,) [fg] after neighbours have exchanged a share of what one has more than the other.
 
-    Particles of the surface are the lightest, and limit the step.  Where within a spacing a mass is matters as little as
-    that it is lumped: the momentum of a smooth velocity changes by the square of the spacing, that of a constant one by
-    nothing.
+    Particles of the surface are the lightest, and limit the step.  Where within a spacing a mass is matters as little
+    as that it is lumped: the momentum of a smooth velocity changes by the square of the spacing, that of a constant one
+    by nothing.
 
     mass : (n,) -- of the particles [fg];  edges : (m, 2) int -- pairs of neighbours.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..kernel.fields import Field
@@ -20,8 +22,8 @@ class Modes(GhostedField):
     """The mode with the largest eigenvalue of ½ dt M⁻¹ C + ¼ dt² M⁻¹ K, by power iteration along the run.
 
     C and K are damping and stiffness on the current configuration: of isotropic stresses with the moduli at rest (shear
-    and P-wave moduli, viscosity and bulk damping), of both stabilisations, and of what acts on surfaces.  A body deforms
-    little from one batch of steps to the next, so that one iteration for each keeps the mode.
+    and P-wave moduli, viscosity and bulk damping), of both stabilisations, and of what acts on surfaces.  A body
+    deforms little from one batch of steps to the next, so that one iteration for each keeps the mode.
 
     Attributes
     ----------
@@ -48,6 +50,7 @@ class Modes(GhostedField):
         self._noise = NOISE * (number / 2.0**31 - 1.0)
         self.mode = self.owned[:, : self.dimension]
         self.mode[:] = self._noise
+        self._out = np.zeros((part.n_owned + 4, 2 * self.dimension))
         self._at = part.at_surface
         self._size, self._drawn = (part.owned.field(name)[self._at, None]
                                    for name in ("size_per_mass", "drawn_per_mass"))
@@ -55,20 +58,19 @@ class Modes(GhostedField):
     def follow(self, dt: float, drag: float, stiffness: np.ndarray | None, tension: float, anew: bool) -> float:
         """The largest eigenvalue [-] for a step `dt` [µs]; collective.
 
-        drag, stiffness : of surfaces, per area [Pa µs/µm], and (D,) along the axes [Pa/µm], None for C alone;  tension :
-        of surfaces [pN/µm^(D - 2)];  anew : whether another mode may be the largest than shortly before.
+        drag, stiffness : of surfaces, per area [Pa µs/µm], and (D,) along the axes [Pa/µm], None for C alone;
+        tension : of surfaces [pN/µm^(D - 2)];  anew : whether another mode may be the largest than shortly before.
         """
-        out, damping = np.zeros((self._part.n_owned + 4, 2 * self.dimension)), 0.5 * dt
-        squared = 0.0 if stiffness is None else 0.25 * dt**2
-        on_surface = self._size * (damping * drag + squared * (0.0 if stiffness is None else stiffness))
-        on_surface = on_surface + squared * tension * self._drawn
+        damping, squared = 0.5 * dt, 0.0 if stiffness is None else 0.25 * dt**2
+        of_surface = self._size * (damping * drag + (0.0 if stiffness is None else squared * stiffness))
+        of_surface = of_surface + squared * tension * self._drawn
         for _ in range(FIRST if anew else 1):
-            self.mode[:] += self._noise
             self.exchange()
-            self._kernel("respond", damping, squared, self.memory, out)
-            found = out[: self._part.n_owned, : self.dimension]
-            found[self._at] += on_surface * self.mode[self._at]
-            lengths = np.sqrt(np.square(found).sum(axis=1))
-            largest = float(global_maximum(self._comm, np.array([lengths.max(initial=0.0)]))[0])
-            self.mode[:] = found / max(largest, 1e-300)
+            self._kernel("respond", damping, squared, self.memory, self._out)
+            found = self._out[: self._part.n_owned, : self.dimension]
+            found[self._at] += of_surface * self.mode[self._at]
+            square = sum(part * part for part in found.T)
+            largest = math.sqrt(float(global_maximum(self._comm, np.array([square.max(initial=0.0)]))[0]))
+            np.multiply(found, 1.0 / max(largest, 1e-300), out=self.mode)
+            self.mode += self._noise
         return CAUTION * largest
