@@ -26,12 +26,11 @@ void add_substrate_in_motion(const KernelData *s, double dt)
 {
     for (long k = 0; k < s->n_near; k++) {
         const Facet e = facet_at(s, s->near[k]);
-        if (!in_haste(s, &e, dt)) continue;
         const double share = LIGAND ? ligand_below(s, &e) : 1;
-        for (int at = -1; at <= 1; at++) {
+        for (int place = 0; place < PLACES; place++) {
             double gap[D], f[D][D], stored, impulse[D];
-            moved_gaps(s, &e, at * dt, gap);
-            substrate_facet(s->substrate, in_motion(at) * share * e.size, GAPS(gap), dt, f, &stored, impulse);
+            moved_gaps(s, &e, place, dt, gap);
+            substrate_facet(s->substrate, in_motion(place) * share * e.size, GAPS(gap), dt, f, &stored, impulse);
             add_to_corners(s->force, e.node, f);
             for (int i = 0; i < D; i++) *impulse_at(s, &e, i, BY_BONDS) += impulse[i];
         }

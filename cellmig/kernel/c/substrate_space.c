@@ -52,33 +52,22 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
     }
 }
 
-/* What a step of dt adds to the forces of n triangles for the motion of their gaps in it: see surface.h. */
-static void pull_in_motion(const KernelData *s, const Facet *e, int n, double dt)
-{
-    Facet moved[TOGETHER];
-    double pull[D][TOGETHER], stored[TOGETHER];
-    for (int at = -1; at <= 1; at++) {
-        for (int m = 0; m < n; m++) {
-            moved[m] = e[m];
-            moved_gaps(s, e + m, at * dt, moved[m].gap);
-            moved[m].size *= in_motion(at) * (LIGAND ? ligand_below(s, e + m) : 1);
-        }
-        pull_down(s, moved, n, pull, stored);
-        for (int m = 0; m < n; m++)
-            for (int i = 0; i < D; i++) pull_corner(s, e + m, i, s->force, pull[i][m], dt);
-    }
-}
-
-/* The same of all triangles that move fast. */
+/* What a step of dt adds to these forces for the motion of the gaps in it: see surface.h. */
 void add_substrate_in_motion(const KernelData *s, double dt)
 {
     Facet e[TOGETHER];
-    int n = 0;
-    for (long k = 0; k < s->n_near; k++) {
-        e[n] = facet_at(s, s->near[k]);
-        n += in_haste(s, e + n, dt);
-        if (n < TOGETHER && k + 1 < s->n_near) continue;
-        pull_in_motion(s, e, n, dt);
-        n = 0;
+    double pull[D][TOGETHER], stored[TOGETHER];
+    for (long from = 0; from < s->n_near; from += TOGETHER) {
+        const int n = (int)(s->n_near - from < TOGETHER ? s->n_near - from : TOGETHER);
+        for (int place = 0; place < PLACES; place++) {
+            for (int m = 0; m < n; m++) {
+                e[m] = facet_at(s, s->near[from + m]);
+                e[m].size *= in_motion(place) * (LIGAND ? ligand_below(s, e + m) : 1);
+                moved_gaps(s, e + m, place, dt, e[m].gap);
+            }
+            pull_down(s, e, n, pull, stored);
+            for (int m = 0; m < n; m++)
+                for (int i = 0; i < D; i++) pull_corner(s, e + m, i, s->force, pull[i][m], dt);
+        }
     }
 }

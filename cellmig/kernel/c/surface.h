@@ -30,21 +30,16 @@ static inline double *impulse_at(const KernelData *s, const Facet *e, int corner
 }
 
 /* Bonds to the substrate close within a few steps.  The forces at the ends of a step dt do the work of the trapezoidal
- * rule, which misses dt² v³ d³U/dx³/12 a time of what bonds lose in energy, v being the speed.  So a step has in addition
- * -1/16 of the second difference of the force between the gaps a step before, now and a step later.  For the shortest
- * steps it would take 1/12; speeds are half a step old, and 1/16 was measured best (docs/stability.md). */
-static inline double in_motion(int at) { return at ? -1.0 / 16 : 2.0 / 16; }
+ * rule, which misses dt² v³ d³U/dx³/12 a time of what bonds lose in energy, v being the speed.  So a step has in
+ * addition -1/12 of the second difference of the force between gaps that are a step apart.  Their middle is a third of a
+ * step back, since speeds are half a step old: then the work is right to the next order, too. */
+enum { PLACES = 3 };
 
-/* Whether a gap of the facet changes by a hundredth in a step of dt: of slower ones the difference is below 1e-3. */
-static inline int in_haste(const KernelData *s, const Facet *e, double dt)
-{
-    for (int i = 0; i < D; i++)
-        if (fabs(dt * velocity(s, e->node[i], NORMAL)) > 0.01 * e->gap[i]) return 1;
-    return 0;
-}
+static inline double in_motion(int place) { return place == 1 ? 2.0 / 12 : -1.0 / 12; }
 
-/* Gaps of the corners of a facet a time later, at their speeds. */
-static inline void moved_gaps(const KernelData *s, const Facet *e, double time, double gap[D])
+/* Gaps of the corners of a facet at one of the places, at their speeds. */
+static inline void moved_gaps(const KernelData *s, const Facet *e, int place, double dt, double gap[D])
 {
+    const double time = (place - 4.0 / 3) * dt;
     for (int i = 0; i < D; i++) gap[i] = e->gap[i] + time * velocity(s, e->node[i], NORMAL);
 }
