@@ -6,7 +6,7 @@ for the triangles of cocircular particles, which overlap and share their weight.
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 from math import factorial
 
 import numpy as np
@@ -64,24 +64,27 @@ def by_area(X: np.ndarray, V: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.where(on, area * (V[on].sum() / area.sum()), V)
 
 
-def exchanged(mass: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Masses (n,) [fg] after neighbours have exchanged a share of what one has more than the other.
 
-    Particles of the surface are the lightest, and limit the step.  Where within a spacing a mass is matters as little
-    as that it is lumped: the momentum of a smooth velocity changes by the square of the spacing, that of a constant one
-    by nothing.
+    Particles of the surface are the lightest, and limit the step.  Momentum, moment and kinetic energy of any velocity
+    that is linear in X stay as they were: masses are multiplied by a quadratic polynomial near 1 in the end.
 
-    mass : (n,) -- of the particles [fg];  edges : (m, 2) int -- pairs of neighbours.
+    mass : (n,) -- of the particles [fg];  X : (n, D) -- their positions [µm];  edges : (m, 2) int -- neighbours.
 
-    Source: derived here, diffusion along the edges; what it gains and costs is in docs/error.md.
+    Source: derived here, diffusion along the edges; what it gains and costs is in docs/stability.md.
     """
     I, J = edges.T
     count = np.bincount(edges.ravel(), minlength=len(mass))
-    share = EXCHANGED / (np.maximum(count[I], count[J]) + 1.0)
+    share, after = EXCHANGED / (np.maximum(count[I], count[J]) + 1.0), mass
     for _ in range(EXCHANGES):
-        flow = share * (mass[I] - mass[J])
-        mass = mass - np.bincount(I, flow, len(mass)) + np.bincount(J, flow, len(mass))
-    return mass
+        flow = share * (after[I] - after[J])
+        after = after - np.bincount(I, flow, len(mass)) + np.bincount(J, flow, len(mass))
+    x = (X - X.mean(axis=0)) / np.abs(X - X.mean(axis=0)).max()
+    pairs = combinations_with_replacement(range(X.shape[1]), 2)
+    moments = np.column_stack([np.ones(len(x)), x, *(x[:, i] * x[:, j] for i, j in pairs)])
+    missing = np.linalg.solve(moments.T @ (after[:, None] * moments), moments.T @ (mass - after))
+    return after * (1.0 + moments @ missing)
 
 
 def edges_of(simplices: np.ndarray) -> np.ndarray:

@@ -71,6 +71,7 @@ class Modes(GhostedField):
             found[self._at] += of_surface * self.mode[self._at]
             square = sum(part * part for part in found.T)
             largest = math.sqrt(float(global_maximum(self._comm, np.array([square.max(initial=0.0)]))[0]))
-            np.multiply(found, 1.0 / max(largest, 1e-300), out=self.mode)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a state that is not sound
+                np.multiply(found, 1.0 / max(largest, 1e-300), out=self.mode)
             self.mode += self._noise
         return CAUTION * largest
