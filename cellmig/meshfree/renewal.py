@@ -103,7 +103,8 @@ def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.n
     """
     on, facets, count, D = _marked(len(x), t.facets), t.facets, len(x), x.shape[1]
     densest = 2.0 / np.sqrt(3.0) if D == 2 else np.sqrt(2.0)
-    content = densest * t.V * t.heaviness * J * np.where(on, 2.0, 1.0)  # of the surface's only half is inside
+    shared = t.heaviness if D == 3 else 1.0  # by area of the surface
+    content = densest * t.V * shared * J * np.where(on, 2.0, 1.0)  # of the surface's only half is inside
     size = np.sqrt(content) if D == 2 else np.cbrt(content)
     surface = _closed(x, facets) if D == 3 else None
     if surface is None:
