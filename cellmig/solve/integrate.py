@@ -21,8 +21,6 @@ from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, wid
 BATCH = 200  # largest number of steps before the stable step is computed again
 STRAIN = 0.1  # largest change of the deformation until then [-]
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
-# Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
-COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
@@ -43,6 +41,7 @@ class Integrator:
     mechanism : str -- what limits the stable step, a key of `StepControl.stable`.
     count : dict -- steps by mechanism.
     gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm].
+    last : float -- least gap to the substrate at the end of the last batch [µm].
     redone : int -- steps that were undone and repeated.
     crossed : int -- batches in turn, up to the last, after which surfaces crossed.
     extremes : dict -- smallest and largest J [-] and step [µs].
@@ -70,6 +69,7 @@ class Integrator:
         self._connect()
         # PETSc's types cannot repeat a batch: they assume that any gap may close this far
         self.gaps = control.typical if self.leapfrog else CLOSED / TYPICAL * control.typical
+        self.last = float(self.gaps[0])
         self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:
@@ -140,7 +140,7 @@ class Integrator:
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint: what determines the next steps, and all counts."""
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
-        return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
+        return deepcopy(numbers) | {"gaps": self.gaps.tolist(), "last": self.last}
 
     def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint, of any shape and unit.
@@ -149,7 +149,7 @@ class Integrator:
         """
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
-        self.gaps = np.array(about["gaps"])
+        self.gaps, self.last = np.array(about["gaps"]), about["last"]
         if self.mechanics.renewals:
             self._take_neighbours()
         self.ts.setTime(about["time"])
@@ -259,9 +259,7 @@ class Integrator:
         m = self.mechanics
         m.resume()
         limits = self._checked_limits()
-        dt = min(self.stable, binding(self.control.stable(limits, self.gaps))[1]) if self.held is None else self.stable
-        dt = m.comm.bcast(dt)  # processors may differ in the last bit
-        limits |= self.control.follow(m.modes, dt, self.gaps, self.held if self.leapfrog else None)
+        limits |= self.control.follow(m.modes, limits, self.gaps, self.stable, self.held if self.leapfrog else None)
         self.limits, self.held = limits, limits["held"]
         if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
             m.renew_lists()
@@ -273,7 +271,8 @@ class Integrator:
         if self.touches:
             m.state.forget_contacts()
             room = 0.5 * m.segments.skin - limits["displaced"]
-            most += [0.5 * room / (self.dt * limits["speed"] + 1e-300)] + [SHORT] * (self._compression(self.gaps) > 0.5)
+            pressed = self.leapfrog and self.control.compression(self.gaps) > 0.5
+            most += [0.5 * room / (self.dt * limits["speed"] + 1e-300)] + [SHORT] * pressed
         return max(1, int(min(most)))
 
     def choose(self) -> None:
@@ -281,19 +280,13 @@ class Integrator:
         self.mechanism, self.stable = binding(self.control.stable(self.limits, self.gaps))
         self.dt = self.fixed_step or self.factor * self._accurate_step(self.gaps)
 
-    def _compression(self, gaps: np.ndarray) -> float:
-        """Compression of bonds at gaps (2,) [µm], from 0 to 1 over the ranges COMPRESSED [-]."""
-        there, (none, full) = self.control.eps > 0.0, COMPRESSED
-        share = np.clip((none - gaps / np.where(there, self.control.eps, 1.0)) / (none - full), 0.0, 1.0)[there]
-        return float(share.max(initial=0.0)) if self.leapfrog else 0.0
-
     def _accurate_step(self, gaps: np.ndarray) -> float:
         """The step [µs] for these gaps (2,) [µm]: the stable one, or less where bonds are compressed.
 
         Compressed bonds release their energy within few steps: there accuracy, not stability, limits the step.
         """
         steps = self.control.stable(self.limits, gaps)
-        if pressed := self._compression(gaps):
+        if self.leapfrog and (pressed := self.control.compression(gaps)):
             steps["contact"] *= 1.0 - (1.0 - PRESSED) * pressed
         return self.mechanics.comm.bcast(binding(steps)[1])  # processors may differ in the last bit
 

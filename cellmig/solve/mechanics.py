@@ -296,6 +296,11 @@ class Mechanics:
             if law is not None:
                 self.surface_force(term)
 
+    def met(self) -> Extremes:
+        """Extremes where the surfaces are now, of contacts; collective."""
+        self.meet()
+        return self.extremes()
+
     def extremes(self) -> Extremes:
         """Extremes since the last call, of contacts since they were forgotten; collective."""
         top = global_maximum(self.comm, np.array([self.segments.displaced(), *self.state.extremes()])).tolist()

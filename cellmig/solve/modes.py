@@ -27,7 +27,7 @@ class Modes(GhostedField):
 
     Attributes
     ----------
-    dimension : int -- D.
+    comm, dimension : the ranks, and D.
     memory : (capacity, 2 D) float -- the mode, whose largest vector is 1 [-], and zeros, as the kernel reads numbers of
         the state.  Noise is added to it, from which another mode can grow that becomes the largest.
 
@@ -42,7 +42,7 @@ class Modes(GhostedField):
 
     def __init__(self, part: Subdomain, kernel: Kernel):
         """Begin with vectors that look like chance; collective."""
-        self._part, self._kernel, self.dimension = part, kernel, part.scene.dimension
+        self.comm, self._part, self._kernel, self.dimension = part.comm, part, kernel, part.scene.dimension
         self.memory = aligned_zeros((part.capacity, 2 * self.dimension))
         super().__init__(part.comm, self.memory, part.n_owned, part.numbering.shared.sum())
         self.set_ghosts(part.in_petsc(part.numbering)[part.n_owned :])
@@ -70,7 +70,7 @@ class Modes(GhostedField):
             found = self._out[: self._part.n_owned, : self.dimension]
             found[self._at] += of_surface * self.mode[self._at]
             square = sum(part * part for part in found.T)
-            largest = math.sqrt(float(global_maximum(self._comm, np.array([square.max(initial=0.0)]))[0]))
+            largest = math.sqrt(float(global_maximum(self.comm, np.array([square.max(initial=0.0)]))[0]))
             with np.errstate(over="ignore", invalid="ignore"):  # of a state that is not sound
                 np.multiply(found, 1.0 / max(largest, 1e-300), out=self.mode)
             self.mode += self._noise

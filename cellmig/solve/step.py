@@ -13,6 +13,11 @@ from ..meshfree.terms import Terms
 from .modes import Modes
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
+# Bonds that snap to the substrate swing below OVERSHOOT for a few steps, not below DEEPEST: only those that stay there
+# have to be stable.  Gaps over the equilibrium distance [-].
+OVERSHOOT, DEEPEST = 0.9, 0.5
+# Those between which bonds become compressed, of the substrate and of cells.
+COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 RISEN = 1.1  # ratio of the stiffness of bonds from which a mode is not the same any more [-]
 TYPICAL = 0.94  # smallest gap of a contact over ε of its bonds, measured at 600 to 1,500 particles a cell [-]
 
@@ -105,6 +110,22 @@ class StepControl:
             low, high = (low, middle) if softer else (middle, high)
         return np.array([gap, low])
 
+    def compression(self, gaps: np.ndarray) -> float:
+        """Compression of bonds at gaps (2,) [µm], from 0 to 1 over the ranges COMPRESSED [-]."""
+        there, (none, full) = self.eps > 0.0, COMPRESSED
+        share = np.clip((none - gaps / np.where(there, self.eps, 1.0)) / (none - full), 0.0, 1.0)[there]
+        return float(share.max(initial=0.0))
+
+    def lasting(self, seen: np.ndarray, ends: float) -> np.ndarray:
+        """Gaps (2,) [µm] for which a step has to be stable, of the least ones `seen` (2,) [µm] in a batch.
+
+        ends : the larger one of the least gaps to the substrate where the batch begins and ends [µm]; bonds that are
+            pressed for long are at both.
+        """
+        overshoot = OVERSHOOT * self.eps[0]
+        passes = ends > overshoot and seen[0] > DEEPEST * self.eps[0]
+        return np.array([max(seen[0], overshoot) if passes else seen[0], seen[1]])
+
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
         """Stable step by mechanism: "viscosity", "sound", and where they apply "contact" and "director" [µs].
 
@@ -141,16 +162,24 @@ class StepControl:
               for (law, sides), gap in zip(self._contacts, gaps, strict=True)]
         return of[0], of[1]
 
-    def follow(self, modes: Modes, dt: float, gaps: np.ndarray, before: float | None) -> dict[str, float]:
-        """What `modes` say for a step of about `dt` [µs] and the expected `gaps` (2,) [µm]; collective.
+    def follow(self, modes: Modes, limits: dict[str, Any], gaps: np.ndarray, dt: float, before: float | None
+               ) -> dict[str, float]:
+        """What `modes` say for the expected `gaps` (2,) [µm]; collective.
 
-        before : stiffness of bonds for which they were followed last [Pa/µm], None for the first time.
+        Parameters
+        ----------
+        limits : dict -- of `Mechanics.limits`.
+        dt : float -- stable step of shortly before [µs].
+        before : float -- stiffness of bonds for which they were followed then [Pa/µm]; None for the first time.
 
         Returns
         -------
         dict -- "share" of the stable step [-] at the step "at" [µs] for bonds of the stiffness "held" [Pa/µm]; with a
         director, whose stresses and torques the modes lack, the largest rate of "damping" [1/µs].
         """
+        if before is None:
+            dt = min(dt, binding(self.stable(limits, gaps))[1])
+        dt = modes.comm.bcast(dt)  # processors may differ in the last bit
         substrate, between = self._stiffness(gaps)
         held = max(substrate, between)
         if not self._follows:
