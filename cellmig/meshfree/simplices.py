@@ -83,8 +83,8 @@ def exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
     x = (X - X.mean(axis=0)) / np.abs(X - X.mean(axis=0)).max()
     pairs = combinations_with_replacement(range(X.shape[1]), 2)
     moments = np.column_stack([np.ones(len(x)), x, *(x[:, i] * x[:, j] for i, j in pairs)])
-    missing = np.linalg.solve(moments.T @ (after[:, None] * moments), moments.T @ (mass - after))
-    return after * (1.0 + moments @ missing)
+    gram, missing = moments.T @ (after[:, None] * moments), moments.T @ (mass - after)
+    return after * (1.0 + moments @ np.linalg.lstsq(gram, missing, rcond=1e-10)[0])  # two columns have no own x²
 
 
 def edges_of(simplices: np.ndarray) -> np.ndarray:
