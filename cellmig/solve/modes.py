@@ -62,8 +62,8 @@ class Modes(GhostedField):
         tension : of surfaces [pN/µm^(D - 2)];  anew : whether another mode may be the largest than shortly before.
         """
         damping, squared = 0.5 * dt, 0.0 if stiffness is None else 0.25 * dt**2
-        of_surface = self._size * (damping * drag + (0.0 if stiffness is None else squared * stiffness))
-        of_surface = of_surface + squared * tension * self._drawn
+        bonds = np.zeros(self.dimension) if stiffness is None else stiffness
+        of_surface = self._size * (damping * drag + squared * bonds) + squared * tension * self._drawn
         for _ in range(FIRST if anew else 1):
             self.exchange()
             self._kernel("respond", damping, squared, self.memory, self._out)
