@@ -15,7 +15,7 @@ from .modes import Modes
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
 # Bonds that snap to the substrate swing below OVERSHOOT for a few steps, not below DEEPEST: only those that stay there
 # have to be stable.  Gaps over the equilibrium distance [-].
-OVERSHOOT, DEEPEST = 0.9, 0.5
+OVERSHOOT, DEEPEST = 0.9, 0.65
 # Those between which bonds become compressed, of the substrate and of cells.
 COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 RISEN = 1.1  # ratio of the stiffness of bonds from which a mode is not the same any more [-]
