@@ -155,7 +155,7 @@ class Template:
 
     @cached_property
     def size_per_mass(self) -> np.ndarray:
-        """Share of the facets' sizes over the mass (n,), zero inside [µm^(D - 1)/fg, in the plane times µm]."""
+        """Share of the facets' sizes over the mass (n,), zero inside [µm²/fg]."""
         share = np.zeros(len(self.X))
         np.add.at(share, self.facets, self.facet_size[:, None] / self.X.shape[1])
         return share / self.mass

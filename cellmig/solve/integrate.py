@@ -21,8 +21,8 @@ from .step import NO_EXTREMES, TYPICAL, NumericsError, StepControl, binding, wid
 BATCH = 200  # largest number of steps before the stable step is computed again
 STRAIN = 0.1  # largest change of the deformation until then [-]
 PRESSED, SHORT = 0.25, 20  # while bonds are compressed: share of the stable step of contacts, largest number of steps
-CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 RECOVERY = 0.02  # growth of the expected gaps from batch to batch, over the equilibrium distance [-]
+CLOSED = 0.8  # gap for which PETSc's types choose their steps, over the equilibrium distance [-]
 LEAST_STEP = 1e-7  # a shorter stable step ends the run [µs]
 _COUNTED = ("dt", "mechanism", "stable", "held", "count", "redone", "crossed", "extremes")
 VOLUME = 0.5  # a larger |J - 1| ends the run: the fluids of the model are nearly incompressible
@@ -41,7 +41,6 @@ class Integrator:
     mechanism : str -- what limits the stable step, a key of `StepControl.stable`.
     count : dict -- steps by mechanism.
     gaps : (2,) float -- smallest gaps that are expected, to the substrate and between cells [µm].
-    last : float -- least gap to the substrate at the end of the last batch [µm].
     redone : int -- steps that were undone and repeated.
     crossed : int -- batches in turn, up to the last, after which surfaces crossed.
     extremes : dict -- smallest and largest J [-] and step [µs].
@@ -69,7 +68,6 @@ class Integrator:
         self._connect()
         # PETSc's types cannot repeat a batch: they assume that any gap may close this far
         self.gaps = control.typical if self.leapfrog else CLOSED / TYPICAL * control.typical
-        self.last = float(self.gaps[0])
         self._loss: dict[str, np.ndarray] = {}
 
     def _connect(self) -> None:
@@ -140,7 +138,7 @@ class Integrator:
     def saved(self) -> dict[str, Any]:
         """State of the integrator for a checkpoint: what determines the next steps, and all counts."""
         numbers = {name: getattr(self, name) for name in ("time", "steps", *_COUNTED)}
-        return deepcopy(numbers) | {"gaps": self.gaps.tolist(), "last": self.last}
+        return deepcopy(numbers) | {"gaps": self.gaps.tolist()}
 
     def restore(self, about: dict[str, Any], arrays: Arrays) -> None:
         """Set the state from `about`, which `saved` returned, and `arrays` of the checkpoint, of any shape and unit.
@@ -149,7 +147,7 @@ class Integrator:
         """
         for name in _COUNTED:
             setattr(self, name, deepcopy(about[name]))
-        self.gaps, self.last = np.array(about["gaps"]), about["last"]
+        self.gaps = np.array(about["gaps"])
         if self.mechanics.renewals:
             self._take_neighbours()
         self.ts.setTime(about["time"])

@@ -36,18 +36,17 @@ class Leapfrog:
             m.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
             m.advance(n, dt)
-            seen, now = m.extremes(), m.met()
+            m.meet()
+            seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin
-            gaps = run.control.gaps(min(seen.gap, now.gap), max(seen.contact, now.contact))
-            gaps = run.control.lasting(gaps, max(run.last, now.gap))
+            gaps = run.control.gaps(seen.gap, seen.contact)
             if not run.touches or (run.was_stable(dt, gaps) and not (late and n > 1)):
                 break
             m.go_back()
             run.choose()
             run.redone += n
             allowed = max(1, n // 4) if late else allowed
-        run.last = now.gap
-        run.crossed = run.crossed + 1 if math.isinf(max(seen.contact, now.contact)) else 0
+        run.crossed = run.crossed + 1 if math.isinf(seen.contact) else 0
         if run.crossed > CROSSED:
             run.fail("surfaces of cells cross and do not part",
                      remedy="try a smaller load, a slower impact or finer particles")

@@ -66,7 +66,7 @@ class Mechanics:
     kernel : Kernel -- the compiled step.
     state : State -- displacements and velocities.
     segments : Segments -- of surfaces, and search lists.
-    modes : Modes -- that which limits the step.
+    modes : Modes -- the mode that limits the step.
     loads : Loads -- supports, loads and plates.
     network : Network -- None if no material has one.
     director : Director -- None if no term depends on it.
@@ -295,11 +295,6 @@ class Mechanics:
         for term, law in (("substrate", self.terms.substrate), ("contact", self.terms.contacts)):
             if law is not None:
                 self.surface_force(term)
-
-    def met(self) -> Extremes:
-        """Extremes where the surfaces are now, of contacts; collective."""
-        self.meet()
-        return self.extremes()
 
     def extremes(self) -> Extremes:
         """Extremes since the last call, of contacts since they were forgotten; collective."""

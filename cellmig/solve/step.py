@@ -13,10 +13,7 @@ from ..meshfree.terms import Terms
 from .modes import Modes
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
-# Bonds that snap to the substrate swing below OVERSHOOT for a few steps, not below DEEPEST: only those that stay there
-# have to be stable.  Gaps over the equilibrium distance [-].
-OVERSHOOT, DEEPEST = 0.9, 0.65
-# Those between which bonds become compressed, of the substrate and of cells.
+# Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
 COMPRESSED = np.array([[0.5, 0.8], [0.25, 0.65]])
 RISEN = 1.1  # ratio of the stiffness of bonds from which a mode is not the same any more [-]
 TYPICAL = 0.94  # smallest gap of a contact over ε of its bonds, measured at 600 to 1,500 particles a cell [-]
@@ -45,12 +42,12 @@ def widen(extremes: dict[str, float], name: str, least: float, most: float) -> N
 class StepControl:
     """Largest stable step of leapfrog.
 
-    A step dt is stable if no mode has ½ dt c + ¼ dt² ω² > 1, with its damping c and frequency² ω².  The largest of
-    these forms is that which `Modes` follows in the deformed body with all its stresses and bonds, between two bounds:
-    those of the particle whose own stress is stiffest, max_I w V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹) with the modulus w,
-    and the sum of the largest eigenvalues of all parts on the reference configuration, those of stresses times the
-    growth of that maximum.  Bonds are stiffer at smaller gaps, which are not known before a step: the integrator checks
-    afterwards which gaps occurred.
+    A step dt is stable if no mode has ½ dt c + ¼ dt² ω² > 1, with its damping c and frequency² ω².  `Modes` follows the
+    largest of these forms in the deformed body with all its stresses and bonds, between two bounds: those of the
+    particle whose own stress is stiffest, max_I w V_I J λmax(F⁻ᵀ [Σ_J G⊗G/m_J] F⁻¹) with the modulus w, and the sum of
+    the largest eigenvalues of all parts on the reference configuration, those of stresses times the growth of that
+    maximum.  Bonds are stiffer at smaller gaps, which are not known before a step: the integrator checks afterwards
+    which gaps occurred.
 
     Attributes
     ----------
@@ -115,16 +112,6 @@ class StepControl:
         there, (none, full) = self.eps > 0.0, COMPRESSED
         share = np.clip((none - gaps / np.where(there, self.eps, 1.0)) / (none - full), 0.0, 1.0)[there]
         return float(share.max(initial=0.0))
-
-    def lasting(self, seen: np.ndarray, ends: float) -> np.ndarray:
-        """Gaps (2,) [µm] for which a step has to be stable, of the least ones `seen` (2,) [µm] in a batch.
-
-        ends : the larger one of the least gaps to the substrate where the batch begins and ends [µm]; bonds that are
-            pressed for long are at both.
-        """
-        overshoot = OVERSHOOT * self.eps[0]
-        passes = ends > overshoot and seen[0] > DEEPEST * self.eps[0]
-        return np.array([max(seen[0], overshoot) if passes else seen[0], seen[1]])
 
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
         """Stable step by mechanism: "viscosity", "sound", and where they apply "contact" and "director" [µs].

@@ -59,6 +59,7 @@ void add_substrate_in_motion(const KernelData *s, double dt)
     double pull[D][TOGETHER], stored[TOGETHER];
     for (long from = 0; from < s->n_near; from += TOGETHER) {
         const int n = (int)(s->n_near - from < TOGETHER ? s->n_near - from : TOGETHER);
+        double sum[D][TOGETHER] = {{0}}; /* triangle by triangle: how they are grouped depends on the rank */
         for (int place = 0; place < PLACES; place++) {
             for (int m = 0; m < n; m++) {
                 e[m] = facet_at(s, s->near[from + m]);
@@ -66,8 +67,10 @@ void add_substrate_in_motion(const KernelData *s, double dt)
                 moved_gaps(s, e + m, place, dt, e[m].gap);
             }
             pull_down(s, e, n, pull, stored);
-            for (int m = 0; m < n; m++)
-                for (int i = 0; i < D; i++) pull_corner(s, e + m, i, s->force, pull[i][m], dt);
+            for (int i = 0; i < D; i++)
+                for (int m = 0; m < n; m++) sum[i][m] += pull[i][m];
         }
+        for (int m = 0; m < n; m++)
+            for (int i = 0; i < D; i++) pull_corner(s, e + m, i, s->force, sum[i][m], dt);
     }
 }

@@ -31,8 +31,8 @@ static inline double *impulse_at(const KernelData *s, const Facet *e, int corner
 
 /* Bonds to the substrate close within a few steps.  The forces at the ends of a step dt do the work of the trapezoidal
  * rule, which misses dt² v³ d³U/dx³/12 a time of what bonds lose in energy, v being the speed.  So a step has in
- * addition -1/12 of the second difference of the force between gaps that are a step apart.  Their middle is a third of a
- * step back, since speeds are half a step old: then the work is right to the next order, too. */
+ * addition -1/12 of the second difference of the force between gaps that are a step apart.  Their middle is a third of
+ * a step back, since speeds are half a step old: then the work is right to the next order, too. */
 enum { PLACES = 3 };
 
 static inline double in_motion(int place) { return place == 1 ? 2.0 / 12 : -1.0 / 12; }
