@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..meshfree.renewal import at_rest
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
-from .modes import Modes
+
+if TYPE_CHECKING:  # who only asks for a stable step starts no MPI
+    from .modes import Modes
 
 BISECTIONS = 20  # for a gap, of which rounding is then far below the accuracy of a step's limits
 # Gaps over the equilibrium distance between which bonds become compressed, of the substrate and of cells [-].
