@@ -55,18 +55,21 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
 /* What a step of dt adds to these forces for the motion of the gaps in it: see surface.h. */
 void add_substrate_in_motion(const KernelData *s, double dt)
 {
-    Facet e[TOGETHER];
-    double pull[D][TOGETHER], stored[TOGETHER];
+    Facet e[TOGETHER], moved[TOGETHER];
+    double share[TOGETHER], pull[D][TOGETHER], stored[TOGETHER];
     for (long from = 0; from < s->n_near; from += TOGETHER) {
         const int n = (int)(s->n_near - from < TOGETHER ? s->n_near - from : TOGETHER);
         double sum[D][TOGETHER] = {{0}}; /* triangle by triangle: how they are grouped depends on the rank */
+        for (int m = 0; m < n; m++) {
+            moved[m] = e[m] = facet_at(s, s->near[from + m]);
+            share[m] = LIGAND ? ligand_below(s, e + m) : 1;
+        }
         for (int place = 0; place < PLACES; place++) {
             for (int m = 0; m < n; m++) {
-                e[m] = facet_at(s, s->near[from + m]);
-                e[m].size *= in_motion(place) * (LIGAND ? ligand_below(s, e + m) : 1);
-                moved_gaps(s, e + m, place, dt, e[m].gap);
+                moved[m].size = e[m].size * (in_motion(place) * share[m]);
+                moved_gaps(s, e + m, place, dt, moved[m].gap);
             }
-            pull_down(s, e, n, pull, stored);
+            pull_down(s, moved, n, pull, stored);
             for (int i = 0; i < D; i++)
                 for (int m = 0; m < n; m++) sum[i][m] += pull[i][m];
         }
