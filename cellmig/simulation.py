@@ -36,10 +36,11 @@ from .solve.protrusion import Protruding
 from .solve.restart import restore, same_places, saved
 from .solve.start import at_start, discretise, templates
 from .solve.static import Static
-from .solve.step import NumericsError, StepControl, widen
+from .solve.step import NumericsError, StepControl
 
 AT_ONCE = 1 << 20  # particles whose state is gathered at a time
 ROUNDING = 1.0 + 1e-12  # ratio of times up to which they are one
+NO_RANGE = (math.inf, -math.inf)  # least and largest of nothing
 
 register()
 
@@ -85,7 +86,7 @@ class Simulation:
         self.guidance = Guidance(case, self.mechanics, self.fields.by_name) if self.terms.guided else None
         self.sampler = Sampler(self.mechanics, probes)
         self.interval = Interval(self.mechanics)
-        self.time = 0.0
+        self.time, self._J_now = 0.0, NO_RANGE
         self._count()  # the ledger counts from here
 
     def _decide(self, scene: Scene, moved: np.ndarray | None) -> tuple:
@@ -118,6 +119,7 @@ class Simulation:
 
         Times that differ by rounding alone are one: no step could be as short.
         """
+        self._J_now = NO_RANGE
         turning: list[Any] = [one for one in (self.fields, self.guidance) if one is not None]  # cues ask fields
         while (due := min(one.due for one in turning)) <= stop * ROUNDING:
             at = due if due * ROUNDING < stop else stop
@@ -151,10 +153,16 @@ class Simulation:
         acceleration = self.integrator.rate()
         if self.integrator.leapfrog:
             seen = m.extremes()
-            widen(self.integrator.extremes, "J", seen.J_min, seen.J_max)
+            self._J_now = seen.J_min, seen.J_max
         m.store(self.swarm)
         self._powers = m.powers() if self._half_step else {}
         return self.sampler.ledger(acceleration, self._half_step, self._powers)
+
+    @property
+    def J_range(self) -> list[float]:
+        """Smallest and largest J [-] of all steps, and of the state now if it was sampled: no step has met it yet."""
+        seen, (least, most) = self.integrator.extremes, self._J_now
+        return [min(seen["J_min"], least), max(seen["J_max"], most)]
 
     @property
     def _half_step(self) -> float:

@@ -351,7 +351,7 @@ class Run:
             "exit_status": status, "cause": cause, "time_us": s.time, "steps": run.steps,
             "dt_us": {"least": run.extremes["dt_min"], "most": run.extremes["dt_max"]}, "dt_set_by": mechanism,
             "steps_by_mechanism": run.count, "steps_redone": run.redone, "wall_seconds": wall,
-            "ns_per_particle_step": per_step, "J": [run.extremes["J_min"], run.extremes["J_max"]],
+            "ns_per_particle_step": per_step, "J": s.J_range,
             "strain": self.strain.record(), "worst_energy_error": self.worst_energy_error,
             f"momentum_{impulse}": s.sampler.momentum(),
             f"protrusion_impulse_{impulse}": s.mechanics.accounts.protrusion_impulse(),
@@ -370,7 +370,7 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             stretched += f", neighbours found anew {s.mechanics.renewals} times" * (s.mechanics.renewals > 0)
             error = f"; energy error at most {100 * self.worst_energy_error:.2g} %" if self.output_time > 0.0 else ""
-            self.log("volume ratio J from {J_min:.4f} to {J_max:.4f}".format(**run.extremes) + stretched + error)
+            self.log("volume ratio J from {:.4f} to {:.4f}".format(*s.J_range) + stretched + error)
         if dissipation := summary.describe_dissipation(self.entries):
             self.log(f"dissipation: {dissipation}")
         for told in filter(None, (summary.measured_balance(s), run.closing, self.strain.summary(), *s.fields.closing)):

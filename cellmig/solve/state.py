@@ -168,10 +168,10 @@ class State(GhostedField):
 
     @property
     def changing(self) -> dict[str, np.ndarray]:
-        """Arrays that steps change: state (n_local, 2 d) [µm, µm/µs], F (n_blocks, d², 4) [-], step memory, and
-        Laplacians (n_blocks, d, 4) [1/µm].
+        """Arrays that steps change: state (n_local, 2 d) [µm, µm/µs], F (n_blocks, d², 4) [-], step memory,
+        Laplacians (n_blocks, d, 4) [1/µm], and the range of J (2, 4) [-].
         """
-        return {"state": self.array, **{name: self._kernel[name] for name in ("F", "bend", "step_memory")}}
+        return {"state": self.array, **{name: self._kernel[name] for name in ("F", "bend", "step_memory", "J_range")}}
 
     @property
     def F_of_rows(self) -> np.ndarray:
