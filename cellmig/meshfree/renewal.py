@@ -8,10 +8,12 @@ laws of before.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import QhullError
 
 from ..geometry import delaunay, polygons, tetrahedra
 from ..geometry.surfaces import ClosedSurface
@@ -54,8 +56,11 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
     """
     facets, J = t.facets, determinant(F0.transpose(1, 2, 0))
     simplices, share = _simplices(x0, facets)
-    if len(np.unique(simplices)) < len(x0):
-        raise ValueError("a particle has no neighbours inside the surface, which is too coarse or too thin there")
+    lonely = np.setdiff1d(np.arange(len(x0)), simplices)
+    if len(lonely):
+        at = ", ".join(f"{x:.4g}" for x in x0[lonely[0]])
+        raise ValueError(f"the particle at ({at}) um from where the cell's centre began has no neighbours inside the "
+                         "surface, which is too coarse or too thin there")
     edges = edges_of(simplices)
     support = rkpm.supports(x0, edges, t.dilation * t.spacing)
     now, D = t.V * J, x0.shape[1]
@@ -173,11 +178,23 @@ def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray
         on, before = slice(*scene.offset[c : c + 2]), kind[c]
         kind[c] = len(templates)
         places = along[first[c] : first[c + 1]]
-        templates.append(renewed(templates[before], x0[on], F0[on], None if np.isnan(places[0]) else places, solve))
+        with of_cell(c):
+            place = None if np.isnan(places[0]) else places
+            templates.append(renewed(templates[before], x0[on], F0[on], place, solve))
         material_of.append(material_of[before])
     used, kind = np.unique(kind, return_inverse=True)
     return replace(scene, templates=[templates[k] for k in used], kind=kind,
                    material_of=[material_of[k] for k in used])
+
+
+@contextmanager
+def of_cell(c: int) -> Iterator[None]:
+    """Raises ValueError, with the number of cell c, where it or Qhull refuses the particles."""
+    try:
+        yield
+    except (ValueError, QhullError) as error:
+        cause = "its particles are in a line or a plane" if isinstance(error, QhullError) else error
+        raise ValueError(f"cell {c + 1}: {cause}") from error
 
 
 def _divisor(F: np.ndarray) -> np.ndarray:

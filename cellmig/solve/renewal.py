@@ -6,10 +6,10 @@ import numpy as np
 
 from ..geometry import polygons, triangles
 from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
-from ..meshfree.renewal import evened
+from ..meshfree.renewal import evened, of_cell
 from ..model.tensors import determinant
 from ..output.energies import energies
-from ..parallel.collect import Whole, on_root
+from ..parallel.collect import Whole, computed_on_root, on_root
 from ..parallel.reduce import exact_sum, global_maximum
 from .mechanics import Mechanics
 from .restart import restore, saved
@@ -67,13 +67,17 @@ def renew(m: Mechanics, time: float) -> None:
     before = _energy(m)
     about, rows = saved(m)
     arrays = on_root(m.comm, rows)
-    if m.comm.rank == 0:
+
+    def move() -> None:
         for c in cells.tolist():
-            _move(m, arrays, c)
+            with of_cell(c):
+                _move(m, arrays, c)
+
     try:
+        computed_on_root(m.comm, move)
         restore(m, about, Whole(m.comm, arrays))
     except ValueError as error:
-        raise NumericsError.at(m, time, f"neighbours cannot be found anew: {error}", None,
+        raise NumericsError.of(m, time, f"neighbours cannot be found anew in {error}",
                                "try finer particles, or numerics.renewal = \"never\"") from error
     m.renewals += 1
     m.renewal_loss += before - _energy(m)

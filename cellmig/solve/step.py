@@ -28,8 +28,13 @@ class NumericsError(RuntimeError):
     def at(cls, mechanics: Any, time: float, cause: str, particle: int | None, remedy: str) -> NumericsError:
         """The error at a time [µs], with a particle, by default the one with the largest |ln J|; collective."""
         particle, J = mechanics.worst_particle(particle)
-        return cls(f"the simulation failed at {mechanics.scene.time_unit.text(time)}: {cause}; particle {particle} of "
-                   f"cell {int(mechanics.scene.cell_of(particle)) + 1} has J = {J:.4g}; {remedy}")
+        cell = int(mechanics.scene.cell_of(particle)) + 1
+        return cls.of(mechanics, time, f"{cause}; particle {particle} of cell {cell} has J = {J:.4g}", remedy)
+
+    @classmethod
+    def of(cls, mechanics: Any, time: float, cause: str, remedy: str) -> NumericsError:
+        """The error at a time [µs]."""
+        return cls(f"the simulation failed at {mechanics.scene.time_unit.text(time)}: {cause}; {remedy}")
 
 
 NO_EXTREMES = {"J_min": math.inf, "J_max": -math.inf, "dt_min": math.inf, "dt_max": 0.0}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import built, case, everywhere, outlines, set_motion, smooth
+from scipy.spatial import Delaunay
 from test_fluid import MU, RADIUS, TIMES, Driven, drop, history, squeezed
 
 from mpi4py import MPI
@@ -27,6 +28,7 @@ from cellmig.simulation import Simulation
 from cellmig.solve import strain
 from cellmig.solve.overdamped import Overdamped
 from cellmig.solve.renewal import due, renew
+from cellmig.solve.step import NumericsError
 from cellmig.solve.stiffness import Stiffness
 
 COMM = MPI.COMM_WORLD
@@ -245,6 +247,23 @@ def test_other_integrators_find_neighbours_anew_too(kind: str, comm: MPI.Comm) -
     assert sim.mechanics.renewals > 1
     assert ledger["energy_error"] < 1e-4  # measured 1.2e-5 of rk, 2e-14 of implicit types
     assert np.ptp(x[:, 0]) == pytest.approx(17.8, rel=0.01)
+
+
+LOST = {  # where particles of a fluid are put, and what is told of it
+    "a line": (lambda x: Delaunay(x * [1.0, 0.0]).points, "its particles are in a line or a plane"),
+    "a point": (lambda x: 0.0 * x, "has no neighbours inside the surface"),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_a_cell_whose_neighbours_cannot_be_found_is_named_on_all_ranks(
+        name: str, comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    put, told = LOST[name]
+    monkeypatch.setattr("cellmig.solve.renewal.evened", lambda t, x, J, loose: put(x))
+    with built(renewing(squeezed(100)), comm) as sim, pytest.raises(NumericsError) as error:
+        sim.go(6.0)
+    assert "neighbours cannot be found anew in cell 1: " in str(error.value) and told in str(error.value)
+    assert "J = " not in str(error.value)  # of a particle that has nothing to do with it
 
 
 # ------------------------------------------------------------------------------------------------------ without a limit
