@@ -195,66 +195,96 @@ class Terms:
 
 def find_terms(case: Case, prune: bool = True) -> Terms:
     """The terms of equation (2) that the case has, and why it lacks the others; without `prune`, all of them."""
-    used = case.materials.values()
-    eta, zeta = max(getattr(m, "eta", 0.0) for m in used), any(getattr(m, "zeta", 0.0) for m in used)
-    law, skipped = case.director, {}
+    choice = _Choice(prune)
+    return Terms(**_bonds(case, choice), **_pushes(case, choice), **_stresses(case, choice), **_others(case, choice),
+                 slack=_slack(case), single=_single(case), dimension=case.dimension, renewal=_renewal(case),
+                 network=any(hasattr(m, "network_renewed") for m in case.materials.values()), graded=_graded(case),
+                 inertia=not (case.overdamped or case.static), skipped=choice.skipped)
 
-    def unless(reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
+
+class _Choice:
+    """Which terms there are; skipped : by term, why it is not needed."""
+
+    def __init__(self, prune: bool):
+        self.skipped: dict[str, str] = {}
+        self._prune = prune
+
+    def unless(self, reason: str | None, term: str, value: Any, absent: Any = None) -> Any:
+        """The `value` of a term, or what stands for its absence for the `reason`, if there is one."""
         if reason is None:
             return value
-        skipped[term] = reason
-        return absent if prune else value
+        self.skipped[term] = reason
+        return absent if self._prune else value
 
+
+def _bonds(case: Case, choice: _Choice) -> dict[str, Any]:
+    """Adhesion to the substrate and between cells, and contact of cells with themselves."""
     nothing: Any = laws("adhesion")["seifert"](bond_density=0.0, well_depth=0.0, equilibrium_distance=0.01)
-    substrate = unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
-                       solid(case.substrate) if case.substrate else nothing)
+    substrate = choice.unless(why((case.substrate is None, "the case has none")), "adhesion to the substrate",
+                              solid(case.substrate) if case.substrate else nothing)
     between = case.contact or dataclasses.replace(nothing, equilibrium_distance=_thin(case))
     alone = len(case.cells) == 1
-    contact = unless(why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
-                     "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
+    contact = choice.unless(
+        why((alone, "one cell alone"), (case.static and case.contact is None, "the case has none")),
+        "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
     # Lips on a substrate become so thin that their sides pass through each other, which walls outside make violent.
     lips = case.substrate is not None and case.substrate.work > 0.0
     never = why((case.static, "not in a static case"), (case.dimension > 2, "in two dimensions only"),
                 (case.dimension == 2 and not _meet_themselves(case), "solids of convex outline"),
                 (lips and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
-    own = unless(never, "contact of a cell with itself", case.dimension == 2, False)
+    own = choice.unless(never, "contact of a cell with itself", case.dimension == 2, False)
     repels = [never is None and (not lips or pair.itself) for pair in case.pairs] + [never is None and not lips]
     contacts = _contacts(case, contact, between, own, repels) if contact or own else None
+    return {"substrate": substrate, "contact": contact, "contacts": contacts}
+
+
+def _pushes(case: Case, choice: _Choice) -> dict[str, Any]:
+    """Protrusion, and whether pushes change."""
     push = case.protrusion
-    protrusion = unless(why((push is None, "the case has none"),
-                            (push is not None and not push.cells, "no cell protrudes"),
-                            (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
-                            (not _pushes_off(case), "no adhesion to the substrate")),
-                        "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
-    guided = unless(None if case.guided and protrusion is not None else "pushes are the same at all times",
-                    "guidance", True, False)
+    protrusion = choice.unless(why((push is None, "the case has none"),
+                                   (push is not None and not push.cells, "no cell protrudes"),
+                                   (push is not None and push.protrusion_ratio == 0, "its ratio is zero"),
+                                   (not _pushes_off(case), "no adhesion to the substrate")),
+                               "protrusion", push or laws("protrusion")["edge"](cells=(), random=False))
+    guided = choice.unless(None if case.guided and protrusion is not None else "pushes are the same at all times",
+                           "guidance", True, False)
+    return {"protrusion": protrusion, "guided": guided and protrusion is not None, "sides": _sides(case, protrusion)}
+
+
+def _stresses(case: Case, choice: _Choice) -> dict[str, Any]:
+    """Stresses in bodies besides those of the laws: of the director, active and numerical ones."""
+    used, law = case.materials.values(), case.director
+    eta, zeta = max(getattr(m, "eta", 0.0) for m in used), any(getattr(m, "zeta", 0.0) for m in used)
     uniform = law is None or law.uniform
-    director = unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
-                      ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
-    active = unless(None if zeta else "zeta is zero", ZETA, True, False)
+    director = choice.unless(why((eta == 0, "eta is zero"), (uniform, "the director is uniform: its gradient is zero")),
+                             ETA, "relaxing" if law is not None and law.mobility else "frozen", "none")
+    active = choice.unless(None if zeta else "zeta is zero", ZETA, True, False)
     still = (case.static, "nothing moves in a static case")
-    stabilised = unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
-                        "viscous stabilisation", True, False)
-    stiffened = unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
-                       "elastic stabilisation", True, False)
-    damped = unless(why(still, (case.overdamped, "there is no sound without inertia"),
-                        (not case.numerics.bulk_viscosity, "its viscosity is zero")),
-                    "bulk damping", True, False)
-    cortex, medium, ligand, force = (unless(None if value else "the case has none", term, value) for term, value in (
-        ("cortex", case.cortex), ("drag of a medium", case.medium), ("ligands", fields_of(case).get("ligand")),
-        ("body force", case.body_force if any(case.body_force or ()) else None)))
+    stabilised = choice.unless(why(still, (not any(m.stabilisation for m in used), "its viscosity is zero")),
+                               "viscous stabilisation", True, False)
+    stiffened = choice.unless(None if any(m.numerical_modulus for m in used) else "its modulus is zero",
+                              "elastic stabilisation", True, False)
+    damped = choice.unless(why(still, (case.overdamped, "there is no sound without inertia"),
+                               (not case.numerics.bulk_viscosity, "its viscosity is zero")),
+                           "bulk damping", True, False)
+    return {"director": director, "director_law": law, "active": active, "stabilised": stabilised,
+            "stiffened": stiffened, "bulk_damped": damped}
+
+
+def _others(case: Case, choice: _Choice) -> dict[str, Any]:
+    """Cortex, drags, ligands, body force, and what acts from outside."""
+    cortex, medium, ligand, force = (
+        choice.unless(None if value else "the case has none", term, value) for term, value in (
+            ("cortex", case.cortex), ("drag of a medium", case.medium), ("ligands", fields_of(case).get("ligand")),
+            ("body force", case.body_force if any(case.body_force or ()) else None)))
     rubs = any(case.friction_of(cell) is not None for cell in case.cells)
-    friction = unless(why((not rubs, "the case has none"), (case.substrate is None, "no adhesion to the substrate")),
-                      "friction on the substrate", _frictions(case) if rubs and case.substrate is not None else None)
-    outside = unless(None if (case.supports or case.loads or case.plates) else "the case has none",
-                     "supports, loads, plates", load_curves_of(case))
-    return Terms(substrate=substrate, contact=contact, contacts=contacts, protrusion=protrusion, cortex=cortex,
-                 slack=_slack(case), friction=friction, ligand=ligand, medium=medium, director=director,
-                 director_law=law, active=active, stabilised=stabilised, bulk_damped=damped, stiffened=stiffened,
-                 acceleration=force, load_curves=outside, single=_single(case),
-                 network=any(hasattr(m, "network_renewed") for m in used), dimension=case.dimension,
-                 inertia=not (case.overdamped or case.static), renewal=_renewal(case), graded=_graded(case),
-                 guided=guided and protrusion is not None, sides=_sides(case, protrusion), skipped=skipped)
+    friction = choice.unless(
+        why((not rubs, "the case has none"), (case.substrate is None, "no adhesion to the substrate")),
+        "friction on the substrate", _frictions(case) if rubs and case.substrate is not None else None)
+    outside = choice.unless(None if (case.supports or case.loads or case.plates) else "the case has none",
+                            "supports, loads, plates", load_curves_of(case))
+    return {"cortex": cortex, "medium": medium, "ligand": ligand, "acceleration": force, "friction": friction,
+            "load_curves": outside}
 
 
 def why(*conditions: tuple[bool, str]) -> str | None:
