@@ -37,6 +37,7 @@ from .random_cases import toml
 
 VOLUME = 0.1  # largest |J - 1| of a particle besides the softness of the case
 SOFT = 0.4  # largest allowance for softness: J from 0.5 to 1.5
+SWING = 2.0  # loads act at once: a body swings to twice the strain at which it comes to rest
 DEPTH = 0.02  # largest depth of a cell within another, over its size
 # Largest relative change of a cell's area, in space volume, beyond that by J, over the largest |J - 1|: 1 to 5 %, in
 # space 4 to 20 %.  It is of the first order in the spacing where sharp edges become round: 138, 500, 1,500 particles of
@@ -183,9 +184,8 @@ def _numbers_wrong(numbers: dict[str, float]) -> list[str]:
         wrong.append("a number is not finite")
     if not numbers["energy_error"] <= ENERGY_ERROR:
         wrong.append(f"energy error {numbers['energy_error']:.3g}")
-    soft = min(numbers["softness"], SOFT)
-    room = VOLUME + soft
-    if not (1.0 - room < numbers["J_min"] and numbers["J_max"] < 1.0 + room):
+    room, swing = (VOLUME + min(k * numbers["softness"], SOFT) for k in (1.0, SWING))
+    if not (1.0 - swing < numbers["J_min"] and numbers["J_max"] < 1.0 + swing):
         wrong.append(f"J from {numbers['J_min']:.3g} to {numbers['J_max']:.3g}")
     if not numbers["depth"] < DEPTH:
         wrong.append(f"a cell is {numbers['depth']:.3g} of its size within another")

@@ -184,7 +184,7 @@ def test_how_soft_a_case_is_follows_from_its_loads(sets: tuple, load: float) -> 
 @pytest.mark.parametrize(("numbers", "outlines", "why"), [
     ({"energy_error": 0.06}, [], "energy error"), ({"energy_error": np.nan}, [], "not finite"),
     ({"J_min": -0.1}, [], "J from"),
-    ({"J_min": 0.7}, [], "J from"), ({"J_max": 1.3}, [], "J from"), ({"area": 0.05}, [], "area"),
+    ({"J_min": 0.69}, [], "J from"), ({"J_max": 1.31}, [], "J from"), ({"area": 0.05}, [], "area"),
     ({"depth": 0.03}, [], "a cell is 0.03 of its size within another"), ({"area": 0.09, "dimension": 3}, [], "volume"),
     ({}, [SQUARE[[0, 2, 1, 3]]], "cell 1 crosses itself"),
     ({}, [SQUARE, SQUARE + np.array([3.0, 0.5])], "cell 1 is 0.5 um within cell 2"),
