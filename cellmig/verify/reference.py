@@ -22,7 +22,8 @@ class Expected:
 
     order : power of the size h, None for an error of rounding;  why : one line of reasoning, or a citation;
     tolerance : largest error of rounding;  within : {particles: error} -- bound on the error of the finest resolution
-    with at most so many particles;  floor : uncertainty of the exact value: an error below it has no order.
+    with at most so many particles;  floor : uncertainty of the exact value, or what layouts differ by: an error
+    below it has no order.
     """
 
     order: float | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cellmig.simulation import Simulation
 from cellmig.verify.exact import sheared
 from cellmig.verify.reference import Measured, converges, exact, reference
 
@@ -62,18 +63,23 @@ def spin(count: int) -> Measured:
 LEDGERS = ("paper", "director_radial", "all_protrude", "ball", "three_balls")
 
 
-@reference("energy", shows="energy error of the ledger after 1 µs; the step is the size",
+@reference("energy", shows="energy error of the ledger, root mean square over 20 times to 1 µs; the step is the size",
            source="eq. (2) times the velocity: energies and works add up", unit="ns", at=(2.0, 1.0, 0.5), seconds=15.0,
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
                      for name in LEDGERS})
 def energy(ns: float) -> Measured:
-    """The scenes have all terms of the model among them."""
+    """The scenes have all terms of the model among them.  At a single time the error may be just changing its sign."""
     found = {}
     for name in LEDGERS:
         with built(case(name, 150, f'time.step="{ns} ns"')) as sim:
-            sim.go(1.0)
-            found[name] = sim.sample()[1]["energy_error"]
+            found[name] = float(np.sqrt(np.mean([_energy_error(sim, t) ** 2 for t in np.linspace(0.05, 1.0, 20)])))
     return Measured(ns, found)
+
+
+def _energy_error(sim: Simulation, time: float) -> float:
+    """The energy error [-] at a later time [µs]."""
+    sim.go(time)
+    return sim.sample()[1]["energy_error"]
 
 
 @reference("area", shows="areas of a disc: as it is, in simple shear of 500 %, and under a wavy map with det F = 1",

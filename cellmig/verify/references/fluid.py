@@ -142,7 +142,7 @@ def drop_oscillation(count: int) -> Measured:
 
 @reference("drop-sound", shows="rim of a drop in its first breathing mode, over 3 periods",
            source="J0(ωR/c) = 0: ω = 2.4048 c/R, damped by νκ²; with viscosity at the rim: verify/exact.py Drop",
-           at=(150, 400, 1000, 2500), seconds=5.0, coarse={"rim": 2.0e-2},
+           at=(1000, 2500, 6000, 15000), quick=(150, 400, 1000), seconds=5.0, coarse={"rim": 1.5e-2},
            expected={"rim": converges(2, "h² in frequency and damping without the numerical damping of sound",
                                       {5000: 0.01}),
                      "rim, damped by default": converges(1, "the numerical damping of sound is 0.05 ρ c h")})

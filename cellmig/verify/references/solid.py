@@ -16,6 +16,7 @@ from .scenes import DAMPED, built, by_id, displacement, l2_error, nucleus, on_th
 RADIUS = 1.415  # µm
 ELASTIC = {5000: 0.01, 20000: 0.003}
 SQUARED = "a Rayleigh quotient: the square of an error h in gradients (Strang & Fix, An Analysis of the FEM, ch. 6)"
+LEVEL = 3e-5  # below it layouts decide: masses that neighbours exchange leave hardly a term in h² of the breathing mode
 MODES = {"n = 2": (2, 3.5646220), "n = 3": (3, 5.5225285), "n = 2, second": (2, 7.2362576), "n = 4": (4, 7.2494496),
          "breathing": (0, 44.413823)}  # [rad/µs]
 
@@ -45,7 +46,8 @@ def lobed(X: np.ndarray, rim: np.ndarray, u: np.ndarray, n: int) -> float:
 @reference("disc-modes", shows="frequencies of the free disc, from the linear operator",
            source="roots of the free disc's Bessel determinant",
            at=(500, 1250, 5000, 10000), quick=(300, 700, 1500), seconds=20.0, coarse={"breathing": 1.0e-3},
-           expected={**{name: converges(2, SQUARED, ELASTIC) for name in MODES},
+           expected={**{name: converges(2, SQUARED, ELASTIC, floor=LEVEL if name == "breathing" else 0.0)
+                        for name in MODES},
                      "operator": exact(1e-6, "that of the forces, to their rounding at a strain of 1e-8")})
 def disc_modes(count: int) -> Measured:
     """The eigenvector of a mode is the one with the mode's lobes among those near its frequency."""
