@@ -328,8 +328,8 @@ def template(shape: Any, count: int, dilation: float, laws: tuple, bulk_viscosit
     relative = None if grade == 1.0 else evaluate(grade, X)
     R = recovery(X, G[0], support, nucleus)
     parts = {"surface": np.arange(len(facets)), **(getattr(layout, "parts", None) or {})}
-    mass = np.where(nucleus, inner.density, body.density) * V
-    heaviness = exchanged(mass, X, edges) / mass if D == 2 else by_area(X, V, triangles) / V
+    density = np.where(nucleus, inner.density, body.density)
+    heaviness = exchanged(V, density, X, edges) / (density * V) if D == 2 else by_area(X, V, triangles) / V
     return Template(X, V, heaviness, nucleus, surface, after, triangles, simplices, parts, G, C, weight * viscosity,
                     weight * modulus * (1.0 if relative is None else relative), weight, R, spacing, laws,
                     bulk_viscosity * spacing * wave, dilation, relative)

@@ -64,13 +64,30 @@ def by_area(X: np.ndarray, V: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.where(on, area * (V[on].sum() / area.sum()), V)
 
 
-def exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Masses (n,) [fg] after neighbours have exchanged a share of what one has more than the other.
+def exchanged(V: np.ndarray, density: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Masses (n,) [fg] after neighbours of the same density have exchanged a share of what one has more than the other.
 
     Particles of the surface are the lightest, and limit the step.  Momentum, moment and kinetic energy of any velocity
-    that is linear in X stay as they were: masses are multiplied by a quadratic polynomial near 1 in the end.
+    that is linear in X stay as they were, of what has the same density: see `_exchanged`.
 
-    mass : (n,) -- of the particles [fg];  X : (n, D) -- their positions [µm];  edges : (m, 2) int -- neighbours.
+    V : (n,) -- volumes [µm^D];  density : (n,) [kg/m³];  X : (n, D) -- positions [µm];  edges : (m, 2) int --
+    neighbours.
+    """
+    mass = density * V
+    for one in np.unique(density):
+        alike = density == one
+        number = np.cumsum(alike) - 1
+        within = edges[alike[edges].all(axis=1)]
+        if len(within):
+            mass[alike] = _exchanged(mass[alike], X[alike], number[within])
+    return mass
+
+
+def _exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Masses (n,) [fg] of particles at X (n, D) [µm] after exchange along `edges` (m, 2) int.
+
+    They are multiplied by a quadratic polynomial near 1 in the end; those of few particles, of which it would take more
+    than half from the lightest, are left as they were.
 
     Source: derived here, diffusion along the edges; what it gains and costs is in docs/stability.md.
     """
@@ -84,7 +101,8 @@ def exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray:
     pairs = combinations_with_replacement(range(X.shape[1]), 2)
     moments = np.column_stack([np.ones(len(x)), x, *(x[:, i] * x[:, j] for i, j in pairs)])
     gram, missing = moments.T @ (after[:, None] * moments), moments.T @ (mass - after)
-    return after * (1.0 + moments @ np.linalg.lstsq(gram, missing, rcond=1e-10)[0])  # two columns have no own x²
+    after = after * (1.0 + moments @ np.linalg.lstsq(gram, missing, rcond=1e-10)[0])  # two columns have no own x²
+    return after if after.min() > 0.5 * mass.min() else mass
 
 
 def edges_of(simplices: np.ndarray) -> np.ndarray:
