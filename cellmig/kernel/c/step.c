@@ -45,7 +45,7 @@ int advance(const KernelData *s, long n, double dt, double F_lag, double account
         if (before_stress(s)) return 1;
         stress_of_rate(s, F_lag, accounted_dt, kick);
         surface_forces(s, accounted_dt, kick);
-        add_forces_in_motion(s, kick);
+        if (dt_prev > 0) add_forces_in_motion(s, kick); /* at the start speeds are not half a step old */
         if (after_forces(s, dt)) return 1;
         if (CONSTRAINED) {
             before_kick(s);
