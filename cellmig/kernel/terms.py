@@ -98,6 +98,11 @@ def present(name: str, terms: Terms) -> bool:
     return any(term.name == name and term.formula(terms) is not None for term in SURFACE_TERMS)
 
 
+def rubs(terms: Terms) -> bool:
+    """Whether a scene has friction, on the substrate or between bodies."""
+    return present("friction", terms) or present("sliding", terms)
+
+
 # Formulas without parameters that other files call: object, C type of its numbers, method, name in C, results.
 FORMULAS = ((BulkDamping(), "v4", "stress", "bulk_damping_stress", ("stress", "pressure", "rate")),
             (Stabilisation(), "v4", "stress", "stabilisation_stress", ("bent", "stress")),
@@ -150,6 +155,7 @@ PARTS = (
                                        "divergence.c", "modes.c", "surface.h", "ligand.h")),
     Part("aim.h", lambda t: t.protrusion is not None),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
+    Part("rubbing.c", rubs, {"add_surface_forces": "complete_friction(s, accounted_dt, dt);"}),
     Part("drives.c", lambda t: t.guided, {"after_forces": "turn_drives(s, dt);"}),
     Part("boundary.c", lambda t: t.load_curves is not None, {
         "before_kick": "remember_boundary(s);",

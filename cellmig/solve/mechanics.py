@@ -12,6 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..kernel.kernel import Kernel
+from ..kernel.terms import rubs
 from ..meshfree.boundary import Boundary
 from ..meshfree.division import divisible
 from ..meshfree.scene import Scene
@@ -29,6 +30,7 @@ from .medium import Immersed
 from .modes import Modes
 from .network import Network
 from .protrusion import Drives, Protruding, Protrusion
+from .rubbing import Rubbing
 from .segments import Segments
 from .state import State
 from .subdomain import Subdomain
@@ -54,7 +56,7 @@ class Extremes(NamedTuple):
 
 
 FIELDS = (*State.FIELDS, *Segments.FIELDS, *Loads.FIELDS, *Modes.FIELDS, *Network.FIELDS, *Director.FIELDS,
-          *Protrusion.FIELDS, *Immersed.FIELDS, *Ligand.FIELDS, *Accounts.FIELDS)
+          *Protrusion.FIELDS, *Immersed.FIELDS, *Rubbing.FIELDS, *Ligand.FIELDS, *Accounts.FIELDS)
 
 
 class Mechanics:
@@ -72,6 +74,7 @@ class Mechanics:
     director : Director -- None if no term depends on it.
     protrusion : Protrusion -- None without.
     immersed : Immersed -- None without a medium.
+    rubbing : Rubbing -- None without friction.
     ligand : Ligand -- None where the density of bonds to the substrate is the same everywhere.
     accounts : Accounts -- dissipation, work, impulses.
     times : Times -- of the previous step.
@@ -114,6 +117,7 @@ class Mechanics:
         self.protrusion = None if terms.protrusion is None else Protrusion(part, kernel, self.segments,
                                                                            self._protruding)
         self.immersed = Immersed(part, kernel) if terms.medium is not None else None
+        self.rubbing = Rubbing(part, kernel) if rubs(terms) else None
         self.ligand = Ligand(part, kernel, self.segments) if terms.ligand is not None else None
         self.accounts = Accounts(part, kernel, self.segments)
         self.times, self.undo = Times(), Undo()
@@ -264,6 +268,7 @@ class Mechanics:
         found |= self.network.by_block if self.network is not None else {}
         found |= self.protrusion.changing if self.protrusion is not None else {}
         found |= self.immersed.changing if self.immersed is not None else {}
+        found |= self.rubbing.changing if self.rubbing is not None else {}
         return found | (self.director.changing if self.director is not None else {})
 
     def save(self) -> None:

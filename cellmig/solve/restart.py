@@ -139,10 +139,11 @@ def _step_memory(m: Mechanics) -> dict[str, np.ndarray]:
 
 def _of_surface(m: Mechanics) -> dict[str, np.ndarray]:
     """Values of the owned surface particles, to write to: u when the lists were made, x at the last row of the tables,
-    drag of a medium, forces of plates.
+    drag of a medium, friction, forces of plates.
     """
     found = {"renewed": m.segments.renewed_at, "place": m.accounts.impulses.place}
     found |= m.immersed.changing if m.immersed is not None else {}
+    found |= m.rubbing.changing if m.rubbing is not None else {}
     found |= {"pushed_off": m.protrusion.changing["pushed_off"]} if m.terms.pushes_off and m.protrusion else {}
     return found | ({"plate_force": m.loads.plate_force} if len(m.loads.boundary.plate) else {})
 

@@ -15,7 +15,7 @@ static void add_sliding_piece(const KernelData *s, const double *law, const Sour
     for (int i = 0; i < 2; i++) s->friction_loss[s->contact_node[node[i]]] += 0.5 * dt * power;
 }
 
-/* Forces; impulses and losses of a time dt. */
+/* Forces; impulses and losses of a time dt, see rubbing.c, unless `energy` says that forces alone are asked for. */
 void add_sliding(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     place_nodes(s);
@@ -30,4 +30,5 @@ void add_sliding(const KernelData *s, double *force, double *energy, double acco
         }
     }
     give_forces(s, force, dt);
+    for (long m = 0; !energy && m < s->n_contact_nodes; m++) rub(s, s->contact_node[m], s->contact_force + D * m);
 }

@@ -20,6 +20,12 @@ static inline void add_to_corners(double *force, const long node[D], const doubl
         for (int c = 0; c < D; c++) force[D * node[i] + c] += f[i][c];
 }
 
+/* Adds a force of friction on a particle to those that rubbing.c accounts, if it is of this rank. */
+static inline void rub(const KernelData *s, long i, const double f[D])
+{
+    for (int c = 0; i < s->n_owned && c < D; c++) s->rubs[D * i + c] += f[c];
+}
+
 /* What the substrate gives to a corner of a facet, each in places of bond_impulse of its own: along the normal, and
  * along the D - 1 axes of the substrate by drag, and by what else there is, the push and ligands. */
 enum { BY_BONDS, BY_DRAG, BY_PUSH = BY_DRAG + D - 1, IMPULSES = BY_PUSH + D - 1 };
