@@ -132,6 +132,36 @@ def test_friction_slows_what_protrudes_and_its_loss_is_in_the_ledger() -> None:
     assert rubbing[1] < 0.005  # measured 0.0026
 
 
+# At the example of `bonds` friction takes nothing that could be seen.
+RUBS = {name: dataclasses.replace(example("friction", name), **({"coefficient": 1e5} if name == "bonds" else {}))
+        for name in FRICTIONS}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("law", FRICTIONS)
+@pytest.mark.parametrize("name", ["one_cell", "ball"])
+def test_the_loss_by_friction_closes_the_ledger_to_second_order(name: str, law: str) -> None:
+    """A cell is thrown along the substrate; root mean squares over time, as an error may be just changing its sign."""
+    tree = dataclasses.replace(case(name, 'time.step="0.2 ns"'), friction=RUBS[law]).resolved()
+    thrown = {"velocity": ["1 um/us", *["0 um/us"] * (tree["dimension"] - 1)]}
+    scene = from_dict(tree | {"cells": [tree["cells"][0] | thrown]})
+
+    def energy_error(step: float) -> float:
+        with built(dataclasses.replace(scene, time=dataclasses.replace(scene.time, step=step))) as sim:
+            errors = []
+            for time in np.linspace(0.025, 0.5, 20):
+                sim.go(float(time))
+                ledger = sim.sample()[1]
+                errors.append(ledger["energy_error"])
+            unit = "pn" if sim.scene.dimension == 2 else "pn_um"
+            assert ledger[f"friction_loss_{unit}"] > 0.01 * ledger[f"kinetic_{unit}"]
+            return float(np.sqrt(np.mean(np.square(errors))))
+
+    coarse, fine = energy_error(2e-4), energy_error(1e-4)
+    assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.1), (coarse, fine)  # measured 1.95 to 2.00
+    assert fine < 1e-6  # measured 7e-9 to 2.2e-7
+
+
 def test_the_work_of_activity_is_in_the_ledger_to_second_order() -> None:
     def energy_error(factor: float) -> float:
         active = ("materials.cytoplasm.zeta='1 kPa'", f"time.step_factor={factor}")

@@ -15,11 +15,14 @@ COMM = MPI.COMM_WORLD
 ALONE_TOO = {COMM.size: COMM, 1: MPI.COMM_SELF}.values()  # all ranks, and each by itself where that is another thing
 FAST = "cells.0.velocity=['3 um/us', '-0.5*y um/us']"  # lists are renewed within the run
 ALONG = "cells.0.velocity=['3 um/us', '-0.02 um/us']"  # the same, and cells stay on the substrate
+ROLLS = "cells.0.velocity=['3 um/us', '-0.5*z um/us', '0 um/us']"
 TURNING = ('materials.cytoplasm.zeta="2 kPa"', 'materials.cytoplasm.eta="30 pN"')
 WALL = {"name": "wall", "box": LEFT, "displacement": ["0.05*y um", "free"],
         "load_curve": {"law": "sine", "period": "1 us"}}
 PRESS = {"name": "press", "box": RIGHT, "pressure": "1 kPa", "load_curve": {"law": "ramp", "duration": "1 us"}}
 POLAR = ('polarity.persistence="4.3 us"', "protrusion.basal=0.5", 'cells.Cell-2.push={begin="0.5 us", end="1.7 us"}')
+ON_OTHERS = ("adhesion.pairs=[{cells=[['Cell-1', 'Cell-2'], 'Cell-3'], friction={coefficient='10 Pa us/um'}}]",
+             'friction.coefficient="10 Pa us/um"')
 OFF_OTHERS = "adhesion.pairs=[{cells=[['Cell-1', 'Cell-2'], 'Cell-3'], push=true, cutoff='1 um'}]"
 SCENES = {
     "three in contact": lambda: case("two_three", "protrusion.cells=[]", FAST),
@@ -32,6 +35,8 @@ SCENES = {
     "relaxing director": lambda: case("director_radial", *TURNING),
     "cortex and friction": lambda: case("one_cell", 'cortex.line_tension="500 pN/um"',
                                         'friction.coefficient="30 Pa us/um"'),
+    "friction of cells": lambda: case("two_three", "protrusion.cells=[]", FAST, *ON_OTHERS),
+    "friction in space": lambda: case("ball", 'friction.coefficient="1 kPa us/um"', ROLLS, per_cell=60),
     "network": lambda: case("two_three", "protrusion.cells=[]", FAST, *NETWORK),
     "medium": lambda: case("one_cell", 'medium.viscosity="50 mPa s"', FAST),
     "elastic": lambda: case("nucleus"),
