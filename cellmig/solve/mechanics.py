@@ -93,7 +93,7 @@ class Mechanics:
         self.kernel = Kernel(scene.materials, terms, FIELDS)
         self.renewals, self.renewal_loss = 0, 0.0
         self.working, self._clock = 0.0, working_time if swarm.comm.size > 1 else process_time
-        self.divisible = divisible(scene, boundary) & (not terms.has_director)
+        self.divisible = divisible(scene, boundary) & (not terms.director_acts)
         self._make(scene)
         self._load(swarm)
         self.prescribe(0.0)

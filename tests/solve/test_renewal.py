@@ -237,6 +237,16 @@ def test_a_run_goes_on_with_the_same_bits_after_neighbours_were_found_anew(name:
     assert expected[1][0][1]["energy_error"] < 1e-3  # measured 4e-6, of the cell 3e-5
 
 
+@pytest.mark.parametrize("name", FLOWS)
+def test_terms_that_a_case_lacks_change_no_bit_of_surfaces_that_are_divided_anew(name: str, comm: MPI.Comm) -> None:
+    found = []
+    for prune in (True, False):
+        with built(renewing(FLOWS[name]()), comm, prune) as sim:
+            sim.go(6.0)
+            found.append((sim.state_hash(), sim.mechanics.renewals, sim.mechanics.divisible.all()))
+    assert found[0] == found[1] and found[0][1] > 1 and found[0][2]
+
+
 @pytest.mark.parametrize("kind", ["rk", "bdf", "alpha2"])
 def test_other_integrators_find_neighbours_anew_too(kind: str, comm: MPI.Comm) -> None:
     scene = renewing(squeezed(100))
