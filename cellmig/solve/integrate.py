@@ -316,8 +316,11 @@ class Integrator:
     def _remedy(self, *others: str) -> str:
         """A remedy for a message: smaller loads of those that the scene has, or `others`."""
         t = self.mechanics.terms
+        tension, modulus = (getattr(t.cortex, name, None) for name in ("line_tension", "area_modulus"))
         loads = {"a weaker protrusion": t.protrusion is not None, "a smaller eta": t.director != "none",
-                 "a smaller zeta": t.active, "a smaller line_tension": t.cortex is not None,
+                 "a smaller zeta": t.active, "a smaller line_tension": bool(tension),
+                 "a smaller area_modulus": bool(modulus),
+                 "a weaker cortex": t.cortex is not None and tension is None and modulus is None,
                  "a weaker body_force": t.acceleration is not None}
         *most, last = [name for name, there in loads.items() if there] + list(others)
         return f"{', '.join(most)} or {last}" if most else last

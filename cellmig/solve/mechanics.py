@@ -34,6 +34,7 @@ from .rubbing import Rubbing
 from .segments import Segments
 from .state import State
 from .subdomain import Subdomain
+from .taut import Taut, changes
 from .undo import Times, Undo
 
 LOOK = 64  # parts of a step from one look at whether directors rest to the next
@@ -69,6 +70,7 @@ class Mechanics:
     state : State -- displacements and velocities.
     segments : Segments -- of surfaces, and search lists.
     modes : Modes -- the mode that limits the step.
+    taut : Taut -- stiffness of the cortex; None where its tension is the same at all stretches.
     loads : Loads -- supports, loads and plates.
     network : Network -- None if no material has one.
     director : Director -- None if no term depends on it.
@@ -110,6 +112,7 @@ class Mechanics:
         self.state = State(part, kernel)
         self.segments = Segments(part, kernel, self.state)
         self.modes = Modes(part, kernel)
+        self.taut = Taut(terms.cortex, part, kernel, self.state) if changes(terms.cortex) else None
         self.loads = Loads(part, kernel, self._boundary)
         self.state.set_blocks(np.concatenate([part.numbering.local(self.surfaces.ids), self.loads.loaded]))
         self.network = Network(part, kernel, self.state) if terms.network else None
@@ -310,13 +313,18 @@ class Mechanics:
         """Limits of the step over all ranks; collective.
 
         By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], rate of
-        deformation [1/µs], and the largest displacement of surface particles since the lists were made [µm].
+        deformation [1/µs], the largest displacement of surface particles since the lists were made [µm], and, of a
+        cortex whose tension changes, a bound of its stiffness, the "cortex" [1/µs²].
         """
         own = np.zeros(6)
         self.kernel("limits", own)
-        names = ("viscous", "elastic", "J_min", "J_max", "speed", "strain_rate", "displaced")
-        values = np.array([own[0], own[1], -own[2], *own[3:], self.segments.displaced()])
-        top = global_maximum(self.comm, values)
+        names = ["viscous", "elastic", "J_min", "J_max", "speed", "strain_rate", "displaced"]
+        values = [own[0], own[1], -own[2], *own[3:], self.segments.displaced()]
+        if self.taut is not None:
+            self.modes.taut = self.taut.frequencies()
+            names.append("cortex")
+            values.append(self.modes.taut.max(initial=0.0))
+        top = global_maximum(self.comm, np.array(values))
         top[2], top[4:6] = -top[2], np.sqrt(top[4:6])
         return dict(zip(names, top.tolist(), strict=True))
 

@@ -30,6 +30,7 @@ class Modes(GhostedField):
     comm, dimension : the ranks, and D.
     memory : (capacity, 2 D) float -- the mode, whose largest vector is 1 [-], and zeros, as the kernel reads numbers of
         the state.  Noise is added to it, from which another mode can grow that becomes the largest.
+    taut : (k,) float -- bounds of the stiffness of the cortex of surface particles, where its tension changes [1/µs²].
 
     Source: power iteration along explicit steps, as by Benson (1998), Comput. Methods Appl. Mech. Eng. 167, 191.
     """
@@ -52,6 +53,7 @@ class Modes(GhostedField):
         self.mode[:] = self._noise
         self._out = np.zeros((part.n_owned + 4, 2 * self.dimension))
         self._at = part.at_surface
+        self.taut = np.zeros(len(self._at))
         self._size, self._drawn = (part.owned.field(name)[self._at, None]
                                    for name in ("size_per_mass", "drawn_per_mass"))
 
@@ -59,11 +61,13 @@ class Modes(GhostedField):
         """The largest eigenvalue [-] for a step `dt` [µs]; collective.
 
         drag, stiffness : of surfaces, per area [Pa µs/µm], and (D,) along the axes [Pa/µm], None for C alone;
-        tension : of surfaces [pN/µm^(D - 2)];  anew : whether another mode may be the largest than shortly before.
+        tension : of surfaces, if it is the same at all stretches [pN/µm^(D - 2)];
+        anew : whether another mode may be the largest than shortly before.
         """
         damping, squared = 0.5 * dt, 0.0 if stiffness is None else 0.25 * dt**2
         bonds = np.zeros(self.dimension) if stiffness is None else stiffness
         of_surface = self._size * (damping * drag + squared * bonds) + squared * tension * self._drawn
+        of_surface += squared * self.taut[:, None]
         for _ in range(FIRST if anew else 1):
             self.exchange()
             self._kernel("respond", damping, squared, self.memory, self._out)

@@ -10,6 +10,8 @@ import numpy as np
 from ..meshfree.renewal import at_rest
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
+from .taut import at_rest as tense
+from .taut import changes
 
 if TYPE_CHECKING:  # who only asks for a stable step starts no MPI
     from .modes import Modes
@@ -90,9 +92,10 @@ class StepControl:
         drag = terms.friction.coefficient if terms.friction and terms.substrate else 0.0
         drag += 2.0 * terms.contacts.coefficient if terms.contacts else 0.0  # against each other
         drag += terms.medium.coefficient / min(t.radius for t in used) if terms.medium else 0.0
-        self._drag, self._tension = float(drag), terms.cortex.tension(1.0) if terms.cortex else 0.0
+        self._drag, tension = float(drag), tense(terms.cortex) if terms.cortex else 0.0
+        self._tension = 0.0 if changes(terms.cortex) else tension  # where it changes, `Taut` says what it does
         self._surface = (self._drag * self._size_per_mass,  # damping and frequency² of a surface particle
-                         self._tension * max(float(t.drawn_per_mass.max()) for t in used))
+                         tension * max(float(t.drawn_per_mass.max()) for t in used))
         # the particle whose own stress is stiffest is then seldom in the fastest mode, and no measure of its growth
         self._anew = scene.dimension == 3 and any(scene.templates[k].F0 is not None for k in scene.kind)
         self._follows = not terms.director_acts  # the modes lack its stresses and torques
@@ -138,8 +141,8 @@ class StepControl:
         sound = elastic + self.stiffening
         steps = {"viscosity": _root(c, 0.0), "sound": _root(c, sound)}
         contact = max(self._stiffness(self.typical if gaps is None else gaps))
-        if contact or self._surface != (0.0, 0.0):
-            drag, tension = self._surface
+        drag, tension = self._surface[0], limits.get("cortex", self._surface[1])
+        if contact or drag or tension:
             steps["contact"] = _root(c + drag, contact * self._size_per_mass + tension + sound)
         if "share" in limits:
             followed = self._followed(limits, contact)
@@ -192,7 +195,8 @@ class StepControl:
         """
         dt = limits["at"]
         stiffer = 0.25 * dt**2 * self._size_per_mass
-        alone = 0.5 * dt * limits["viscous"], 0.25 * dt**2 * limits["elastic"], stiffer * contact
+        own = max(limits["elastic"], limits.get("cortex", 0.0))
+        alone = 0.5 * dt * limits["viscous"], 0.25 * dt**2 * own, stiffer * contact
         share = max(limits["share"] + stiffer * max(contact - limits["held"], 0.0), *alone)
         return dt / max(share, math.sqrt(share))
 

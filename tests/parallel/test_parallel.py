@@ -328,6 +328,8 @@ RUNS: dict[str, Callable[[], Case]] = {
     "three active cells under a body force": lambda: case("all_protrude", 'materials.cytoplasm.zeta="-300 Pa"',
                                               'body_force.acceleration=["1e5 m/s^2", "-2e5 m/s^2"]'),
     "three cells with a network": lambda: case("all_protrude", *NETWORK),
+    "three cells with a stiff cortex": lambda: case("all_protrude", 'cortex.law="elastic"',
+                                                    'cortex.line_tension="1 pN/um"', 'cortex.area_modulus="1e6 pN/um"'),
     "a cell from a mesh": lambda: case("mesh"),
     "rk": lambda: case("paper", "cells.0.repeat=[2]", 'time.integrator="rk"', 'time.step="1 ns"'),
 }

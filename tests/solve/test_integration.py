@@ -248,6 +248,18 @@ def test_a_step_that_is_too_large_ends_in_an_error_and_no_garbage(name: str, int
         sim.go(20.0)
 
 
+@pytest.mark.parametrize(("tables", "told"), [
+    ((), "finer particles"),
+    (('cortex.line_tension="30 pN/um"',), "a smaller line_tension or finer particles"),
+    (('cortex.law="elastic"', 'cortex.line_tension="0 pN/um"', 'cortex.area_modulus="39 pN/um"'),
+     "a smaller area_modulus or finer particles"),
+    (('cortex.law="elastic"', 'cortex.line_tension="24 pN/um"', 'cortex.area_modulus="39 pN/um"'),
+     "a smaller line_tension, a smaller area_modulus or finer particles")])
+def test_a_remedy_names_what_the_cortex_has(tables: tuple, told: str) -> None:
+    with built(case("nucleus", *tables, per_cell=80)) as sim:
+        assert sim.integrator._remedy("finer particles") == told
+
+
 def growth(case: Case, factor: float, steps: int = 300) -> float:
     """By how much random velocities, tiny, grow in steps of `factor` times the stable one."""
     with built(case) as sim:
