@@ -18,6 +18,7 @@ from cellmig.case.units import number
 from cellmig.case.values import declared
 from cellmig.simulation import Simulation
 from cellmig.verify import specimens
+from cellmig.verify.references.scenes import mean_energy_error as mean_energy_error
 from cellmig.verify.references.scenes import outlines as outlines
 from cellmig.verify.references.scenes import set_motion as set_motion
 from cellmig.verify.references.scenes import surfaces as surfaces

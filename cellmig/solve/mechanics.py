@@ -314,7 +314,7 @@ class Mechanics:
 
         By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], rate of
         deformation [1/µs], the largest displacement of surface particles since the lists were made [µm], and, of a
-        cortex whose tension changes, a bound of its stiffness, the "cortex" [1/µs²].
+        cortex whose tension changes, a bound of its stiffness, the "cortex" [1/µs²], which the modes take over.
         """
         own = np.zeros(6)
         self.kernel("limits", own)

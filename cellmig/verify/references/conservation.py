@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellmig.simulation import Simulation
 from cellmig.verify.exact import sheared
 from cellmig.verify.reference import Measured, converges, exact, reference
 
-from .scenes import altered, built, by_id, case, displacement, drop, nucleus, set_state, velocity
+from .scenes import altered, built, by_id, case, displacement, drop, mean_energy_error, nucleus, set_state, velocity
 
 PAIRS = "forces come in pairs that are equal and opposite, on one line: sums of rounding alone"
 
@@ -68,18 +67,12 @@ LEDGERS = ("paper", "director_radial", "all_protrude", "ball", "three_balls")
            expected={name: converges(2, "all work is summed by rules of the second order, at the leapfrog's times")
                      for name in LEDGERS})
 def energy(ns: float) -> Measured:
-    """The scenes have all terms of the model among them.  At a single time the error may be just changing its sign."""
+    """The scenes have all terms of the model among them."""
     found = {}
     for name in LEDGERS:
         with built(case(name, 150, f'time.step="{ns} ns"')) as sim:
-            found[name] = float(np.sqrt(np.mean([_energy_error(sim, t) ** 2 for t in np.linspace(0.05, 1.0, 20)])))
+            found[name] = mean_energy_error(sim, np.linspace(0.05, 1.0, 20))
     return Measured(ns, found)
-
-
-def _energy_error(sim: Simulation, time: float) -> float:
-    """The energy error [-] at a later time [µs]."""
-    sim.go(time)
-    return sim.sample()[1]["energy_error"]
 
 
 @reference("area", shows="areas of a disc: as it is, in simple shear of 500 %, and under a wavy map with det F = 1",

@@ -48,6 +48,15 @@ def built(case: Case) -> Simulation:
     return Simulation(case, MPI.COMM_SELF)
 
 
+def mean_energy_error(sim: Simulation, times: np.ndarray) -> float:
+    """Root mean square [-] of the ledger's error at times (n,) [µs]; at one it may just change its sign; collective."""
+    errors = []
+    for time in times.tolist():
+        sim.go(time)
+        errors.append(sim.sample()[1]["energy_error"])
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
 def set_motion(sim: Simulation, u: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
     """Set displacements u and velocities v (size, d) [µm, µm/µs], ordered by id; renew search lists; collective."""
     m, d = sim.mechanics, sim.case.dimension
