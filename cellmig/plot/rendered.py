@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from cellmig.output.xdmf import Frame
 
-from .space import AZIMUTH, ELEVATION, Solid
+from .space import Solid, directions
 from .view import MAP, Picture, scalar
 
 _OLDEST = (9, 4)  # VTK that draws without a window; older ones end the program
@@ -42,17 +42,9 @@ class Rendered(Solid):
     pad: ClassVar[float] = 0.03
 
     @property
-    def _axes(self) -> np.ndarray:
-        """Unit vectors (3, 3) to the right and upwards in the picture, and to the eye [-]."""
-        up, around = np.radians([ELEVATION, AZIMUTH])
-        right = np.array([-np.sin(around), np.cos(around), 0.0])
-        eye = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-        return np.array([right, np.cross(eye, right), eye])
-
-    @property
     def _box(self) -> np.ndarray:
         """Ranges (3, 2) [µm] of the scene to the right, upwards and towards the eye."""
-        corners = np.array(list(product(*np.transpose([self.ground, self.high])))) @ self._axes.T
+        corners = np.array(list(product(*np.transpose([self.ground, self.high])))) @ directions().T
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:
@@ -80,7 +72,7 @@ class Rendered(Solid):
         """Draw the axes of the scene in the lower left corner, and how long they are."""
         wide = np.ptp(self._box[0])
         at, length = np.full(2, 0.04 * wide), self._unit
-        for name, way in zip("xyz", length * self._axes[:2].T, strict=True):
+        for name, way in zip("xyz", length * directions()[:2].T, strict=True):
             ax.annotate("", at + way, at, arrowprops={"arrowstyle": "-|>", "color": "0.2", "linewidth": 0.7,
                                                       "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}, zorder=3)
             ax.annotate(name, at + (1.0 + 0.025 * wide / np.linalg.norm(way)) * way, ha="center", va="center",
@@ -139,8 +131,8 @@ class Rendered(Solid):
 
     def _aim(self, camera: Any, extent: np.ndarray) -> None:
         """Let the picture show the box and nothing else."""
-        _, up, eye = self._axes
-        focus = self._box.mean(axis=1) @ self._axes
+        _, up, eye = directions()
+        focus = self._box.mean(axis=1) @ directions()
         camera.focal_point, camera.position, camera.up = focus, focus + 4.0 * extent.max() * eye, up
         camera.parallel_projection, camera.parallel_scale = True, 0.5 * extent[1]
         camera.clipping_range = (0.1 * extent.max(), 8.0 * extent.max())

@@ -1,13 +1,18 @@
 """Pictures of cells in space: sections, and surfaces drawn by PyVista where it is installed."""
 
+import matplotlib
 import numpy as np
 import pytest
 from bodies import ball
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from cellmig.plot import rendered
 from cellmig.plot.section import _outline, cut
+from cellmig.plot.space import Solid, _front, directions
+from cellmig.plot.style import STYLE
 from cellmig.plot.view import View
 
 pytestmark = pytest.mark.serial
@@ -56,3 +61,34 @@ def test_an_old_vtk_draws_only_where_there_is_a_display(monkeypatch, vtk, displa
     monkeypatch.setattr(rendered, "find_spec", lambda name: object())
     monkeypatch.setenv("DISPLAY", display)
     assert rendered.is_there() is draws
+
+
+@pytest.mark.parametrize("extent", [(30.0, 10.0, 10.0), (16.0, 16.0, 4.0), (10.0, 2.0, 2.0), (10.0, 10.0, 10.0),
+                                    (40.0, 40.0, 10.0), (6.0, 6.0, 24.0), (10.0, 20.0, 10.0)])
+@pytest.mark.parametrize("n", [1, 3])
+def test_numbers_and_names_of_axes_in_space_do_not_cover_each_other_or_the_colours_of_long_and_flat_scenes(extent, n):
+    high = np.array(extent)
+    with matplotlib.rc_context(STYLE):
+        figure, axes = Solid("J", "J", Normalize(), "neither", 0.0 * high, high, False, np.empty((0, 3), int)).panels(n)
+        for ax in axes:
+            ax.set_title("t = 0 µs", ha="left")
+        FigureCanvasAgg(figure).draw()
+    texts = [text for ax in figure.axes for text in ax.findobj(Text) if text.get_text() and text.get_visible()]
+    boxes = np.array([text.get_window_extent().extents for text in texts])
+    inside = figure.bbox.extents
+    assert {"x [µm]", "t = 0 µs"} <= {text.get_text() for text in texts}
+    assert (boxes[:, :2] >= inside[:2]).all() and (boxes[:, 2:] <= inside[2:]).all()
+    middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])  # boxes of names that are turned are larger than these
+    within = ((boxes[:, None, :2] < middles) & (middles < boxes[:, None, 2:])).all(axis=2)
+    assert within.sum() == len(texts)  # its own
+
+
+def test_what_is_drawn_last_of_a_ball_in_space_is_the_half_that_turns_to_the_eye():
+    body = ball(1000, 5.0)
+    view = Solid("J", "", Normalize(), "neither", np.full(3, -6.0), np.full(3, 6.0), False, body.triangles)
+    corners = body.X[body.triangles]
+    front = _front(view.panels(1)[1][0], corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards = normals @ directions()[2] / np.linalg.norm(normals, axis=1)
+    assert 0.4 < front.mean() < 0.5  # a near eye sees less than a half
+    assert towards[front].min() > -0.1 and towards[~front].max() < 0.5
