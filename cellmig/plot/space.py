@@ -27,8 +27,8 @@ _LIGHT = LightSource(azdeg=225.0, altdeg=50.0)
 _TICKS = 6  # along the longest axis
 _SHORT = 0.2  # length of an axis, over the longest, that is too short for ticks
 _WIDE, _NARROW, _TALL = 5.2, 3.1, 4.0  # of a panel, of one beside others; height of a scene at most [inches]
-_BESIDE, _BELOW = 1.2, 1.3  # room in a panel for numbers and names of axes, in width and in height [inches]
-_TITLE, _NAME, _LEFT, _BAR = 0.3, 0.2, 0.25, 1.0  # room above a panel, below it, left of it, for the colours [inches]
+_BESIDE, _BELOW = 1.3, 1.3  # room in a panel for numbers and names of axes, in width and in height [inches]
+_TITLE, _NAME, _LEFT, _BAR = 0.3, 0.2, 0.35, 1.0  # room above a panel, below it, left of it, for the colours [inches]
 _OFF_TICKS, _OFF_NAMES = 0.17, 0.46  # of numbers and names of axes from these [inches]
 _ZOOMED = 0.99  # diagonal of a scene at zoom 1, over the height of its axes: of matplotlib, as the next
 _POINTS, _TICK_PAD, _NAME_PAD = 36.0, 8.0, 21.0  # of its distances of numbers and names, and what it adds to their pads

@@ -18,7 +18,7 @@ _SHARE = 95.0  # percentile that sets colours and axes: peaks of a membrane that
 _BEYOND = 3.0  # axes end at this multiple of it, with a note
 _LEAST_ARROW, _LONGEST_ARROW = 0.05, 2.0  # of arrows that are drawn, over the largest; length of that [places]
 _LEAST_HEIGHT = 2.6  # of a picture, for the label of its colours [inches]
-_KEY = 0.12  # height of the key of arrows above a map [inches]
+_KEY, _LINE = 0.12, 0.2  # height of the key of arrows above a map, and of a line of text [inches]
 _ABOVE_NOTE = 1.12  # height of the legend over that of the axes: a note may stand between
 _SIDES = {"normal": "pressed ←  [Pa]  → pulled up", "tangential": "to the left ←  [Pa]  → to the right"}
 
@@ -98,7 +98,8 @@ def _on_plane(table: Table, samples: np.ndarray, times: Sequence[float]) -> Figu
         ax.set_title(_between(samples, row, table), loc="left", fontsize=8)
         ax.set(aspect="equal", xlim=window[0], ylim=window[1], facecolor=image.cmap(0.5))  # zero beyond all places
     if most > 0.0:
-        axes.flat[-1].quiverkey(arrows, 0.9, 1.0 + _KEY / tall, most, f"tangential, {most:.3g} Pa", labelpos="W")
+        above = _KEY if stacked else _KEY + _LINE  # of a narrow map it has no room beside the title
+        axes.flat[-1].quiverkey(arrows, 0.9, 1.0 + above / tall, most, f"tangential, {most:.3g} Pa", labelpos="W")
     for ax in axes[-1]:
         ax.set_xlabel("x [µm]")
     for ax in axes[:, 0]:

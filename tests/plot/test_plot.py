@@ -7,7 +7,10 @@ import h5py
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.quiver import QuiverKey
+from matplotlib.text import Text
 from PIL import Image
 
 from mpi4py import MPI
@@ -161,6 +164,21 @@ def test_in_space_the_map_of_traction_is_one_of_squares():
     for times, titles in (([1.0, 4.0], ["0 to 1 µs", "2 to 4 µs"]), ([], ["2 to 4 µs"])):
         axes = traction(table | along, SAMPLES, times).axes
         assert [ax.get_title(loc="left") for ax in axes[:-1]] == titles
+
+
+@pytest.mark.serial
+def test_the_key_of_arrows_stands_beside_or_above_the_title_of_the_last_map():
+    samples = np.array([0.0, 0.3167, 0.3333, 0.65, 0.6667])
+    x, y = (at.ravel() for at in np.meshgrid(np.arange(20.0), np.arange(20.0)))
+    table = {"x_um": x, "y_um": y, "normal_pa": x, "tangential_x_pa": 18.9 + 0.0 * x, "tangential_y_pa": 0.0 * x}
+    table = {name: np.tile(values, 4) for name, values in table.items()} | {"time_h": np.repeat(samples[1:], 400)}
+    for times in ([0.3167, 0.3333, 0.6667], [0.6667]):
+        figure = traction(table, samples, times)
+        FigureCanvasAgg(figure).draw()
+        (key,) = (key.text.get_window_extent().extents for key in figure.findobj(QuiverKey))
+        (title,) = (text.get_window_extent().extents for text in figure.findobj(Text)
+                    if text.get_text() == "0.65 to 0.6667 h")
+        assert key[1] >= title[3] or key[0] >= title[2]
 
 
 @pytest.mark.serial

@@ -63,13 +63,13 @@ def test_an_old_vtk_draws_only_where_there_is_a_display(monkeypatch, vtk, displa
     assert rendered.is_there() is draws
 
 
-@pytest.mark.parametrize("extent", [(30.0, 10.0, 10.0), (16.0, 16.0, 4.0), (10.0, 2.0, 2.0), (10.0, 10.0, 10.0),
+@pytest.mark.parametrize("extent", [(30.0, 10.0, 10.0), (16.0, 16.0, 4.0), (10.9, 2.9, 2.9), (10.0, 10.0, 10.0),
                                     (40.0, 40.0, 10.0), (6.0, 6.0, 24.0), (10.0, 20.0, 10.0)])
 @pytest.mark.parametrize("n", [1, 3])
 def test_numbers_and_names_of_axes_in_space_do_not_cover_each_other_or_the_colours_of_long_and_flat_scenes(extent, n):
-    high = np.array(extent)
+    high = 0.5 * np.array(extent)
     with matplotlib.rc_context(STYLE):
-        figure, axes = Solid("J", "J", Normalize(), "neither", 0.0 * high, high, False, np.empty((0, 3), int)).panels(n)
+        figure, axes = Solid("J", "J", Normalize(), "neither", -high, high, False, np.empty((0, 3), int)).panels(n)
         for ax in axes:
             ax.set_title("t = 0 µs", ha="left")
         FigureCanvasAgg(figure).draw()
