@@ -11,7 +11,7 @@ import numpy as np
 
 from . import units
 from .amounts import amounts, cues, exchanges
-from .gaps import depth, near, surface
+from .gaps import depth, near, outline, surface
 from .held import unheld
 from .messages import show, suggest
 from .pairs import paired
@@ -22,6 +22,7 @@ from .values import declared, default_in
 MOST_PARTICLES = 1e9
 NARROW = 0.01  # gap over the equilibrium distance at which bonds between cells are to repel
 MOST_OVERLAPS = 20  # overlaps that are reported
+DENT = 0.1  # depth behind a plate at the start, over the size of a cell, that is taken for a dent
 NOT_ABOVE = (("reduced_bulk_modulus", "bulk_modulus", "the reduced modulus is the smaller one"),
              ("equilibrium_distance", "cutoff", "beyond the cutoff there would be no bond at its equilibrium"))
 
@@ -53,6 +54,7 @@ def check(source: Source, found: dict[str, Any], on_substrate: bool) -> None:
     if on_substrate:
         _above_substrate(source, cells)
     _overlaps(source, cells)
+    _before_plates(source, found)
 
 
 def resolution(source: Source) -> None:
@@ -352,6 +354,22 @@ def _above_substrate(source: Source, cells: list[tuple[Cell, tuple]]) -> None:
             reported.add(path)
             source.reject((*path, "centre"), f"'{cell.name}' reaches {-bottom:.4g} um below the substrate "
                                             f"{'xyz'[len(cell.centre) - 1]} = 0; rest = true puts it there")
+
+
+def _before_plates(source: Source, found: dict[str, Any]) -> None:
+    """Note plates behind whose face a cell begins; a dent is no mistake, contact takes it out."""
+    cells = [cell for cell, _ in found["cells"]]
+    outlines = {one: outline(*one) for one in {(c.shape, c.displacement) for c in cells} if found["plates"]}
+    for plate, path in found["plates"]:
+        normal = np.array(plate.normal) / np.linalg.norm(plate.normal)
+        face = normal @ (plate.point + plate.load_curve.value(0.0) * np.array(plate.displacement))
+        for cell in cells:
+            heights = (outlines[cell.shape, cell.displacement] + cell.centre) @ normal - face
+            low, high = float(heights.min()), float(heights.max())
+            if low < -DENT * (high - low):
+                source.reject((*path, "point"), f"'{cell.name}' begins {-low:.4g} um behind the face, where nothing "
+                              "can be" + "; the normal points to where the cells are" * (high <= 0.0))
+                break
 
 
 def _overlaps(source: Source, cells: list[tuple[Cell, tuple]]) -> None:

@@ -15,7 +15,7 @@ from cellmig.output.manifest import read_manifest, time_unit
 from cellmig.output.tables import IMPULSE, MEASURES, names_of, read_table, time_column, unit_of
 from cellmig.output.xdmf import frames
 
-from .summary import describe_dissipation, describe_skipped
+from .summary import describe_dissipation, describe_skipped, describe_volumes
 
 Rows = Iterator[tuple[str, Any]]
 _ENDED = {0: "done", 4: "the simulation failed", 5: "input or output failed", 75: "stopped on request"}
@@ -77,7 +77,7 @@ def _numbers(m: dict[str, Any], unit: TimeUnit) -> Rows:
     if speed := m.pop("ns_per_particle_step", None):
         yield "speed", f"{speed:.1f} ns per particle and step"
     if J := m.pop("J", None):
-        yield "volume ratio J", " to ".join("unknown" if value is None else f"{value:.4f}" for value in J)
+        yield "volume ratio J", describe_volumes(J)
     for dimension, impulse in IMPULSE.items():
         if momentum := m.pop(f"momentum_{impulse}", None):
             yield "momentum", ", ".join(map(_number, momentum)) + (" pN µs/µm" if dimension == 2 else " pN µs")

@@ -370,7 +370,7 @@ class Run:
             stretched = f", fluid stretched up to {self.strain.largest:.3g}-fold" if self.strain.largest else ""
             stretched += f", neighbours found anew {s.mechanics.renewals} times" * (s.mechanics.renewals > 0)
             error = f"; energy error at most {100 * self.worst_energy_error:.2g} %" if self.output_time > 0.0 else ""
-            self.log("volume ratio J from {:.4f} to {:.4f}".format(*s.J_range) + stretched + error)
+            self.log(f"volume ratio J from {summary.describe_volumes(s.J_range)}{stretched}{error}")
         if dissipation := summary.describe_dissipation(self.entries):
             self.log(f"dissipation: {dissipation}")
         for told in filter(None, (summary.measured_balance(s), run.closing, self.strain.summary(), *s.fields.closing)):

@@ -37,6 +37,12 @@ NEXT = {DONE: "'cellmig report {}' makes a page of it", STOPPED: "'cellmig resum
 FAR = 4.0  # displacement that a warning starts from, over the size of a cell; the paper's cells move by 1.5 sizes
 
 
+def describe_volumes(J: Sequence[float | None]) -> str:
+    """The least and the largest volume ratio of a run, which are huge numbers where it failed."""
+    return " to ".join("unknown" if value is None else f"{value:.4f}" if abs(value) < 100.0 else f"{value:.4g}"
+                       for value in J)
+
+
 def describe_step(stable: dict[str, float], factor: float, fixed: float | None, unit: TimeUnit = MICROSECOND) -> str:
     """The time step and its reason; `stable` : steps by mechanism [µs];  `fixed` : the user's step [µs] or None."""
     mechanism, limit = binding(stable)

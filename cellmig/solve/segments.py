@@ -311,4 +311,5 @@ class Segments:
     def displaced(self) -> float:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""
         moved = self._state.u[self._part.at_surface] - self.renewed_at
-        return float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+        with np.errstate(over="ignore"):  # of a run that fails, which is told
+            return float(np.linalg.norm(moved, axis=1).max(initial=0.0))

@@ -52,11 +52,22 @@ def test_a_formula_that_is_none_is_refused_and_runs_nothing(text: str) -> None:
     ({"plates": [{"name": "a", "point": ["0 um", "0 um"], "normal": [0, 0]}]}, "normal: expects a direction"),
     ({"plates": [{"name": "a", "point": ["0 um", "0 um"], "normal": [0, 1]}], "integrator": "rk"},
      "'rk' has no plates"),
+    ({"plates": [{"name": "a", "point": ["0 um", "0.3 um"], "normal": [0, 2]}]}, "behind the face, where nothing"),
+    ({"plates": [{"name": "a", "point": ["0 um", "-9 um"], "normal": [0, -1]}]}, "the normal points to where"),
+    ({"plates": [{"name": "a", "point": ["0 um", "9 um"], "normal": [0, -1], "displacement": ["0 um", "-9 um"]}]},
+     "plates.0.point: 'Piece' begins"),
 ])
 def test_a_mistake_in_a_test_piece_is_told(sections: dict[str, Any], message: str) -> None:
     with pytest.raises(CaseError) as caught:
         piece(**sections)
     assert message in str(caught.value), caught.value
+
+
+def test_a_plate_may_dent_a_cell_at_the_start_or_come_later() -> None:
+    for plate in ({"point": ["0 um", "0.1 um"], "normal": [0, 1]},
+                  {"point": ["0 um", "9 um"], "normal": [0, -1], "displacement": ["0 um", "-9 um"],
+                   "load_curve": {"law": "ramp", "duration": "1 us"}}):
+        piece(plates=[{"name": "a", **plate}])
 
 
 SINGULAR = [

@@ -26,6 +26,7 @@ from cellmig.plot.traction import _windows, by_place, limit_axis, pulls, tractio
 from cellmig.plot.view import View, drawing
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
+from cellmig.runs.summary import describe_volumes
 
 COMM = MPI.COMM_WORLD
 FIELDS = {"id": "", "cell": "", "material": "", "surface": "", "X": "um", "u": "um", "v": "um/us",
@@ -332,6 +333,12 @@ def test_info_tells_what_a_run_was_and_did(run):
                  "cell 3 moved 11 µm on the substrate 7 µm on cells 2 µm",
                  "energy error at most 0.2 %, at 400 µs"):
         assert part in text
+
+
+@pytest.mark.serial
+def test_volumes_of_a_run_that_blew_up_are_told_in_a_few_digits():
+    assert describe_volumes([-8.7e273, 1.00371]) == "-8.7e+273 to 1.0037"
+    assert describe_volumes([None, np.inf]) == "unknown to inf"
 
 
 @pytest.mark.serial
