@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -83,7 +83,8 @@ class _Reader:
         many = {f.metadata["kind"]: self.find(case_path(f)) for f in case_fields().values() if f.metadata.get("many")}
         self.names = {kind: list(given) if isinstance(given, dict) else [] for kind, given in many.items()}
         given = source.data.get("dimension")
-        self.dimension = 3 if isinstance(given, int | float) and given > 2 else 2  # what else it may be is refused
+        # What else it may be is refused, and "3", too, but cells are those that are meant.
+        self.dimension = 3 if given == "3" or (isinstance(given, int | float) and given > 2) else 2
         self.cells_of: dict[str, tuple[str, ...]] = {}  # by name: a cell, or all copies of a repeated one
         tables = source.data.get("cells")
         self.colonies = self.read_colonies(tables if isinstance(tables, list) else [])
@@ -245,12 +246,12 @@ class _Reader:
         if data.get("rest") is True and isinstance(data.get("centre"), list) and len(data["centre"]) == 1:
             data = {**data, "centre": [*data["centre"], *["0 um"] * (self.dimension - 1)]}  # its height follows
         shape = shape_class and self.record(shape_class, {k: v for k, v in data.items() if k in extra}, path, own)
-        return self.record(Cell, data, path, extra, shape=shape)
+        return self.record(Cell, data, path, extra, ("shape", shape_class), shape=shape)
 
     def law(self, kind: str, data: Any, path: tuple, default: str | None = None) -> Any:
         """Law of a kind from its table."""
         cls = self.choose(kind, data, path, "law", default)
-        return cls and self.record(cls, data, path, ("law",))
+        return cls and self.record(cls, data, path, ("law",), (kind, cls))
 
     def choose(self, kind: str, data: Any, path: tuple, key: str, default: str | None = None) -> type | None:
         """Registered class that a table names, None if it has a mistake."""
@@ -272,10 +273,24 @@ class _Reader:
             return known[name]
         return None
 
-    def record(self, cls: type, data: Any, path: tuple, others: Any = (), **given: Any) -> Any:
+    def unknown(self, key: str, words: Iterable[str], kind: str, cls: type | None) -> str:
+        """Message about a key that is not among `words`, which tells whether others of this kind of law have it."""
+        laws = registry.laws(kind) if cls else {}
+        having = [name for name, law in laws.items() if key in declared(law)]
+        here = [name for name in having if getattr(laws[name], "dimension", self.dimension) == self.dimension]
+        if not cls or not having:
+            return f"no such key{suggest(key, words)}"
+        own = next(name for name, law in laws.items() if law is cls)
+        where = "" if here else f" in {5 - self.dimension} dimensions"
+        return (f"no such key of {kind} '{own}', but of {', '.join(map(repr, here or having))}{where}; '{own}' has "
+                f"{', '.join(map(repr, declared(cls))) or 'none'}")
+
+    def record(self, cls: type, data: Any, path: tuple, others: Any = (), which: tuple[str, type | None] = ("", None),
+               **given: Any) -> Any:
         """Instance of a declared class from a table; None if it has mistakes.
 
-        `others` are further keys that the table may have, None for any; `given` are values that do not come from it.
+        `others` are further keys that the table may have, None for any; `which` is the kind and the class of the law
+        whose keys these are; `given` are values that do not come from the table.
         """
         if not isinstance(data, dict):
             self.reject(path, f"expects a table, not {show(data)}")
@@ -287,7 +302,7 @@ class _Reader:
             elif key not in fields and others is not None and key not in others:
                 renamed = next((name for name, f in fields.items() if f.metadata.get("formerly") == key), None)
                 if not renamed:
-                    self.reject((*path, key), f"no such key{suggest(key, [*fields, *others])}")
+                    self.reject((*path, key), self.unknown(key, [*fields, *others], *which))
                 elif not self.older:
                     self.reject((*path, key), f"is called '{renamed}' now")
                 if renamed:

@@ -64,7 +64,7 @@ class Body:
         if nucleus is not None and not surface.inside(nucleus.vertices).all():
             key = next(k for k in ("nucleus_offset", *NUCLEI) if getattr(self, k, None) is not None)
             away = surface.distance(nucleus.vertices)
-            at = "({:.3g}, {:.3g}, {:.3g})".format(*nucleus.vertices[away.argmax()])
+            at = "({:.3g}, {:.3g}, {:.3g})".format(*np.round(nucleus.vertices[away.argmax()], 6) + 0.0)
             raise ValueError(f"{key}: the nucleus does not lie within the body: it is {max(away.max(), 0.0):.3g} um "
                              f"out of it at {at} um from the cell's centre")
 

@@ -384,6 +384,11 @@ BROKEN = [  # what is replaced, by what, part of the message
     ("shape = \"disc\"", "shape = \"disk\"", "cells.0.shape: no shape 'disk'; did you mean 'disc'?"),
     ("shape = \"disc\"", "", "cells.0.shape: missing: one of 'disc'"),
     ("radius = \"5 um\"", "radus = \"5 um\"", "cells.0.radus: no such key; did you mean 'radius'?"),
+    ("radius = \"5 um\"", "radius = \"5 um\"\nwidth = \"5 um\"",
+     "cells.0.width: no such key of shape 'disc', but of 'rectangle', 'segment'; 'disc' has 'radius', 'nucleus_ratio'"),
+    ("radius = \"5 um\"", "radius = \"5 um\"\nc = \"5 um\"",
+     "cells.0.c: no such key of shape 'disc', but of 'box', 'ellipsoid' in 3 dimensions; 'disc' has"),
+    ("C1 =", "viscosity = \"1 Pa s\"\nC1 =", "materials.core.viscosity: no such key of material 'mooney-rivlin', but"),
     ("nucleus_ratio = 0.283", "nucleus_ratio = 1", "cells.0.nucleus_ratio: must be > 0"),
     ("nucleus_ratio = 0.283", "", "cells.0.nucleus: a nucleus has a size, too: nucleus_ratio is missing"),
     ("nucleus = \"core\"", "", "cells.0.nucleus_ratio: a nucleus has a material, too"),
@@ -423,6 +428,13 @@ def test_a_mistake_is_told_with_its_file_and_line(written: Callable[..., Path], 
     header = at.strip("[]")
     assert file == "case.toml"
     assert at.startswith(f"{key.split('.')[-1]} = ") or header == key or ("missing" in what and key.startswith(header))
+
+
+def test_a_dimension_as_text_is_told_once_and_shapes_are_those_that_are_meant() -> None:
+    with pytest.raises(CaseError) as error:
+        load(CASES["ball"], ['dimension="3"'])
+    (mistake,) = error.value.mistakes
+    assert "dimension: expects a whole number" in str(mistake)
 
 
 @pytest.mark.parametrize(("sets", "name"), [
