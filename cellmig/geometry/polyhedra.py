@@ -19,8 +19,10 @@ from ..model.triangles import RADON
 Point = tuple[float, float, float]
 CORNERS: list[Point] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 TURN = 0.3  # largest angle from the first to the last line of a strip of a wedge [rad]
-CHANGE = 0.3  # largest change of a distance from the first to the last line of a strip, over the distance [-]
-SIZE = 0.8  # largest side of a triangle of a cone, over its distance from the vertex [-]
+LITTLE = 3e-3  # share of T below which there is little of it in a strip of a wedge or a triangle of a cone [-]
+# Each where there is more of T, and where there is little:
+CHANGE = 0.3, 1.0  # largest change of a distance from the first to the last line of a strip, over the distance [-]
+SIZE = 0.8, 3.0  # largest side of a triangle of a cone, over its distance from the vertex [-]
 LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
 PARTS = 10  # most halvings of a strip
@@ -189,7 +191,10 @@ class Wedge:
                 end = high
                 for _ in range(PARTS):
                     first, last = (start + share * (end - start) for share in (GAUSS[0][0], GAUSS[-1][0]))
-                    if self.short(first, last, sides, smooth):
+                    lines = [self.line(start + share * (end - start), weight * (end - start), sides)
+                             for share, weight in GAUSS]
+                    little = sum(abs(sum(line.widths)) for line in lines) < 2.0 * LITTLE
+                    if self.short(first, last, sides, smooth, CHANGE[little]):
                         break
                     end = 0.5 * (start + end)
                 for share, weight in GAUSS:
@@ -198,12 +203,12 @@ class Wedge:
                         yield line
                 start = end
 
-    def short(self, start: float, end: float, sides: list, smooth: float) -> bool:
-        """Whether distances change little between two directions [-], beside a distance `smooth` [µm]."""
+    def short(self, start: float, end: float, sides: list, smooth: float, most: float) -> bool:
+        """Whether distances change at `most` so [-] between two directions [-], beside a distance `smooth` [µm]."""
         for side in sides:
             one, other = (self.away.T @ self.crossing(at, side)[0] for at in (start, end))
             r1, r2 = np.sqrt(one @ one), np.sqrt(other @ other)
-            if abs(r2 - r1) > CHANGE * max(min(r1, r2), smooth) or one @ other < np.cos(TURN) * r1 * r2:
+            if abs(r2 - r1) > most * max(min(r1, r2), smooth) or one @ other < np.cos(TURN) * r1 * r2:
                 return False
         return True
 
@@ -296,7 +301,7 @@ def graded(away: np.ndarray, triangle: np.ndarray, part: float, within: float,
         places = waiting @ away
         sides = np.sqrt(((np.roll(places, -1, axis=1) - np.roll(places, 1, axis=1)) ** 2).sum(axis=2))
         near, most = np.sqrt((places * places).sum(axis=2)).min(axis=1), sides.max(axis=1)
-        short = most <= SIZE * np.maximum(near, smooth)
+        short = most <= SIZE[abs(part) < LITTLE] * np.maximum(near, smooth)
         found.append((shares[:, :3] @ waiting[short]).reshape(-1, 3))
         weights.append(np.tile(part * shares[:, 3], int(short.sum())))
         split = ~short & (near - most < within)

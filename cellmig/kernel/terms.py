@@ -72,7 +72,8 @@ SURFACE_TERMS = (
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 POLYHEDRA, tuple(POLYHEDRA),
-                files=("polyhedra.h", "lines.h", "wedges.h", "cones.h", "contact_space.c", "contact_blocks.c")),
+                files=("pieces.h", "polyhedra.h", "faces.h", "lines.h", "points.h", "wedges.h", "cones.h",
+                       "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: tuple(
         SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
         if t.sliding and t.contacts else None, {"force": ("force", "power")}),

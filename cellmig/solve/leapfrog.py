@@ -35,7 +35,8 @@ class Leapfrog:
             left, dt = run.equal_steps(stop)
             m.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            m.advance(n, dt)
+            nearest = min(run.gaps[1], run.control.eps[1])
+            m.advance(n, dt, dt * run.limits["slip"] / nearest if nearest > 0.0 else math.inf)
             m.meet()
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin

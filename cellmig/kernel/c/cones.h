@@ -1,7 +1,7 @@
-/* The points of a triangle T in the cones over a vertex of another surface, and what bonds do there. */
+/* The points of a triangle T in the cones over a vertex of another surface. */
 
 enum { MOST_HALVINGS = 40, POINTS_OF_CONE = 7 };
-static const double SIZE = 0.8;
+static const double SIZE[2] = {0.8, 3}; /* the second where there is little of T */
 static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* Radon (1948) */
 static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
 
@@ -85,47 +85,11 @@ static void set_vertex(Vertex *v, const double *x, const double *const ring[], i
     v->turn = turning(turns / length, most, steepest, least);
 }
 
-/* A point of T that counts for a vertex: the vector from this, and what it acts on. */
-typedef struct { v4 on, away; double *on_T[3], *on_vertex, *energy; } Point;
-
-/* Points of one law that wait for what acts on them: their reference areas, and squares of their distances. */
-typedef struct {
-    const double *law;
-    int n;
-    double area[MOST_PIECES], square[MOST_PIECES];
-    Point point[MOST_PIECES];
-} Points;
-
-/* What acts on the points that wait. */
-static void act_on_points(Points *found)
-{
-    for (int n = found->n; n % 4; n++) found->area[n] = 0, found->square[n] = 1; /* others that do not count */
-    for (int m = 0; m < found->n; m += 4) {
-        v4 loads[1], stored[1], stiff[1], stiffness[1] = {{0}};
-        const v4 area = load(found->area + m), r = v4_sqrt(load(found->square + m));
-        contact_vertex(found->law, area, r, loads, stored, stiff);
-        if (signs(-stiff[0])) contact_vertex_stiffness(found->law, area, r, stiffness);
-        loads[0] /= r;
-        for (int i = 0; i < 4 && m + i < found->n; i++) {
-            const Point *point = found->point + m + i;
-            const v4 along = loads[0][i] * point->away;
-            pull(point->on_T, -point->on, along);
-            add4(point->on_vertex, along);
-            *point->energy += stored[0][i];
-            if (!(stiffness[0][i] > 0)) continue; /* of points that count negatively it is negative */
-            stiffen(point->on_T, point->on, stiffness[0][i]);
-            point->on_vertex[3] += stiffness[0][i];
-        }
-    }
-    found->n = 0;
-}
-
-/* A vertex and T, and what acts on the vertex; vectors from it to the corners, and their products with its spokes. */
+/* A vertex and T; vectors from the vertex to the corners, and their products with its spokes. */
 typedef struct {
     const Triangle *T;
     const Vertex *v;
-    double *force;
-    Points *found;
+    Pieces *found;
     v4 away[3];
     Four spoke[MOST_SPOKES / 4];
 } Cone;
@@ -133,23 +97,14 @@ typedef struct {
 /* Adds the seven points of a triangle, by shares of T and vectors from the vertex at its corners. */
 static void add_points(const Cone *cone, const v4 corner[3], const v4 place[3], double area)
 {
-    Points *found = cone->found;
-    if (found->law != cone->T->law || found->n + POINTS_OF_CONE > MOST_PIECES) act_on_points(found);
-    found->law = cone->T->law;
     const v4 all = corner[0] + corner[1] + corner[2], sum = place[0] + place[1] + place[2];
     for (int q = 0; q < POINTS_OF_CONE; q++) {
         const double at = q == 6 ? 1.0 / 3 : CONE_AT[q / 3], rest = 1 - 3 * at;
         const v4 away = at * sum + rest * place[q % 3];
-        const double square = dot4(away, away);
-        if (square >= cone->T->within * cone->T->within) continue;
-        Point *point = found->point + found->n;
-        point->away = away;
-        point->on = at * all + rest * corner[q % 3];
-        for (int k = 0; k < 3; k++) point->on_T[k] = cone->T->force[k];
-        point->on_vertex = cone->force;
-        point->energy = cone->T->energy;
-        found->area[found->n] = area * CONE_WEIGHT[q / 3];
-        found->square[found->n++] = square;
+        if (dot4(away, away) >= cone->T->within * cone->T->within) continue;
+        v4 on = at * all + rest * corner[q % 3];
+        on[3] = area * CONE_WEIGHT[q / 3];
+        keep(cone->found, &on, 1);
     }
 }
 
@@ -165,7 +120,8 @@ static void in_triangle(const Cone *cone, const v4 corner[3], const v4 place[3],
     const int k = side[0] >= side[1] ? (side[0] >= side[2] ? 0 : 2) : side[1] >= side[2] ? 1 : 2;
     const double longest = sqrt(side[k]);
     nearest = sqrt(nearest);
-    if (longest <= SIZE * d_maximum(nearest, cone->T->smooth) || halvings == MOST_HALVINGS) {
+    const double most = SIZE[fabs(area) < LITTLE * cone->T->area] * d_maximum(nearest, cone->T->smooth);
+    if (longest <= most || halvings == MOST_HALVINGS) {
         add_points(cone, corner, place, area);
     } else if (nearest - longest < cone->T->within) {
         const int a = (k + 1) % 3, b = (k + 2) % 3;
@@ -256,7 +212,7 @@ static inline double rest_beyond(const Vertex *v, double room, double reach)
 }
 
 /* Finds the points of T in the cones over a vertex.  How far corners may move until T may be within reach. */
-static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *v, double *force, Points *found)
+static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *v, Pieces *found)
 {
     double from[3];
     less3(ball->middle, v->planes.start, from);
@@ -266,7 +222,7 @@ static double beside_vertex3(const Triangle *T, const Ball *ball, const Vertex *
     const v4 most = most_on(&four);
     if (signs(most)) return rest_beyond(v, most_of(-most * v->planes.width), sqrt(square) + ball->radius);
     Cone cone;
-    cone.T = T, cone.v = v, cone.force = force, cone.found = found;
+    cone.T = T, cone.v = v, cone.found = found;
     double nearest = INFINITY;
     for (int k = 0; k < 3; k++) {
         const double *x = T->x[k], *start = v->planes.start;

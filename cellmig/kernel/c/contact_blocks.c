@@ -25,34 +25,39 @@ static int act_in_pair(const KernelData *s, Pair *p)
 {
     Triangle T = triangle_at(s, p->triangle, 0);
     const double *x[MOST_IN_PAIR];
-    double *force[MOST_MOVED];
+    double *force[MOST_MOVED], pierced = 0;
+    static Pieces found; /* of this pair alone */
+    found.used = 0;
     memset(p->force, 0, sizeof p->force);
     for (int i = 3; i < p->n; i++) x[i - 3] = p->x[i];
     for (int i = 3; i < p->moved; i++) force[i - 3] = p->force[i];
     for (int i = 0; i < 3; i++) T.x[i] = p->x[i], T.force[i] = p->force[i];
     set_sides(&T);
     if (p->kind == OVER_FACE) {
-        FacePieces found;
-        found.n = 0, found.pierced = 0, found.law = 0;
+        FacePieces waiting;
+        waiting.n = 0, waiting.law = 0;
         Face f;
         set_face(&f, x);
-        over_face(&T, &f, force, &found);
-        act_on_faces(&found);
+        over_face(&T, &f, &found, &pierced);
+        act_over_face(&T, &f, force, found.on, found.used, &waiting);
+        act_on_faces(&waiting);
     } else if (p->kind == BESIDE_EDGE) {
-        Lines found;
-        found.n = 0, found.law = 0;
+        Lines waiting;
+        waiting.n = 0, waiting.law = 0;
         Edge3 e;
         set_edge(&e, x);
-        beside_edge3(&T, &e, force, &found);
-        act_on_lines(&found);
+        beside_edge3(&T, &e, &found);
+        act_beside_edge(&T, x, force, found.on, found.used, &waiting);
+        act_on_lines(&waiting);
     } else {
-        Points found;
-        found.n = 0, found.law = 0;
+        Points waiting;
+        waiting.n = 0, waiting.law = 0;
         Vertex v;
         const Ball ball = ball_around(&T);
         set_vertex(&v, x[0], x + 1, p->n - 4);
-        beside_vertex3(&T, &ball, &v, force[0], &found);
-        act_on_points(&found);
+        beside_vertex3(&T, &ball, &v, &found);
+        act_beside_vertex(&T, x[0], force[0], found.on, found.used, &waiting);
+        act_on_points(&waiting);
     }
     int any = 0;
     for (int i = 0; i < p->moved; i++)

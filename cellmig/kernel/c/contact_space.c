@@ -3,7 +3,7 @@
 enum { IN_FACE = sizeof(Face) / sizeof(double), IN_EDGE = sizeof(Edge3) / sizeof(double),
        IN_VERTEX = sizeof(Vertex) / sizeof(double) };
 
-enum { LOOKAHEAD = 5 }; /* steps for which lists of what may act are made */
+enum { LOOKAHEAD = 5 }; /* searches for which lists of what may act are made */
 
 /* Sizes of the frames of faces, edges and vertices, in numbers. */
 void contact_sizes(const KernelData *s, double out[3])
@@ -83,6 +83,22 @@ static void list_kind(long triangles, const long *first, const double *rests, do
     from[triangles] = n;
 }
 
+/* Lists for the coming searches what may act in some of them, if the last lists are not complete any more. */
+static void list_what_may_act(const KernelData *s)
+{
+    double *gone = s->contact_gone;
+    const double since = gone[0] - gone[4];
+    if (!(gone[0] <= gone[1])) {
+        const long n = s->n_contact_segments;
+        gone[1] = gone[0] + LOOKAHEAD * d_minimum(since, gone[2]);
+        list_kind(n, s->first_face, s->face_rest, gone[1], s->listed_face_from, s->listed_face);
+        list_kind(n, s->first_side, s->side_rest, gone[1], s->listed_side_from, s->listed_side);
+        list_kind(n, s->first_vertex, s->vertex_rest, gone[1], s->listed_vertex_from, s->listed_vertex);
+    }
+    gone[2] = since;
+    gone[4] = gone[0];
+}
+
 /* Places of the nodes; how far any of them has gone since these lists began, beside their mean. */
 static double follow_nodes(const KernelData *s)
 {
@@ -103,81 +119,115 @@ static double follow_nodes(const KernelData *s)
     return sqrt(most);
 }
 
-/* What the faces do that may act, in call number `now`; how far any triangle goes through one. */
-static double add_faces(const KernelData *s, int32_t now, double *energy)
+/* Pieces of the three kinds, and the triangles, in a run of steps: they serve from the step in which they are found to
+ * others of the same run, and no other run goes on meanwhile. */
+static struct { Triangle *triangle; long room; Pieces over_faces, beside_edges, beside_vertices; } found_last;
+
+/* The triangles near other cells, where nodes are now. */
+static const Triangle *triangles_now(const KernelData *s, int anew, double *energy)
 {
-    FacePieces found;
+    const long n = s->n_contact_segments;
+    if (anew) found_last.triangle = enough(found_last.triangle, 0, n, &found_last.room, sizeof(Triangle));
+    for (long k = 0; k < n; k++)
+        if (anew) found_last.triangle[k] = triangle_at(s, k, energy);
+        else set_sides(found_last.triangle + k);
+    return found_last.triangle;
+}
+
+/* Finds pieces over the faces that may act, in call number `now`; how far any triangle goes through one. */
+static double find_over_faces(const KernelData *s, const Triangle *T, int32_t now, Pieces *found)
+{
     const double gone = s->contact_gone[0];
-    found.n = 0;
-    found.pierced = 0;
-    found.law = 0;
-    for (long k = 0; k < s->n_contact_segments; k++) {
-        const long first = s->listed_face_from[k], end = s->listed_face_from[k + 1];
-        if (first == end) continue;
-        const Triangle T = triangle_at(s, k, energy);
-        for (long n = first; n < end; n++) {
-            const long m = s->listed_face[n];
+    double pierced = 0;
+    for (long k = 0; k < s->n_contact_segments; k++)
+        for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
+            const long m = s->listed_face[n], from = found->used;
             if (s->face_rest[m] > gone) continue;
-            const int32_t *of = s->contact_face + 3L * s->near_face[m];
-            double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
-            const double rest = over_face(&T, face_at(s, s->near_face[m], now), force, &found);
+            const double rest = over_face(T + k, face_at(s, s->near_face[m], now), found, &pierced);
             if (rest > 0) s->face_rest[m] = gone + rest;
+            meet(found, k, s->near_face[m], from);
         }
-    }
-    act_on_faces(&found);
-    return found.pierced;
+    return pierced;
 }
 
-/* The same of edges. */
-static void add_edges(const KernelData *s, int32_t now, double *energy)
+/* The same beside edges. */
+static void find_beside_edges(const KernelData *s, const Triangle *T, int32_t now, Pieces *found)
 {
-    Lines found;
     const double gone = s->contact_gone[0];
-    found.n = 0;
-    found.law = 0;
-    for (long k = 0; k < s->n_contact_segments; k++) {
-        const long first = s->listed_side_from[k], end = s->listed_side_from[k + 1];
-        if (first == end) continue;
-        const Triangle T = triangle_at(s, k, energy);
-        for (long n = first; n < end; n++) {
-            const long m = s->listed_side[n];
+    for (long k = 0; k < s->n_contact_segments; k++)
+        for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
+            const long m = s->listed_side[n], from = found->used;
             if (s->side_rest[m] > gone) continue;
-            const int32_t *of = s->contact_side + 4L * s->near_side[m];
-            double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
-            const double rest = beside_edge3(&T, edge_at(s, s->near_side[m], now), force, &found);
+            const double rest = beside_edge3(T + k, edge_at(s, s->near_side[m], now), found);
             if (rest > 0) s->side_rest[m] = gone + rest;
+            meet(found, k, s->near_side[m], from);
         }
-    }
-    act_on_lines(&found);
 }
 
-/* The same of vertices. */
-static void add_vertices(const KernelData *s, int32_t now, double *energy)
+/* The same beside vertices. */
+static void find_beside_vertices(const KernelData *s, const Triangle *T, int32_t now, Pieces *found)
 {
-    Points found;
     const double gone = s->contact_gone[0];
-    found.n = 0;
-    found.law = 0;
     for (long k = 0; k < s->n_contact_segments; k++) {
         const long first = s->listed_vertex_from[k], end = s->listed_vertex_from[k + 1];
         if (first == end) continue;
-        const Triangle T = triangle_at(s, k, energy);
-        const Ball ball = ball_around(&T);
+        const Ball ball = ball_around(T + k);
         for (long n = first; n < end; n++) {
-            const long m = s->listed_vertex[n];
+            const long m = s->listed_vertex[n], from = found->used;
             if (s->vertex_rest[m] > gone) continue;
-            const Vertex *v = vertex_at(s, s->near_vertex[m], now);
-            double *force = contact_load(s, s->contact_vertex[s->near_vertex[m]]);
-            const double rest = beside_vertex3(&T, &ball, v, force, &found);
+            const double rest = beside_vertex3(T + k, &ball, vertex_at(s, s->near_vertex[m], now), found);
             if (rest > 0) s->vertex_rest[m] = gone + rest;
+            meet(found, k, s->near_vertex[m], from);
         }
     }
-    act_on_points(&found);
+}
+
+/* What acts over faces. */
+static void act_over_faces(const KernelData *s, const Triangle *T, int32_t now, const Pieces *pieces)
+{
+    FacePieces waiting;
+    waiting.n = 0, waiting.law = 0;
+    for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
+        const int32_t *of = s->contact_face + 3 * m->feature;
+        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
+        act_over_face(T + m->triangle, face_at(s, m->feature, now), force, pieces->on + m->from, m->end - m->from,
+                      &waiting);
+    }
+    act_on_faces(&waiting);
+}
+
+/* What acts beside edges. */
+static void act_beside_edges(const KernelData *s, const Triangle *T, const Pieces *pieces)
+{
+    Lines waiting;
+    waiting.n = 0, waiting.law = 0;
+    for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
+        const int32_t *of = s->contact_side + 4 * m->feature;
+        const double *x[2] = {contact_place(s, of[0]), contact_place(s, of[1])};
+        double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
+        act_beside_edge(T + m->triangle, x, force, pieces->on + m->from, m->end - m->from, &waiting);
+    }
+    act_on_lines(&waiting);
+}
+
+/* What acts beside vertices. */
+static void act_beside_vertices(const KernelData *s, const Triangle *T, const Pieces *pieces)
+{
+    Points waiting;
+    waiting.n = 0, waiting.law = 0;
+    for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
+        const int32_t of = s->contact_vertex[m->feature];
+        act_beside_vertex(T + m->triangle, contact_place(s, of), contact_load(s, of), pieces->on + m->from,
+                          m->end - m->from, &waiting);
+    }
+    act_on_points(&waiting);
 }
 
 /* Forces; energies by the first corners of the triangles, if asked for; the impulses of a time dt on a particle by the
  * other cell, which gets the opposite.  A feature that cannot act on a triangle rests until nodes have gone far enough:
- * it would add no bit. */
+ * it would add no bit.  Pieces serve for `contact_serves` steps: their places on T stay, and what they are from is
+ * where it is now, so that forces are right to the first order of what slides meanwhile: derivatives of the limits of
+ * pieces cancel. */
 void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
@@ -186,19 +236,23 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
     const double step = follow_nodes(s);
     const int32_t now = (int32_t)++gone[3];
     gone[0] += step;
-    if (!(gone[0] <= gone[1])) {
-        const long n = s->n_contact_segments;
-        gone[1] = gone[0] + LOOKAHEAD * d_minimum(step, gone[2]);
-        list_kind(n, s->first_face, s->face_rest, gone[1], s->listed_face_from, s->listed_face);
-        list_kind(n, s->first_side, s->side_rest, gone[1], s->listed_side_from, s->listed_side);
-        list_kind(n, s->first_vertex, s->vertex_rest, gone[1], s->listed_vertex_from, s->listed_vertex);
+    const int anew = s->contact_serves[0] <= 0;
+    s->contact_serves[0] = (anew ? s->contact_serves[1] : s->contact_serves[0]) - 1;
+    const Triangle *T = triangles_now(s, anew, energy);
+    Pieces *faces = &found_last.over_faces, *edges = &found_last.beside_edges, *vertices = &found_last.beside_vertices;
+    double pierced = 0;
+    if (anew) {
+        list_what_may_act(s);
+        faces->n = faces->used = edges->n = edges->used = vertices->n = vertices->used = 0;
+        pierced = find_over_faces(s, T, now, faces);
+        find_beside_edges(s, T, now, edges);
+        find_beside_vertices(s, T, now, vertices);
     }
-    gone[2] = step;
-    const double pierced = add_faces(s, now, energy);
+    act_over_faces(s, T, now, faces);
+    act_beside_edges(s, T, edges);
+    act_beside_vertices(s, T, vertices);
     if (pierced > 0) *s->stiffest_contact = INFINITY;
     *s->deepest_contact = d_maximum(*s->deepest_contact, pierced);
-    add_edges(s, now, energy);
-    add_vertices(s, now, energy);
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
         const double *f = contact_load(s, m);

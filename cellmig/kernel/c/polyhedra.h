@@ -1,5 +1,5 @@
-/* Pieces of a triangle T of one surface over faces of another, and what bonds do there.  Points of T are shares of its
- * corners, in the first three places of a vector.  The same as geometry/polyhedra.py, where it is explained. */
+/* Pieces of a triangle T of one surface over faces of another.  Points of T are shares of its corners, in the first
+ * three places of a vector.  The same as geometry/polyhedra.py, where it is explained. */
 
 enum { MOST_SPOKES = 24, MOST_CORNERS = MOST_SPOKES + 8, MOST_PIECES = TOGETHER };
 static const double SKEW[3] = {0.9e-12, 1.3e-12, 1.7e-12}; /* [µm] moves features off triangles on their borders */
@@ -8,6 +8,18 @@ static const double SURE = 1e-9; /* [µm] far above what rounding changes */
 static inline void less3(const double a[3], const double b[3], double out[3])
 {
     for (int i = 0; i < 3; i++) out[i] = a[i] - b[i];
+}
+
+/* The vector to a point from a feature at x. */
+static inline v4 away_from(const double *point, const double *x)
+{
+    return (v4){point[0] - (x[0] + SKEW[0]), point[1] - (x[1] + SKEW[1]), point[2] - (x[2] + SKEW[2]), 0};
+}
+
+/* The mean of three vectors by shares. */
+static inline v4 mixed(const v4 of[3], v4 share)
+{
+    return fma4(splat(share[2]), of[2], fma4(splat(share[1]), of[1], share[0] * of[0]));
 }
 
 /* The first three places of two vectors. */
@@ -151,20 +163,6 @@ static inline double fan(const v4 *on, int k) { return fabs(crossed(on[k + 1] - 
 
 static const double NOTHING[3] = {0, 0, 0};
 
-static inline void add4(double *sum, v4 a) { store(sum, load(sum) + a); }
-
-/* A load on three corners by their shares, along a direction. */
-static inline void pull(double *const force[3], v4 shares, v4 along)
-{
-    for (int k = 0; k < 3; k++) add4(force[k], shares[k] * along);
-}
-
-/* A stiffness on three corners by their shares. */
-static inline void stiffen(double *const force[3], v4 shares, double stiffness)
-{
-    for (int k = 0; k < 3; k++) force[k][3] += shares[k] * stiffness;
-}
-
 /* A face: the shares of its corners and the gap from it as planes, its unit normal. */
 typedef struct { Planes planes; v4 normal; } Face;
 
@@ -194,56 +192,9 @@ static void set_face(Face *f, const double *const x[3])
     f->planes.size = d_minimum(f->planes.width[0], d_minimum(f->planes.width[1], f->planes.width[2]));
 }
 
-/* A piece over a face: its corners, as shares of those of T and of the face, the normal, and what it acts on. */
-typedef struct { v4 on[3], below[3], normal; double *on_T[3], *on_face[3], *energy; } FacePiece;
-
-/* Pieces of one law that wait for what acts on them; how far any triangle goes through a face. */
-typedef struct {
-    const double *law;
-    int n;
-    double pierced, area[MOST_PIECES], gap[3][MOST_PIECES];
-    FacePiece piece[MOST_PIECES];
-} FacePieces;
-
-/* What acts on the pieces that wait. */
-static void act_on_faces(FacePieces *found)
-{
-    const int n = found->n;
-    int order[MOST_PIECES];
-    double kind[MOST_PIECES], acts[3][MOST_PIECES], energy[MOST_PIECES], stiff[MOST_PIECES];
-    const double (*gap)[MOST_PIECES] = found->gap;
-    for (int m = 0; m < n; m += 4)
-        store(kind + m, contact_face_kind(found->law, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
-    by_kinds(kind, n, order);
-    for (int m = 0; m < n; m += 4) {
-        const int *of = order + m;
-        v4 loads[3], stored[1], may[1], stiffness[1] = {{0}};
-        const v4 area = pick(found->area, of), a = pick(gap[0], of), b = pick(gap[1], of), c = pick(gap[2], of);
-        contact_face(found->law, area, a, b, c, loads, stored, may);
-        if (signs(-may[0])) contact_face_stiffness(found->law, area, a, b, c, stiffness);
-        for (int k = 0; k < 3; k++) put(acts[k], of, loads[k]);
-        put(energy, of, stored[0]);
-        put(stiff, of, stiffness[0]);
-    }
-    for (int m = 0; m < n; m++) {
-        const FacePiece *piece = found->piece + m;
-        v4 on = {0}, below = {0};
-        for (int c = 0; c < 3; c++) {
-            on = fma4(splat(acts[c][m]), piece->on[c], on);
-            below = fma4(splat(acts[c][m]), piece->below[c], below);
-        }
-        pull(piece->on_T, -on, piece->normal);
-        pull(piece->on_face, below, piece->normal);
-        *piece->energy += energy[m];
-        if (stiff[m] == 0) continue;
-        stiffen(piece->on_T, piece->on[0] + piece->on[1] + piece->on[2], stiff[m] / 3);
-        stiffen(piece->on_face, piece->below[0] + piece->below[1] + piece->below[2], stiff[m] / 3);
-    }
-    found->n = 0;
-}
-
-/* Finds the part of T over a face, on its outer side.  How far corners may move until there is any. */
-static double over_face(const Triangle *T, const Face *f, double *const force[3], FacePieces *found)
+/* Finds the part of T over a face, on its outer side, and how far T goes through it.  How far corners may move until
+ * there is any. */
+static double over_face(const Triangle *T, const Face *f, Pieces *found, double *pierced)
 {
     const Four four = planes_on(T, &f->planes);
     const v4 most = most_on(&four), least = least_on(&four);
@@ -261,26 +212,8 @@ static double over_face(const Triangle *T, const Face *f, double *const force[3]
             deepest = d_maximum(deepest, -below[k][3]);
         }
         cut_by(&p, &four, behind, below);
-        if (p.n) found->pierced = d_maximum(found->pierced, deepest);
+        if (p.n) *pierced = d_maximum(*pierced, deepest);
     }
-    if (!p.n) return 0;
-    if (found->law != T->law || found->n + p.n > MOST_PIECES) act_on_faces(found);
-    found->law = T->law;
-    for (int k = 0; k + 2 < p.n; k++) {
-        const int corner[3] = {0, k + 1, k + 2};
-        FacePiece *piece = found->piece + found->n;
-        double nearest = INFINITY;
-        for (int c = 0; c < 3; c++) {
-            piece->on[c] = p.on[corner[c]];
-            piece->below[c] = below[corner[c]];
-            nearest = d_minimum(nearest, found->gap[c][found->n] = below[corner[c]][3]);
-            piece->on_T[c] = T->force[c];
-            piece->on_face[c] = force[c];
-        }
-        if (nearest >= T->within) continue;
-        piece->normal = f->normal;
-        piece->energy = T->energy;
-        found->area[found->n++] = T->area * fan(p.on, k);
-    }
+    keep(found, p.on, p.n);
     return 0;
 }

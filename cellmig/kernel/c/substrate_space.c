@@ -1,5 +1,7 @@
 /* F_cs of equation (2) in space: adhesion to the plane z = 0, integrated over the triangles near it. */
 
+static const double STILL = 1e-3; /* change of a gap in a step, over the gap */
+
 /* Forces along z of n triangles, and their energies. */
 static void pull_down(const KernelData *s, const Facet *e, int n, double pull[D][TOGETHER], double stored[TOGETHER])
 {
@@ -52,24 +54,36 @@ void add_substrate(const KernelData *s, double *force, double *energy, double ac
     }
 }
 
+/* Whether gaps change by so little in a step that what it adds for their motion is below 2e-6 of the force. */
+static inline int is_still(const KernelData *s, const Facet *e, double dt)
+{
+    double least = INFINITY, most = 0;
+    for (int i = 0; i < D; i++) {
+        least = d_minimum(least, e->gap[i]);
+        most = d_maximum(most, fabs(velocity(s, e->node[i], NORMAL)));
+    }
+    return most * dt < STILL * least;
+}
+
 /* What a step of dt adds to these forces for the motion of the gaps in it: see surface.h. */
 void add_substrate_in_motion(const KernelData *s, double dt)
 {
     Facet e[TOGETHER], moved[TOGETHER];
     double share[TOGETHER], pull[D][TOGETHER], stored[TOGETHER];
-    for (long from = 0; from < s->n_near; from += TOGETHER) {
-        const int n = (int)(s->n_near - from < TOGETHER ? s->n_near - from : TOGETHER);
+    for (long from = 0, n; from < s->n_near;) {
         double sum[D][TOGETHER] = {{0}}; /* triangle by triangle: how they are grouped depends on the rank */
-        for (int m = 0; m < n; m++) {
-            moved[m] = e[m] = facet_at(s, s->near[from + m]);
-            share[m] = LIGAND ? ligand_below(s, e + m) : 1;
+        for (n = 0; n < TOGETHER && from < s->n_near; from++) {
+            moved[n] = e[n] = facet_at(s, s->near[from]);
+            if (is_still(s, e + n, dt)) continue;
+            share[n] = LIGAND ? ligand_below(s, e + n) : 1;
+            n++;
         }
         for (int place = 0; place < PLACES; place++) {
             for (int m = 0; m < n; m++) {
                 moved[m].size = e[m].size * (in_motion(place) * share[m]);
                 moved_gaps(s, e + m, place, dt, moved[m].gap);
             }
-            pull_down(s, moved, n, pull, stored);
+            pull_down(s, moved, (int)n, pull, stored);
             for (int i = 0; i < D; i++)
                 for (int m = 0; m < n; m++) sum[i][m] += pull[i][m];
         }

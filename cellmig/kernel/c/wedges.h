@@ -1,7 +1,7 @@
 /* The part of a triangle T in the wedge over an edge of another surface, as lines. */
 
 enum { HALVINGS = 10, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
-static const double CHANGE = 0.3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
+static const double CHANGE[2] = {0.3, 1.0}, LITTLE = 3e-3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
 static const v4 LINE_AT = {0.11270166537925831, 0.5, 0.8872983346207417, 0.5};
 static const v4 LINE_WEIGHT = {5.0 / 18, 8.0 / 18, 5.0 / 18, 0};
 
@@ -44,12 +44,12 @@ static void set_edge(Edge3 *e, const double *const x[4])
     e->along[3] = e->middle[3] = 0;
 }
 
-/* T beside an edge, what acts on this; at the corners of T the weight of the second normal and the sum of both, places
+/* T beside an edge; at the corners of T the weight of the second normal and the sum of both, places
  * along the edge, and vectors from it. */
 typedef struct {
     const Triangle *T;
     const Edge3 *e;
-    double *const *force, last[3], sum[3], along[3];
+    double last[3], sum[3], along[3];
     v4 away[3];
 } Wedge;
 
@@ -126,13 +126,26 @@ static int set_strip(const Wedge *w, v4 at, Strip *strip)
     return any;
 }
 
-/* Whether distances and directions change little from the first line of a strip to the last. */
-static inline int is_short(const Wedge *w, const Strip *strip)
+/* The share of T in a strip over a range of directions. */
+static inline double share_in(const Strip *strip, double range)
+{
+    double width = 0;
+    for (int j = 0; j < POINTS_OF_LINE; j++) {
+        const int i = strip->corner[j];
+        if (i >= 0) width += LINE_WEIGHT[j] * (strip->c[i].width[0][j] + strip->c[i].width[1][j]);
+    }
+    return range * width;
+}
+
+/* Whether distances and directions change little from the first line of a strip to the last; where there is little of T
+ * in it, they may change more. */
+static inline int is_short(const Wedge *w, const Strip *strip, double range)
 {
     const Across *a = strip->c + strip->corner[0], *b = strip->c + strip->corner[2];
+    const double most = CHANGE[share_in(strip, range) < LITTLE];
     for (int k = 0; k < 2 && strip->corner[0] >= 0 && strip->corner[2] >= 0; k++) {
         const double r1 = a->r[k][0], r2 = b->r[k][2];
-        if (fabs(r2 - r1) > CHANGE * d_maximum(d_minimum(r1, r2), w->T->smooth)) return 0;
+        if (fabs(r2 - r1) > most * d_maximum(d_minimum(r1, r2), w->T->smooth)) return 0;
         if (w->e->narrow) continue;
         double cosine = 0;
         for (int x = 0; x < 3; x++) cosine += a->away[k][x][0] * b->away[k][x][2];
@@ -142,45 +155,33 @@ static inline int is_short(const Wedge *w, const Strip *strip)
 }
 
 /* Adds the lines of a strip. */
-static void add_lines(const Wedge *w, const Strip *strip, double range, Lines *found)
+static void add_lines(const Wedge *w, const Strip *strip, double range, Pieces *found)
 {
-    const Triangle *T = w->T;
-    if (found->law != T->law || found->n + POINTS_OF_LINE > MOST_PIECES) act_on_lines(found);
-    found->law = T->law;
     for (int j = 0; j < POINTS_OF_LINE; j++) {
         const int i = strip->corner[j];
         const Across *c = strip->c + (i < 0 ? 0 : i);
-        if (i < 0 || (c->r[0][j] >= T->within && c->r[1][j] >= T->within)) continue;
-        Line *line = found->line + found->n;
-        const double size = 2 * range * LINE_WEIGHT[j] * w->e->sign * T->area;
+        if (i < 0 || (c->r[0][j] >= w->T->within && c->r[1][j] >= w->T->within)) continue;
+        v4 on[2];
         for (int k = 0; k < 2; k++) {
-            const double one = c->share[k][0][j], other = c->share[k][1][j], rest = 1 - one - other;
-            double *on = (double *)(line->on + k);
-            on[i] = rest;
-            on[c->next[0]] = one;
-            on[c->next[1]] = other;
-            on[3] = rest * w->along[i] + one * w->along[c->next[0]] + other * w->along[c->next[1]];
-            found->width[k][found->n] = size * c->width[k][j];
-            found->distance[k][found->n] = c->r[k][j];
-            line->on_edge[k] = w->force[k];
+            const double one = c->share[k][0][j], other = c->share[k][1][j];
+            on[k][i] = 1 - one - other;
+            on[k][c->next[0]] = one;
+            on[k][c->next[1]] = other;
+            on[k][3] = 2 * range * LINE_WEIGHT[j] * w->e->sign * w->T->area * c->width[k][j];
         }
-        const int far = c->r[1][j] > c->r[0][j];
-        line->away = (v4){c->away[far][0][j], c->away[far][1][j], c->away[far][2][j], 0} / c->r[far][j];
-        line->energy = T->energy;
-        memcpy(line->on_T, T->force, sizeof line->on_T);
-        found->n++;
+        keep(found, on, 2);
     }
 }
 
 /* Finds the lines between two directions, in strips that are short. */
-static void find_strips(const Wedge *w, double low, double high, Lines *found)
+static void find_strips(const Wedge *w, double low, double high, Pieces *found)
 {
     const double least = ldexp(high - low, -HALVINGS);
     Strip strip;
     for (double start = low, end; start < high; start = end) {
         for (end = high;; end = 0.5 * (start + end)) {
             if (!set_strip(w, start + (end - start) * LINE_AT, &strip) && end == high && start == low) return;
-            if (!(end - start > least) || is_short(w, &strip)) break;
+            if (!(end - start > least) || is_short(w, &strip, end - start)) break;
         }
         add_lines(w, &strip, end - start, found);
     }
@@ -229,7 +230,7 @@ static double rest_beside(const Triangle *T, const Edge3 *e, v4 least, v4 most, 
 }
 
 /* Finds the part of T in the wedge over an edge.  How far corners may move until there is any. */
-static double beside_edge3(const Triangle *T, const Edge3 *e, double *const force[2], Lines *found)
+static double beside_edge3(const Triangle *T, const Edge3 *e, Pieces *found)
 {
     v4 away[3];
     double nearest = INFINITY;
@@ -243,7 +244,7 @@ static double beside_edge3(const Triangle *T, const Edge3 *e, double *const forc
     }
     if (signs(most) || nearest >= T->within) return rest_beside(T, e, least, most, nearest);
     Wedge w;
-    w.T = T, w.e = e, w.force = force;
+    w.T = T, w.e = e;
     for (int k = 0; k < 3; k++) {
         const v4 value = four.at + (k ? four.by[k - 1] : (v4){0});
         w.last[k] = value[1];
