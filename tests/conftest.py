@@ -92,6 +92,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in left_out]
 
 
+def pytest_collection_finish() -> None:
+    """What is there by now stays: collections of garbage need not look at it each time, half a second in all tests."""
+    gc.collect()
+    gc.freeze()
+
+
 # --------------------------------------------------------------------------------------------- several ranks in step
 
 
