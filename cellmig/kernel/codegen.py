@@ -9,17 +9,32 @@ from __future__ import annotations
 
 import inspect
 import re
+from functools import reduce
 from operator import attrgetter
 from typing import Any
 
 from ..model.director import numbers
-from .symbols import CHOICE, COMPARISONS, FUNCTIONS, OPERATORS, Symbol, Trace, indexed, leaves, mapped, shape_of, traced
+from .symbols import (
+    CHOICE,
+    COMPARISONS,
+    FUNCTIONS,
+    OPERATORS,
+    Symbol,
+    Trace,
+    indexed,
+    kind_of,
+    leaves,
+    mapped,
+    shape_of,
+    traced,
+)
 
 # Shapes of tensors by their names, in d dimensions with m numbers of a director.
 TENSORS = {"F": "dd", "Fdot": "dd", "gradient": "md", "director": "d", "bend": "d", "bend_rate": "d",
            "network": "dd", "velocity": "d"}
 ANNOTATED = {"Vector": (2,), "Vector3": (3,)}  # shapes of others by their annotation; the rest are scalars
 _ZERO = {1: " = {{0}}", 2: " = {{{0}}}"}  # initial values of nested vectors
+_FUNCTIONS: dict[tuple, list[tuple]] = {}  # of methods: what they saw, the parameters then, and their C
 
 
 class Translator:
@@ -34,9 +49,22 @@ class Translator:
         """C source of the `static inline` function `name` for a method.
 
         A number is returned; a tuple is written to the argument `out`, or, part by part, to arguments called `results`.
+        The source of before is taken where the method sees attributes of the same kinds.
 
         Raises LawError.
         """
+        law = type(self.law)
+        known = _FUNCTIONS.setdefault((law, getattr(law, method), name, results, self.number, self.dimension,
+                                       *self.parameters), [])
+        for seen, parameters, source in known:
+            if all(_kind(self.law, path) == kind for path, kind in seen.items()):
+                self.parameters[:] = parameters
+                return source
+        trace, source = self._translated(method, name, results)
+        known.append((trace.seen, list(self.parameters), source))
+        return source
+
+    def _translated(self, method: str, name: str, results: tuple[str, ...]) -> tuple[Trace, str]:
         trace, shapes = Trace(self.parameters), shapes_of(getattr(type(self.law), method), self.dimension)
         given = [mapped(lambda text: trace.node(text, one=False), indexed(a, shape)) for a, shape in shapes.items()]
         result = traced(self.law, method, trace, given)
@@ -50,7 +78,8 @@ class Translator:
         else:
             kind, returned = self.number, [f"return {text.spread(result)};"]
         body = "\n".join("    " + line for line in text.lines + returned)
-        return f"static inline {kind} {name}({', '.join(['const double *p', *declared])}) {{\n{body}\n}}\n"
+        head = f"static inline {kind} {name}({', '.join(['const double *p', *declared])})"
+        return trace, f"{head} {{\n{body}\n}}\n"
 
     def vector(self) -> list[float]:
         """Values of `parameters` of this law, in their units."""
@@ -184,6 +213,11 @@ def _needed(values: tuple) -> list[Symbol]:
             found.add(value)
             stack += [v for v in value.operands if isinstance(v, Symbol)]
     return sorted(found, key=lambda v: v.number)
+
+
+def _kind(law: Any, path: str) -> Any:
+    """The kind of an attribute of a law, or of one of a law in it."""
+    return kind_of(reduce(lambda owner, name: getattr(owner, name, None), path.split("."), law))
 
 
 def shapes_of(method: Any, dimension: int = 2) -> dict[str, tuple]:

@@ -24,6 +24,7 @@ FUNCTIONS |= {name: (1, c, f"v4_of_{c}") for name, c in (
 OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 COMPARISONS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">="}
 CHOICE = "either"  # beginning of the operation of a number that `either` chooses
+NUMBER = "number"  # the kind of an attribute whose value a formula does not depend on
 _MOST = 64  # a whole power up to which is a product
 _NOT_OF_LAWS = (__file__, pointwise.__file__, inspect.__file__)
 
@@ -77,11 +78,12 @@ class Trace:
     """What a method did: symbols, each operation on the same operands once.
 
     parameters : list of str -- attributes of the law that it used;  choices : list -- conditions of `either`, and both
-    nested tuples.
+    nested tuples;  seen : dict -- kinds of all attributes that it read, on which alone the symbols depend.
     """
 
     def __init__(self, parameters: list[str]):
         self.parameters = parameters
+        self.seen: dict[str, Any] = {}
         self.choices: list[tuple[Symbol, tuple, tuple]] = []
         self._known: dict[tuple, Symbol] = {}
 
@@ -141,13 +143,19 @@ class _SeenLaw:
         if callable(method):
             return partial(inspect.unwrap(method), self)
         value = getattr(law, name, None)
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        kind = self._trace.seen[path] = kind_of(value)
+        if kind is NUMBER:
             if path not in known:
                 known.append(path)
             return self._trace.node(f"p[{known.index(path)}]")
         if value is None or isinstance(value, str | tuple):
             raise LawError(f"'self.{path}' is no number")
         return value if isinstance(value, bool) else _SeenLaw(self._trace, value, f"{path}.")
+
+
+def kind_of(value: Any) -> Any:
+    """What a method sees of an attribute: that it is a number, whether it is true, else its class."""
+    return value if isinstance(value, bool) else NUMBER if isinstance(value, int | float) else type(value)
 
 
 def traced(law: Any, method: str, trace: Trace, arguments: list) -> Any:

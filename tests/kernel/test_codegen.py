@@ -200,6 +200,35 @@ def test_a_formula_that_cannot_be_translated_is_told_with_its_file_and_line(meth
     assert f"test_codegen.py:{number}: Wrong.{method}: " in str(error.value) and what in str(error.value)
 
 
+class Scaled:
+    """A law that does otherwise where it is told so, with one of its own of any class."""
+
+    def __init__(self, twice: bool, other: Any, factor: float):
+        self.twice, self.other, self.factor = twice, other, factor
+
+    def scaled(self, r):
+        return self.factor * self.other.cubed(r) * (2.0 if self.twice else 1.0)
+
+    def cubed(self, r):
+        return r**3 + self.factor
+
+
+def test_a_law_is_translated_anew_where_its_attributes_are_of_other_kinds_only() -> None:
+    class Other(Formulas):
+        def cubed(self, r):
+            return r * 7.0
+
+    source, shared, vectors = [], [], []
+    for law in (Scaled(True, Scaled(True, None, 2.0), 3.0), Scaled(False, Scaled(True, None, 2.0), 3.0),
+                Scaled(True, Other(), 3.0), Scaled(True, Scaled(True, None, 5.0), 4.0)):
+        translator = Translator(law, "double")
+        source.append(translator.function("scaled", "f"))
+        vectors.append(translator.vector())
+        shared.append(source[-1] is source[0])
+    assert shared == [True, False, False, True] and len(set(source)) == 3
+    assert vectors == [[3.0, 2.0], [3.0, 2.0], [3.0], [4.0, 5.0]]
+
+
 def pointwise_methods(kind: str) -> list[tuple[str, str]]:
     """(law, method) for all methods of formulas: those with arguments that the translator knows."""
     known = {"material": {*TENSORS, "share", "time"}, "adhesion": {"r"}, "protrusion": {"g"}}[kind]
