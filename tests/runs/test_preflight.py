@@ -13,7 +13,7 @@ from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.meshfree.terms import find_terms
-from cellmig.runs import timed
+from cellmig.runs import preflight, timed
 from cellmig.runs.estimates import expected
 from cellmig.runs.preflight import cost, report
 from cellmig.runs.summary import describe_scene
@@ -268,6 +268,18 @@ def test_a_trial_goes_on_until_its_steps_are_as_long_as_the_motion_lets_them_be(
 def test_where_explicit_steps_take_days_what_would_be_better_is_told(sets: tuple, parts: tuple) -> None:
     said = report(case("one_cell", *sets, per_cell=60))
     assert [part for part in parts if part not in said] == [], said
+
+
+# The poles of what is squeezed ask for more particles; the gel and its cells, and the tissue, have a spacing.
+@pytest.mark.parametrize("name", [name for name in CASES if not name.startswith(("squeezed", "slab", "tissue"))])
+def test_validate_tells_of_every_case_what_it_will_cost_and_skip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(preflight, "PATIENCE", 0.5)
+    found = case(name)
+    lines = report(found).splitlines()
+    assert lines[0].startswith(f"{CASES[name]}: ")
+    steps = ["load steps"] if found.static else ["time step"]
+    steps += [] if found.static or found.overdamped else ["stable step", "steps"]
+    assert {line.split("  ")[0] for line in lines[1:]} >= {"particles", *steps, "time", "memory", "disk", "skipped"}
 
 
 @pytest.mark.parametrize("name", ["one_cell", "nucleus", "outline"])

@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 from scenes import CASES
 
-from cellmig.case.load import load
 from cellmig.kernel import toolchain as compiler
 from cellmig.output.manifest import read_manifest
 from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
@@ -484,19 +483,11 @@ def test_an_option_that_nothing_uses_is_reported(cellmig, tmp_path):
 # ---------------------------------------------------------------------------------------------- before and after a run
 
 
-def test_validate_tells_of_every_case_what_it_will_cost_and_skip(alone):
-    # The poles of what is squeezed ask for more particles; the gel and its cells, and the tissue, have a spacing.
-    paths = [path for name, path in CASES.items() if not name.startswith(("squeezed", "slab", "tissue"))]
+def test_validate_tells_of_cases_one_after_the_other_and_beforehand_of_what_takes_long(alone):
+    paths = [CASES["crawl"], CASES["nucleus"]]
     done = alone("validate", *paths, *COARSE)
-    assert done.returncode == 0 and all(line.endswith("…") for line in done.stderr.splitlines())  # of what takes long
-    reports = done.stdout.strip().split("\n\n")
-    assert [Path(report.split(":")[0]) for report in reports] == paths
-    for report, path in zip(reports, paths, strict=True):
-        keys = [line.split("  ")[0] for line in report.splitlines()[1:]]
-        found = load(path)
-        steps = ["load steps"] if found.static else ["time step"]
-        steps += [] if found.static or found.overdamped else ["stable step", "steps"]
-        assert set(keys) >= {"particles", *steps, "time", "memory", "disk", "skipped"}
+    assert done.returncode == 0 and done.stderr and all(line.endswith("…") for line in done.stderr.splitlines())
+    assert [Path(report.split(":")[0]) for report in done.stdout.strip().split("\n\n")] == paths
 
 
 def test_validate_estimates_the_steps_and_the_disk_of_a_run(alone, runs):
