@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import fcntl
 import hashlib
 import os
 import shlex
@@ -11,6 +12,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -80,7 +83,9 @@ def compiled(source: str) -> Path:
     library = cache_directory() / f"{key}.so"
     if _is_whole(library):
         return library
-    with tempfile.TemporaryDirectory() as scratch:
+    with _turn(library.with_suffix(".lock")), tempfile.TemporaryDirectory() as scratch:
+        if _is_whole(library):
+            return library
         code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
         code.write_text(source, encoding="utf-8")
         try:
@@ -91,6 +96,19 @@ def compiled(source: str) -> Path:
         if done.returncode:
             raise CompilerError(f"the C compiler '{command[0]}' could not compile the kernel:\n{done.stderr}")
         return _kept(made, library)
+
+
+@contextmanager
+def _turn(lock: Path) -> Iterator[None]:
+    """One process at a time: the others, such as ranks, wait for what the first compiles.  All at once if no file of
+    the cache can be locked.
+    """
+    with ExitStack() as stack:
+        with suppress(OSError):
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            fcntl.flock(stack.enter_context(lock.open("wb")), fcntl.LOCK_EX)
+            stack.callback(lock.unlink, missing_ok=True)
+        yield
 
 
 @cache

@@ -280,6 +280,17 @@ def test_a_compiled_kernel_that_was_cut_short_is_made_anew(left, tmp_path, monke
     assert path.stat().st_size == len(whole) and [*tmp_path.iterdir()] == [path]
 
 
+def test_ranks_that_need_the_same_kernel_at_once_have_it_compiled_by_one(on_ranks, tmp_path):
+    slow, calls, cache = tmp_path / "slow", tmp_path / "calls", tmp_path / "cache"
+    slow.write_text(f'#!/bin/sh\necho >>"{calls}"\nsleep 1\nexec cc "$@"\n')
+    slow.chmod(0o755)
+    answer = f"loaded('{ANSWER.format(43)}').answer()"
+    done = on_ranks(3, "-c", f"from cellmig.kernel.toolchain import loaded; print({answer})",
+                    env={"CC": str(slow), "CELLMIG_CACHE": str(cache)})
+    assert (done.returncode, done.stdout.split()) == (0, ["43"] * 3), done
+    assert calls.read_text() == "\n" and len([*cache.iterdir()]) == 1
+
+
 def test_a_kernel_on_a_disk_where_nothing_is_executed_is_loaded_from_memory_or_a_remedy_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("CELLMIG_CACHE", str(tmp_path))
     load = ctypes.CDLL
