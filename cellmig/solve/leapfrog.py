@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from .step import widen
 
-CROSSED = 100  # batches in turn after which surfaces cross, which end the run
+CROSSED = 250  # batches in turn after which surfaces cross, which end the run: edges pass within 140
 
 
 class Leapfrog:
