@@ -12,7 +12,11 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..case.load import from_dict
+from ..case.own_laws import include_all
+from ..case.schema import Case
 from ..case.time_unit import MICROSECOND, SIZES, TimeUnit
+from ..laws import register
 from .directory import MANIFEST, OutputError, replace
 
 if TYPE_CHECKING:
@@ -50,6 +54,16 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         elif not isinstance(manifest[name], kind):
             raise OutputError(f"'{path}' is not a manifest: '{name}' is {json.dumps(manifest[name])[:40]}")
     return manifest
+
+
+def read_case(directory: Path) -> Case:
+    """The case of a run, with all changes and defaults.  Raises OutputError where the run told none."""
+    manifest = read_manifest(directory)
+    if "case" not in manifest:
+        raise OutputError(f"'{directory}' does not tell its case: the run was stopped before it wrote it")
+    register()
+    include_all(manifest.get("laws", ()))
+    return from_dict(manifest["case"], manifest.get("case_file", ""), older=True)
 
 
 def time_unit(manifest: Mapping[str, Any]) -> TimeUnit:

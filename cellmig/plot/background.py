@@ -12,13 +12,10 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from cellmig.case import units
-from cellmig.case.load import from_dict
 from cellmig.case.messages import CaseError, Mistake, suggest
-from cellmig.case.own_laws import include_all
 from cellmig.case.time_unit import TimeUnit
-from cellmig.laws import register
 from cellmig.model.ground import fields_of
-from cellmig.output.manifest import read_manifest
+from cellmig.output.manifest import read_case, read_manifest
 from cellmig.output.xdmf import Frame
 
 from .style import in_print
@@ -97,13 +94,9 @@ class Stored:
 
 def _fields(directory: Path) -> dict[str, Any]:
     """Fields of the case of a run by name; those that diffuse from its frames."""
-    manifest = read_manifest(directory)
-    case = manifest.get("case") or {}
-    if not {"fields", "substrate"} & case.keys():
+    if not {"fields", "substrate"} & (read_manifest(directory).get("case") or {}).keys():
         return {}
-    register()
-    include_all(manifest.get("laws", ()))
-    laws = fields_of(from_dict(case, manifest.get("case_file", ""), older=True))
+    laws = fields_of(read_case(directory))
     found: dict[str, Any] = {name: law if hasattr(law, "value") else Stored(directory, name)
                              for name, law in laws.items()}
     return {name: field for name, field in found.items() if not isinstance(field, Stored) or field}

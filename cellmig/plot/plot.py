@@ -102,19 +102,19 @@ def _displacement(history: dict[str, np.ndarray]) -> Figure | None:
     panels = 1 + bool(contacts) + bool(stressed)
     figure = Figure(figsize=(6.0, 0.4 + 2.0 * panels), layout="constrained")
     axes = figure.subplots(panels, 1, sharex=True, squeeze=False).ravel()
+    mean = {"color": "0.2", "label": "mean" + f" of {len(cells)} cells" * (len(cells) > NAMED), "ls": "--", "zorder": 3}
     for cell in cells if len(cells) == 1 else [0, *cells]:
         rows = history["cell"] == cell
         time = history[time_column(history)][rows]
         colour = COLOURS[(cell - 1) % len(COLOURS)]
-        style = {"color": colour, "label": names[cell]} if cell else {"color": "0.2", "label": "mean", "ls": "--"}
+        style = {"color": colour, "label": names[cell] if len(cells) <= NAMED else "_"} if cell else mean
         axes[0].plot(time, history["ux_um"][rows], **style)
         for name, _, line in contacts if cell else ():
             axes[1].plot(time, history[name][rows], color=colour, ls=line)
         if stressed:
             axes[-1].plot(time, history["effective_stress_pa"][rows], **style)
     axes[0].set_ylabel("displacement $u_x$ [µm]")
-    if len(cells) <= NAMED:
-        legend_above(axes[0])
+    legend_above(axes[0])
     low, high = axes[0].get_ylim()
     if high - low < _LEAST_SPAN:  # nothing moves: do not magnify rounding errors
         axes[0].set(ylim=(-_LEAST_SPAN, _LEAST_SPAN), yticks=(-_LEAST_SPAN, 0.0, _LEAST_SPAN))

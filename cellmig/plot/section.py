@@ -69,6 +69,7 @@ class Section(View):
         if "director" in fields:
             off = np.abs((fields["X"] + fields["u"])[:, 1] - y)
             self.lines(ax, fields, np.flatnonzero(off < 0.5 * spacing(fields["X"])), [0, 2])
+        self.draw_plates(ax, frame, y)
         self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}, section at y = {round(y, 1) + 0.0:g} µm")
 
 

@@ -161,6 +161,8 @@ def between(table: Table, samples: np.ndarray) -> Figure | None:
     limit_axis(ax, usual_peak(np.array(list(lines.values()))), unit)
     if len(lines) <= 2 * len(COLOURS):
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    else:
+        ax.set_title(f"{len(lines)} pairs of cells", loc="left", fontsize=8)
     return figure
 
 

@@ -19,8 +19,9 @@ from matplotlib.tri import Triangulation
 from scipy.spatial import cKDTree
 
 from cellmig.case.messages import CaseError, Mistake, suggest
+from cellmig.case.schema import Plate
 from cellmig.geometry import polygons
-from cellmig.output.manifest import read_manifest
+from cellmig.output.manifest import read_case, read_manifest
 from cellmig.output.xdmf import Frame
 
 from . import background
@@ -62,6 +63,7 @@ class View:
     names: ClassVar[tuple[str, ...]] = ("x", "y")  # of the axes
     pad: ClassVar[float] = 0.02  # between the panels and the colour bar, over their width
     behind: Background | None = field(default=None, kw_only=True)
+    plates: tuple[Plate, ...] = field(default=(), kw_only=True)
     follows: bool = field(default=False, kw_only=True)
 
     @classmethod
@@ -85,7 +87,7 @@ class View:
         unit = in_print(units[field])
         label = field.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(field, label, *_colour_range(np.concatenate(values)), low - margin, high + margin,
-                   _on_substrate(directory), follows=follows, **more)
+                   _on_substrate(directory), follows=follows, plates=_plates(directory), **more)
 
     def around(self, fields: dict[str, np.ndarray]) -> Self:
         """The same view with the cells of a frame in the middle along the substrate, if it follows them."""
@@ -177,6 +179,7 @@ class View:
             self.borders(ax, triangles, fields["material"][own].astype(float))
         if "director" in fields:
             self.lines(ax, fields, np.arange(len(values)), [0, 1])
+        self.draw_plates(ax, frame)
         self.finish(ax, f"t = {frame.time:.4g} {frame.unit.label}")
 
     def fill(self, ax: Axes, triangles: Triangulation, values: np.ndarray) -> None:
@@ -194,6 +197,19 @@ class View:
         x, h = (fields["X"] + fields["u"])[np.ix_(some, axes)], fields["director"][np.ix_(some, axes)]
         half = 0.4 * spacing(fields["X"]) * h
         ax.add_collection(LineCollection(np.stack([x - half, x + half], axis=1), colors="tab:red", linewidths=0.6))
+
+    def draw_plates(self, ax: Axes, frame: Frame, y: float = 0.0) -> None:
+        """Draw the faces of plates at the time of a frame; `y` : of a section in space [µm]."""
+        some = ["xyz".index(name) for name in self.names]
+        for plate in self.plates:
+            normal, curve = np.array(plate.normal), plate.load_curve
+            at = np.array(plate.point) + curve.value(frame.unit.size * frame.time) * np.array(plate.displacement)
+            across, middle = normal[some], 0.5 * (self.low + self.high)
+            if size := float(np.linalg.norm(across)):
+                level = normal @ at - y * np.delete(normal, some).sum()
+                along = np.linalg.norm(self.high - self.low) / size * np.array([-across[1], across[0]])
+                x = middle + (level - across @ middle) / size**2 * across
+                ax.plot(*np.transpose([x - along, x + along]), color="0.4", linewidth=1.0, zorder=0)
 
     def finish(self, ax: Axes, title: str) -> None:
         """Draw the substrate and the title."""
@@ -230,6 +246,11 @@ def _on_substrate(directory: Path) -> bool:
     """Whether the scene has a substrate; assumed while the manifest has no case yet."""
     case = read_manifest(directory).get("case")
     return case is None or "substrate" in case.get("adhesion", {})
+
+
+def _plates(directory: Path) -> tuple[Plate, ...]:
+    """Plates of the case of a run."""
+    return read_case(directory).plates if (read_manifest(directory).get("case") or {}).get("plates") else ()
 
 
 def drawing(fields: dict[str, np.ndarray]) -> tuple[Triangulation, list[np.ndarray]]:

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cellmig.case.load import from_dict
-from cellmig.case.own_laws import include_all
 from cellmig.case.schema import Case
-from cellmig.laws import register
 from cellmig.output.directory import OutputError, existing_run
 from cellmig.output.fields import FIELDS
-from cellmig.output.manifest import read_manifest
+from cellmig.output.manifest import read_case, read_manifest
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import Frame, frames
 
@@ -42,12 +39,7 @@ class Record:
     @property
     def case(self) -> Case:
         """The case of the run, with all changes and defaults."""
-        register()
-        manifest = self.manifest
-        if "case" not in manifest:
-            raise OutputError(f"'{self.directory}' does not tell its case: the run was stopped before it wrote it")
-        include_all(manifest.get("laws", ()))
-        return from_dict(manifest["case"], manifest.get("case_file", ""), older=True)
+        return read_case(self.directory)
 
     # ------------------------------------------------------------ tables
 

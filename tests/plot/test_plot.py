@@ -22,7 +22,7 @@ from cellmig.output.tables import History, Ledger, read_table
 from cellmig.output.xdmf import Frame, Frames, frames
 from cellmig.plot.plot import _displacement, plot
 from cellmig.plot.snapshots import nearest_frames
-from cellmig.plot.traction import _windows, by_place, limit_axis, pulls, traction, usual_peak
+from cellmig.plot.traction import _windows, between, by_place, limit_axis, pulls, traction, usual_peak
 from cellmig.plot.view import View, drawing
 from cellmig.runs.diff import diff
 from cellmig.runs.info import info
@@ -198,6 +198,19 @@ def test_cells_go_by_their_names_and_by_numbers_in_runs_that_have_none(run, shar
     for directory, names in ((named, ["left", "middle, old", "right"]), (run, ["cell 1", "cell 2", "cell 3"])):
         figure = _displacement(read_table(directory / "history.csv"))
         assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["mean", *names]
+
+
+@pytest.mark.serial
+def test_of_many_cells_and_pairs_the_mean_and_the_number_are_named():
+    cell, time = (at.ravel() for at in np.meshgrid(np.arange(21), SAMPLES))
+    history = {"time_us": time, "cell": cell, "ux_um": cell * time, "substrate_contact_um": time,
+               "cell_contact_um": time, "effective_stress_pa": time}
+    legend = _displacement(history).axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["mean of 20 cells"]
+    first = np.tile(np.arange(1, 20), 2)
+    table = {"time_us": np.repeat([1.0, 4.0], 19), "cell": first, "neighbour": first + 1, "pull_pn": 1.0 * first,
+             "name": first.astype(str), "neighbour_name": (first + 1).astype(str)}
+    assert between(table, SAMPLES).axes[0].get_title(loc="left") == "19 pairs of cells"
 
 
 @pytest.mark.serial

@@ -1,5 +1,7 @@
 """Pictures of cells in space: sections, and surfaces drawn by PyVista where it is installed."""
 
+from types import SimpleNamespace
+
 import matplotlib
 import numpy as np
 import pytest
@@ -9,8 +11,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from cellmig.case.schema import Plate
+from cellmig.case.time_unit import MICROSECOND
+from cellmig.model.load_curve import Ramp
 from cellmig.plot import rendered
-from cellmig.plot.section import _outline, cut
+from cellmig.plot.section import Section, _outline, cut
 from cellmig.plot.space import Solid, _front, directions
 from cellmig.plot.style import STYLE
 from cellmig.plot.view import View
@@ -52,6 +57,21 @@ def test_directors_are_lines_through_their_particles_as_long_as_they_are_seen():
     ends = np.array(lines.get_segments())
     assert np.allclose(ends.mean(axis=1), [[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]])
     assert np.allclose(np.diff(ends, axis=1)[:, 0], 0.8 * 2.0 * fields["director"][:3, [0, 2]])
+
+
+def test_faces_of_plates_are_lines_where_they_are_at_the_time_and_cut_the_section():
+    ramp = {"displacement": (0.0, 0.0, -3.0), "load_curve": Ramp(duration=40.0)}
+    plates = tuple(Plate(name=name, point=point, normal=normal, **ramp) for name, point, normal in (
+        ("top", (0.0, 0.0, 10.0), (0.0, 0.0, -2.0)), ("slope", (1.0, 2.0, 0.0), (1.0, 1.0, 1.0)),
+        ("front", (0.0, -5.0, 0.0), (0.0, 1.0, 0.0))))
+    low, high = np.array([[-5.0, 0.0], [5.0, 10.0]])
+    view = Section("J", "", Normalize(), "neither", low, high, False, np.empty((0, 4), int), plates=plates)
+    for time, down in ((0.0, 0.0), (20.0, 1.5), (80.0, 3.0)):
+        ax = Figure().subplots()
+        view.draw_plates(ax, SimpleNamespace(time=time, unit=MICROSECOND), y=0.5)
+        top, slope = (line.get_xydata() for line in ax.lines)
+        assert np.allclose(top[:, 1], 10.0 - down) and np.allclose(slope.sum(axis=1), 3.0 - down - 0.5)
+        assert np.ptp(top[:, 0]) > 10.0 and np.ptp(slope[:, 0]) > 10.0
 
 
 @pytest.mark.parametrize(("vtk", "display", "draws"), [
