@@ -208,9 +208,10 @@ class Mechanics:
         self.resume()
         t, begin = self.times, self._clock()
         self.segments.serve(slip)
-        if self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev)):
-            raise PETSc.Error(75)
+        failed = self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev))
         self.segments.serve(math.inf)
+        if failed:
+            raise PETSc.Error(75)
         self.working += self._clock() - begin
         t.accounted_dt = 0.5 * (t.dt_prev + dt) if n == 1 else dt
         t.F_lag = t.dt_prev = dt
