@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,14 @@ def example(kind: str, name: str) -> Any:
 
 def case(name: str, *sets: str, per_cell: int = 150) -> Case:
     """A case of the folder `cases`, coarse unless it gives a spacing, with other values if wanted."""
-    coarse = [] if load(CASES[name]).particles.spacing else [f"particles.per_cell={per_cell}"]
+    coarse = [] if _spaced(name) else [f"particles.per_cell={per_cell}"]
     return load(CASES[name], [*coarse, *sets])
+
+
+@cache
+def _spaced(name: str) -> bool:
+    """Whether a case of the folder `cases` gives the spacing of its particles."""
+    return bool(load(CASES[name]).particles.spacing)
 
 
 @contextlib.contextmanager

@@ -1,6 +1,11 @@
-"""Triangulated surfaces of ball, box, cylinder and cap, whose vertices lie exactly on them."""
+"""Triangulated surfaces of ball, box, cylinder and cap, whose vertices lie exactly on them.
+
+Finding that they are closed takes longer than all else of a case, so that the last ones are kept.
+"""
 
 from __future__ import annotations
+
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -14,8 +19,10 @@ RINGS = 24  # of vertices of a disc; the outermost has 144
 INSCRIBED = np.cos(np.pi / (6 * RINGS)) - 1e-9  # less than the distance of its edges from the centre
 DIGITS = 40  # bits of the coordinates of a cap
 GOLDEN = 0.5 + np.sqrt(1.25)
+KEPT = 8  # surfaces of a kind
 
 
+@cache
 def ball() -> ClosedSurface:
     """Unit ball [-]: an icosahedron, its triangles divided into four again and again; a vertex is the lowest point."""
     X = np.array([p for a in (-1.0, 1.0) for b in (-GOLDEN, GOLDEN) for p in ((0, a, b), (a, b, 0), (b, 0, a))])
@@ -40,6 +47,7 @@ def box(a: float, b: float, c: float) -> ClosedSurface:
     return closed(X, np.array(tri), np.repeat(np.arange(6), 2))
 
 
+@lru_cache(KEPT)
 def cylinder(radius: float, length: float) -> ClosedSurface:
     """Cylinder of this radius and length [µm] about the z axis and the origin; its parts are side, bottom, top."""
     disc, tri = _disc()
@@ -51,6 +59,7 @@ def cylinder(radius: float, length: float) -> ClosedSurface:
     return closed(np.concatenate([X, X * [1, 1, -1]]), np.concatenate([side, tri + n, tri]), part)
 
 
+@lru_cache(KEPT)
 def cap(contact_radius: float, height: float, centre: float) -> ClosedSurface:
     """Cap of a spheroid that rests on the plane z = 0 [µm]; its parts are base, cap.
 
