@@ -298,13 +298,15 @@ class Segments:
         v = self._state.memory[near, self._state.dimension :]
         return np.concatenate([v.max(axis=0, initial=-np.inf), (-v).max(axis=0, initial=-np.inf)])
 
-    def serve(self, share: float) -> None:
-        """Have pieces of contact in space found in the next step, and again after a few steps.
+    def serve(self, share: float) -> int:
+        """Have pieces of contact in space found in the next step, and again after a few steps; returns how many.
 
         share : of their least distance by which surfaces slip in a step [-].
         """
+        steps = max(1, int(min(SERVE, SLIP / (share + 1e-300))))
         if self._part.terms.contacts is not None:
-            self._kernel["contact_serves"][:] = 0.0, max(1, int(min(SERVE, SLIP / (share + 1e-300))))
+            self._kernel["contact_serves"][:] = 0.0, steps
+        return steps
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""
