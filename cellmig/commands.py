@@ -147,6 +147,9 @@ def bench(options: argparse.Namespace) -> int:
     """Measure the cost of steps, or run time against error."""
     if options.problem and not options.error:
         raise UsageError("--problem belongs to --error")
+    if options.dimension == 3 and (options.error or options.modulus or options.scaling or options.cues):
+        raise UsageError("--dimension is for the cost of a step alone; of --error, the problems twist, turn and ball "
+                         "are in space")
     if options.modulus:
         if options.out:
             raise UsageError("--modulus writes nothing and knows no --out")
@@ -154,7 +157,8 @@ def bench(options: argparse.Namespace) -> int:
 
         print("\n".join(modulus.report(modulus.continuation(options.quick))))
         return DONE
-    out = options.out or Path("output") / ("bench-quick" if options.quick else "bench")
+    name = "-".join(["bench", *["3d"] * (options.dimension == 3), *["quick"] * options.quick])
+    out = options.out or Path("output") / name
     if options.error:
         from .bench.accuracy import bench_error
         from .bench.problems import PROBLEMS
@@ -172,7 +176,7 @@ def bench(options: argparse.Namespace) -> int:
         return bench_scaling(out)
     from .bench.speed import bench_speed
 
-    return bench_speed(out, options.quick)
+    return bench_speed(out, options.quick, options.dimension)
 
 
 def cases(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
 import tempfile
 from collections.abc import Callable
@@ -27,23 +28,27 @@ from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import memory_sizes
 from cellmig.output.xdmf import Frames
 from cellmig.simulation import Simulation
-from cellmig.solve.step import binding
+from cellmig.solve.integrate import Integrator
 
 STILL = 1e-12  # a step too short to change the state [µs]
 LEAST = 0.05  # shortest measurement [s]
 SURFACE = ("substrate", "contact", "protrusion")
+ANEW = "contact anew"  # in space, where its pieces are found in each step
 
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """A row of the paper's cells, which all protrude.
+    """A row of the paper's cells, or of balls, in contact, which all protrude.
 
-    bodies : cells;  per_body : particles of each;  single : of coefficients in single precision, None as in runs.
+    bodies : cells;  per_body : particles of each;  single : of coefficients in single precision, None as in runs;
+    dimension : 2 or 3;  begin : time to which the scene is run before it is timed [µs].
     """
 
     bodies: int
     per_body: int
     single: bool | None = None
+    dimension: int = 2
+    begin: float = 0.0
 
     @property
     def particles(self) -> int:
@@ -53,8 +58,10 @@ class Scene:
     def case(self) -> Case:
         """The case."""
         register()
-        tree = load(FOLDER / "paper.toml", (f"particles.per_cell={self.per_body}",)).resolved()
-        cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": [self.bodies], "pitch": [["-10.01 um", "0 um"]]}
+        name = {2: "paper.toml", 3: "three_balls.toml"}[self.dimension]
+        tree = load(FOLDER / name, (f"particles.per_cell={self.per_body}",)).resolved()
+        pitch = ["-10.01 um", *["0 um"] * (self.dimension - 1)]
+        cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": [self.bodies], "pitch": [pitch]}
         tree["cells"] = [cell]
         tree["protrusion"]["cells"] = [f"Cell-{i + 1}" for i in range(self.bodies)]
         return from_dict(tree, "bench")
@@ -101,8 +108,9 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     Returns
     -------
     dict -- `ns` : wall and CPU times per particle and step [ns] of "step", of the internal force in "stress" and
-    "divergence", and of surface terms; `us` : times [µs] of "exchange" of ghosts as in steps, by "messages", of step
-    control ("control"), "lists", "sample", "frame"; sizes and memory.
+    "divergence", and of surface terms, of "contact" in space as in steps and, in "contact anew", where its pieces are
+    found in each; `us` : times [µs] of "exchange" of ghosts as in steps, by "messages", of step control ("control"),
+    "lists", "sample", "frame"; `serves` : steps for which pieces of contact serve; sizes and memory.
     """
     case, begin = scene.case(), perf_counter()
     terms = find_terms(case)
@@ -110,16 +118,22 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         terms = dataclasses.replace(terms, single=scene.single)
     sim = Simulation(case, comm, parts=(None, terms))
     setup = comm.allreduce(perf_counter() - begin, MPI.MAX)
-    m, k = sim.mechanics, sim.mechanics.kernel
+    if scene.begin:
+        sim.go(scene.begin)
+    m, k, run = sim.mechanics, sim.mechanics.kernel, sim.integrator
+    assert isinstance(run, Integrator)
+    run.begin_batch()
+    slip = run.control.slip(run.dt, run.limits, run.gaps)
     m.advance(3, STILL)
     timer = Timer(comm, sim.scene.size, repeats)
-    force, energy = np.zeros((m.part.capacity, 2)), np.zeros(m.part.capacity)
-    ns = {"step": timer(lambda n: m.advance(n, STILL)),
+    force, energy = np.zeros((m.part.capacity, case.dimension)), np.zeros(m.part.capacity)
+    ns = {"step": timer(lambda n: m.advance(n, STILL, slip)),
           "stress": timer(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
           "divergence": timer(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
-    for term in SURFACE:
-        if getattr(terms, term) is not None:
-            ns[term] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
+    for name in (*SURFACE, *[ANEW] * (case.dimension == 3)):
+        if getattr(terms, term := name.split()[0]) is not None:
+            m.segments.serve(math.inf if name == ANEW else slip)
+            ns[name] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
     us = {"control": timer.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": timer.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
     if comm.size > 1:
@@ -129,7 +143,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         us |= _output(sim, timer)
     found = {
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
-        "single": terms.single, "step_us": case.time.step_factor * binding(sim.control.stable())[1],
+        "single": terms.single, "step_us": run.dt, "serves": m.segments.serve(slip),
         "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.part.numbering.n_rows),
         "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": int(m.scene.first_surface[-1]),
         "neighbours": float(np.mean([t.G[0].nnz / len(t.X) for t in sim.scene.templates])),
