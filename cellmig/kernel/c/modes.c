@@ -52,13 +52,20 @@ INLINED void mode_response(const KernelData *s, long b, const int n, double *out
             }
 }
 
+/* The first for some blocks. */
+static void mode_stress_some(const KernelData *s, long from, long end, double damping, double squared,
+                             const double *mode)
+{
+#define RESPOND(n) mode_stress(s, b, n, damping, squared, mode)
+    EACH_GROUP(from, end, RESPOND)
+}
+
 /* The operator with the factors `damping` of C and `squared` of K on the first D of the numbers of `mode`
  * (n_local, 2 D), in those of out (n_owned, 2 D). */
 void respond(const KernelData *s, double damping, double squared, const double *mode, double *out)
 {
-#define RESPOND(n) mode_stress(s, b, n, damping, squared, mode)
-    EACH_GROUP(0, s->n_owned_blocks, RESPOND)
-    EACH_GROUP(s->n_owned_blocks, s->n_blocks, RESPOND)
+    mode_stress_some(s, 0, s->n_owned_blocks, damping, squared, mode);
+    mode_stress_some(s, s->n_owned_blocks, s->n_blocks, damping, squared, mode);
 #define ACCELERATE(n) mode_response(s, b, n, out)
     EACH_GROUP(0, s->n_owned_blocks, ACCELERATE)
 }

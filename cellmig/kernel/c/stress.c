@@ -173,14 +173,20 @@ INLINED void stress_of_blocks(const KernelData *s, long b, const int n, double F
     }
 }
 
-/* Stresses of all blocks.  F_lag: time since F was updated; accounted_dt, dt: Δtₙ and Δtₙ₊₁ of the accounts. */
-void stress_of_rate(const KernelData *s, double F_lag, double accounted_dt, double dt)
+/* Stresses of some blocks.  F_lag: time since F was updated; accounted_dt, dt: Δtₙ and Δtₙ₊₁ of the accounts. */
+static void stress_of_some(const KernelData *s, long from, long end, double F_lag, double accounted_dt, double dt)
 {
     v4 range[2] = {load(s->J_range), load(s->J_range + 4)};
-    if (NETWORK && F_lag > 0) set_network_step(s, F_lag);
 #define STRESS(n) stress_of_blocks(s, b, n, F_lag, accounted_dt, dt, range)
-    EACH_BLOCK(0, s->n_owned_blocks, STRESS)
-    EACH_BLOCK(s->n_owned_blocks, s->n_blocks, STRESS)
+    EACH_BLOCK(from, end, STRESS)
     store(s->J_range, range[0]);
     store(s->J_range + 4, range[1]);
+}
+
+/* The same of all blocks. */
+void stress_of_rate(const KernelData *s, double F_lag, double accounted_dt, double dt)
+{
+    if (NETWORK && F_lag > 0) set_network_step(s, F_lag);
+    stress_of_some(s, 0, s->n_owned_blocks, F_lag, accounted_dt, dt);
+    stress_of_some(s, s->n_owned_blocks, s->n_blocks, F_lag, accounted_dt, dt);
 }
