@@ -24,6 +24,7 @@ from .surface_exchange import SurfacePlaces
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
 SLIP, SERVE = 0.2, 8  # how far surfaces slip while pieces of contact in space serve, over their distance; most steps
+SMALL = 2.0  # size of faces and edges whose pieces do not serve, over the equilibrium distance of bonds [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
@@ -85,7 +86,8 @@ class Segments:
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
         Field("contact_gone", "double *", "(5,)", "µm", "how far nodes have gone, beside their mean; up to when "
               "lists of what may act hold; between the last searches; number of calls; up to the last search"),
-        Field("contact_serves", "double *", "(2,)", "", "steps for which pieces serve: those left, and from a search"),
+        Field("contact_serves", "double *", "(3,)", "", "steps for which pieces serve: those left, and from a search; "
+              "size of the least feature of which they do [µm]"),
         Field("face_rest", "double *", "(…,)", "µm", "how far nodes have gone when faces in `near_face` may act"),
         Field("side_rest", "double *", "(…,)", "µm", "the same of edges"),
         Field("vertex_rest", "double *", "(…,)", "µm", "the same of vertices"),
@@ -131,7 +133,8 @@ class Segments:
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)
-            k["contact_serves"] = np.array([0.0, 1.0])
+            least = min(law.equilibrium_distance for law in part.terms.contacts.laws)
+            k["contact_serves"] = np.array([0.0, 1.0, SMALL * least])
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -305,7 +308,7 @@ class Segments:
         """
         steps = max(1, int(min(SERVE, SLIP / (share + 1e-300))))
         if self._part.terms.contacts is not None:
-            self._kernel["contact_serves"][:] = 0.0, steps
+            self._kernel["contact_serves"][:2] = 0.0, steps
         return steps
 
     def _set_contact(self, lists: ContactLists) -> None:

@@ -120,8 +120,8 @@ static double follow_nodes(const KernelData *s)
 }
 
 /* Pieces of the three kinds, and the triangles, in a run of steps: they serve from the step in which they are found to
- * others of the same run, and no other run goes on meanwhile. */
-static struct { Triangle *triangle; long room; Pieces over_faces, beside_edges, beside_vertices; } found_last;
+ * others of the same run, and no other run goes on meanwhile.  `one` : those of one feature that cannot serve. */
+static struct { Triangle *triangle; long room; Pieces over_faces, beside_edges, beside_vertices, one; } found_last;
 
 /* The triangles near other cells, where nodes are now. */
 static const Triangle *triangles_now(const KernelData *s, int anew, double *energy)
@@ -143,9 +143,10 @@ static double find_over_faces(const KernelData *s, const Triangle *T, int32_t no
         for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
             const long m = s->listed_face[n], from = found->used;
             if (s->face_rest[m] > gone) continue;
-            const double rest = over_face(T + k, face_at(s, s->near_face[m], now), found, &pierced);
+            const Face *f = face_at(s, s->near_face[m], now);
+            const double rest = over_face(T + k, f, found, &pierced);
             if (rest > 0) s->face_rest[m] = gone + rest;
-            meet(found, k, s->near_face[m], from);
+            meet(found, k, s->near_face[m], from, f->planes.size > s->contact_serves[2]);
         }
     return pierced;
 }
@@ -158,9 +159,10 @@ static void find_beside_edges(const KernelData *s, const Triangle *T, int32_t no
         for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
             const long m = s->listed_side[n], from = found->used;
             if (s->side_rest[m] > gone) continue;
-            const double rest = beside_edge3(T + k, edge_at(s, s->near_side[m], now), found);
+            const Edge3 *e = edge_at(s, s->near_side[m], now);
+            const double rest = beside_edge3(T + k, e, found);
             if (rest > 0) s->side_rest[m] = gone + rest;
-            meet(found, k, s->near_side[m], from);
+            meet(found, k, s->near_side[m], from, e->planes.size > s->contact_serves[2]);
         }
 }
 
@@ -177,10 +179,21 @@ static void find_beside_vertices(const KernelData *s, const Triangle *T, int32_t
             if (s->vertex_rest[m] > gone) continue;
             const double rest = beside_vertex3(T + k, &ball, vertex_at(s, s->near_vertex[m], now), found);
             if (rest > 0) s->vertex_rest[m] = gone + rest;
-            meet(found, k, s->near_vertex[m], from);
+            meet(found, k, s->near_vertex[m], from, 1);
         }
     }
 }
+
+/* Room for the pieces of a meeting that have to be found; NULL where they serve. */
+static Pieces *nothing_yet(const Meeting *m)
+{
+    found_last.one.used = 0;
+    return m->from < 0 ? &found_last.one : NULL;
+}
+
+/* The pieces of a meeting, and their number. */
+static const v4 *pieces_of(const Pieces *p, const Meeting *m) { return m->from < 0 ? found_last.one.on : p->on + m->from; }
+static long number_of(const Meeting *m) { return m->from < 0 ? found_last.one.used : m->end - m->from; }
 
 /* What acts over faces. */
 static void act_over_faces(const KernelData *s, const Triangle *T, int32_t now, const Pieces *pieces)
@@ -189,15 +202,17 @@ static void act_over_faces(const KernelData *s, const Triangle *T, int32_t now, 
     waiting.n = 0, waiting.law = 0;
     for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
         const int32_t *of = s->contact_face + 3 * m->feature;
-        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
-        act_over_face(T + m->triangle, face_at(s, m->feature, now), force, pieces->on + m->from, m->end - m->from,
-                      &waiting);
+        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])}, pierced;
+        const Face *f = face_at(s, m->feature, now);
+        Pieces *one = nothing_yet(m);
+        if (one) over_face(T + m->triangle, f, one, &pierced);
+        act_over_face(T + m->triangle, f, force, pieces_of(pieces, m), number_of(m), &waiting);
     }
     act_on_faces(&waiting);
 }
 
 /* What acts beside edges. */
-static void act_beside_edges(const KernelData *s, const Triangle *T, const Pieces *pieces)
+static void act_beside_edges(const KernelData *s, const Triangle *T, int32_t now, const Pieces *pieces)
 {
     Lines waiting;
     waiting.n = 0, waiting.law = 0;
@@ -205,7 +220,9 @@ static void act_beside_edges(const KernelData *s, const Triangle *T, const Piece
         const int32_t *of = s->contact_side + 4 * m->feature;
         const double *x[2] = {contact_place(s, of[0]), contact_place(s, of[1])};
         double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
-        act_beside_edge(T + m->triangle, x, force, pieces->on + m->from, m->end - m->from, &waiting);
+        Pieces *one = nothing_yet(m);
+        if (one) beside_edge3(T + m->triangle, edge_at(s, m->feature, now), one);
+        act_beside_edge(T + m->triangle, x, force, pieces_of(pieces, m), number_of(m), &waiting);
     }
     act_on_lines(&waiting);
 }
@@ -217,8 +234,8 @@ static void act_beside_vertices(const KernelData *s, const Triangle *T, const Pi
     waiting.n = 0, waiting.law = 0;
     for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
         const int32_t of = s->contact_vertex[m->feature];
-        act_beside_vertex(T + m->triangle, contact_place(s, of), contact_load(s, of), pieces->on + m->from,
-                          m->end - m->from, &waiting);
+        act_beside_vertex(T + m->triangle, contact_place(s, of), contact_load(s, of), pieces_of(pieces, m),
+                          number_of(m), &waiting);
     }
     act_on_points(&waiting);
 }
@@ -249,7 +266,7 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
         find_beside_vertices(s, T, now, vertices);
     }
     act_over_faces(s, T, now, faces);
-    act_beside_edges(s, T, edges);
+    act_beside_edges(s, T, now, edges);
     act_beside_vertices(s, T, vertices);
     if (pierced > 0) *s->stiffest_contact = INFINITY;
     *s->deepest_contact = d_maximum(*s->deepest_contact, pierced);

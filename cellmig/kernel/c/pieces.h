@@ -1,6 +1,7 @@
 /* Pieces of triangles of one surface that are kept: they serve for some steps, see contact_space.c. */
 
-/* Triangles that meet features: numbers of both, where their pieces begin in `on` and end, as places on the triangle.
+/* Triangles that meet features: numbers of both, where their pieces begin in `on` and end, as places on the triangle,
+ * or -1 where the pieces cannot serve, as the feature is small beside what slides meanwhile: they are found in each step.
  * Over a face they are the corners of a polygon; beside an edge pairs of ends of lines, with a width in the fourth
  * place; beside a vertex points, with an area in the fourth place. */
 typedef struct { long triangle, feature, from, end; } Meeting;
@@ -26,10 +27,11 @@ static inline void keep(Pieces *p, const v4 *on, long n)
     p->used += n;
 }
 
-/* What was added since `from` is of a triangle and a feature. */
-static inline void meet(Pieces *p, long triangle, long feature, long from)
+/* What was added since `from` is of a triangle and a feature; whether it can serve. */
+static inline void meet(Pieces *p, long triangle, long feature, long from, int serves)
 {
     if (p->used == from) return;
     p->meeting = enough(p->meeting, p->n, 1, p->room, sizeof *p->meeting);
-    p->meeting[p->n++] = (Meeting){triangle, feature, from, p->used};
+    p->meeting[p->n++] = (Meeting){triangle, feature, serves ? from : -1, p->used};
+    if (!serves) p->used = from;
 }
