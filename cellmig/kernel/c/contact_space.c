@@ -192,7 +192,10 @@ static Pieces *nothing_yet(const Meeting *m)
 }
 
 /* The pieces of a meeting, and their number. */
-static const v4 *pieces_of(const Pieces *p, const Meeting *m) { return m->from < 0 ? found_last.one.on : p->on + m->from; }
+static const v4 *pieces_of(const Pieces *p, const Meeting *m)
+{
+    return m->from < 0 ? found_last.one.on : p->on + m->from;
+}
 static long number_of(const Meeting *m) { return m->from < 0 ? found_last.one.used : m->end - m->from; }
 
 /* What acts over faces. */

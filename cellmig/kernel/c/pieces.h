@@ -1,9 +1,9 @@
 /* Pieces of triangles of one surface that are kept: they serve for some steps, see contact_space.c. */
 
-/* Triangles that meet features: numbers of both, where their pieces begin in `on` and end, as places on the triangle,
- * or -1 where the pieces cannot serve, as the feature is small beside what slides meanwhile: they are found in each step.
+/* Triangles that meet features: numbers of both, where their pieces begin in `on` and end, as places on the triangle.
  * Over a face they are the corners of a polygon; beside an edge pairs of ends of lines, with a width in the fourth
- * place; beside a vertex points, with an area in the fourth place. */
+ * place; beside a vertex points, with an area in the fourth place.  They begin at -1 where they cannot serve, as the
+ * feature is small beside what slides meanwhile: then they are found in each step. */
 typedef struct { long triangle, feature, from, end; } Meeting;
 typedef struct { Meeting *meeting; v4 *on; long n, used, room[2]; } Pieces;
 
