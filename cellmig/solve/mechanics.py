@@ -208,8 +208,10 @@ class Mechanics:
         self.resume()
         t, begin = self.times, self._clock()
         self.segments.serve(slip)
-        failed = self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev))
-        self.segments.serve(math.inf)
+        try:
+            failed = self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev))
+        finally:  # ^C in a program of one's own comes after the call
+            self.segments.serve(math.inf)
         if failed:
             raise PETSc.Error(75)
         self.working += self._clock() - begin

@@ -23,7 +23,9 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
-SLIP, SERVE = 0.2, 8  # how far surfaces slip while pieces of contact in space serve, over their distance; most steps
+# How far surfaces slip while pieces of contact in space serve, over the gap of flat contacts that are as stiff [-]:
+# edges and corners that are pressed lose what is of second order in it; most steps.
+SLIP, SERVE = 0.02, 8
 SMALL = 2.0  # size of faces and edges whose pieces do not serve, over the equilibrium distance of bonds [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 

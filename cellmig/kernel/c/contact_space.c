@@ -205,7 +205,7 @@ static void act_over_faces(const KernelData *s, const Triangle *T, int32_t now, 
     waiting.n = 0, waiting.law = 0;
     for (const Meeting *m = pieces->meeting; m < pieces->meeting + pieces->n; m++) {
         const int32_t *of = s->contact_face + 3 * m->feature;
-        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])}, pierced;
+        double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])}, pierced = 0;
         const Face *f = face_at(s, m->feature, now);
         Pieces *one = nothing_yet(m);
         if (one) over_face(T + m->triangle, f, one, &pierced);
