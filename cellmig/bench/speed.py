@@ -126,10 +126,9 @@ def report(found: dict[str, Any]) -> list[str]:
                      "internal force", *terms, "exchange [µs]", "kernel [B]", "peak [B]"],
                     [_line(p, terms) for p in probes]), ""]
     if space:
-        serve = ", ".join(sorted({str(p["serves"]) for p in probes if ANEW in p["ns"]}))
         pressed = f"; at {PRESSED:g} µs they have flattened each other" * any(p["begin"] for p in probes)
-        lines += [f"Pieces of contact serve for {serve} steps, for one in \"{ANEW}\". At 0 µs balls begin to touch, "
-                  f"10 nm apart{pressed}.", ""]
+        lines += [f"Pieces of contact serve for some steps, for one in \"{ANEW}\". At 0 µs balls begin to touch, 10 nm "
+                  f"apart{pressed}.", ""]
     rate = 1e9 / internal(first)
     bytes_moved = first["traffic_bytes"] / first["particles"]
     operations = OPERATIONS[first["dimension"]] * first["neighbours"]

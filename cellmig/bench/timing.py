@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import sys
 import tempfile
 from collections.abc import Callable
@@ -110,7 +109,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     dict -- `ns` : wall and CPU times per particle and step [ns] of "step", of the internal force in "stress" and
     "divergence", and of surface terms, of "contact" in space as in steps and, in "contact anew", where its pieces are
     found in each; `us` : times [µs] of "exchange" of ghosts as in steps, by "messages", of step control ("control"),
-    "lists", "sample", "frame"; `serves` : steps for which pieces of contact serve; sizes and memory.
+    "lists", "sample", "frame"; sizes and memory.
     """
     case, begin = scene.case(), perf_counter()
     terms = find_terms(case)
@@ -123,17 +122,17 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     m, k, run = sim.mechanics, sim.mechanics.kernel, sim.integrator
     assert isinstance(run, Integrator)
     run.begin_batch()
-    slip = run.control.slip(run.dt, run.limits, run.gaps)
-    m.advance(3, STILL)
+    share = STILL / run.dt  # pieces of contact serve for as many steps as in runs
+    m.advance(3, STILL, share)
     timer = Timer(comm, sim.scene.size, repeats)
     force, energy = np.zeros((m.part.capacity, case.dimension)), np.zeros(m.part.capacity)
-    ns = {"step": timer(lambda n: m.advance(n, STILL, slip)),
+    ns = {"step": timer(lambda n: m.advance(n, STILL, share)),
           "stress": timer(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
           "divergence": timer(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
     for name in (*SURFACE, *[ANEW] * (case.dimension == 3)):
         if getattr(terms, term := name.split()[0]) is not None:
-            m.segments.serve(math.inf if name == ANEW else slip)
-            ns[name] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, 0.0))
+            m.segments.serve(0.0 if name == ANEW else share)
+            ns[name] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, STILL))
     us = {"control": timer.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": timer.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}
     if comm.size > 1:
@@ -143,7 +142,7 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
         us |= _output(sim, timer)
     found = {
         **dataclasses.asdict(scene), "particles": sim.scene.size, "ranks": comm.size, "setup_s": setup,
-        "single": terms.single, "step_us": run.dt, "serves": m.segments.serve(slip),
+        "single": terms.single, "step_us": run.dt,
         "owned": comm.allgather(m.n_owned), "rows": comm.allgather(m.part.numbering.n_rows),
         "ghosts": comm.allgather(len(m.state.numbering.ids) - m.n_owned), "surface": int(m.scene.first_surface[-1]),
         "neighbours": float(np.mean([t.G[0].nnz / len(t.X) for t in sim.scene.templates])),

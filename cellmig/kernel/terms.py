@@ -73,7 +73,7 @@ SURFACE_TERMS = (
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 POLYHEDRA, tuple(POLYHEDRA),
                 files=("pieces.h", "polyhedra.h", "faces.h", "lines.h", "points.h", "wedges.h", "cones.h",
-                       "contact_space.c", "contact_blocks.c")),
+                       "serving.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: tuple(
         SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
         if t.sliding and t.contacts else None, {"force": ("force", "power")}),

@@ -35,7 +35,7 @@ class Leapfrog:
             left, dt = run.equal_steps(stop)
             m.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            m.advance(n, dt, run.control.slip(dt, run.limits, run.gaps))
+            m.advance(n, dt)
             m.meet()
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin

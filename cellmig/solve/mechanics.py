@@ -198,20 +198,20 @@ class Mechanics:
             self.kernel("prescribe")
             self.state.exchange()
 
-    def advance(self, n: int, dt: float, slip: float = math.inf) -> None:
+    def advance(self, n: int, dt: float, share: float = 1.0) -> None:
         """Take `n` steps of `dt` [µs] of leapfrog; collective.
 
-        slip : how far surfaces slip in a step, over their least distance [-], the same on all ranks.
+        share : of the way that surfaces may slip while pieces of contact serve [-], to time steps that are too short.
 
         Raises PETSc.Error where an exchange of ghosts failed.
         """
         self.resume()
         t, begin = self.times, self._clock()
-        self.segments.serve(slip)
+        self.segments.serve(share)
         try:
             failed = self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev))
         finally:  # ^C in a program of one's own comes after the call
-            self.segments.serve(math.inf)
+            self.segments.serve(0.0)
         if failed:
             raise PETSc.Error(75)
         self.working += self._clock() - begin
@@ -320,23 +320,20 @@ class Mechanics:
         """Limits of the step over all ranks; collective.
 
         By name: local bounds of viscous [1/µs] and elastic [1/µs²] stiffness, J_min, J_max [-], speed [µm/µs], rate of
-        deformation [1/µs], the largest displacement of surface particles since the lists were made [µm], how fast
-        cells in contact slip, at most [µm/µs], and, of a cortex whose tension changes, a bound of its stiffness, the
-        "cortex" [1/µs²], which the modes take over.
+        deformation [1/µs], the largest displacement of surface particles since the lists were made [µm], and, of a
+        cortex whose tension changes, a bound of its stiffness, the "cortex" [1/µs²], which the modes take over.
         """
-        own, d = np.zeros(6), self.scene.dimension
+        own = np.zeros(6)
         self.kernel("limits", own)
-        fastest = self.segments.fastest()
         names = ["viscous", "elastic", "J_min", "J_max", "speed", "strain_rate", "displaced"]
         values = [own[0], own[1], -own[2], *own[3:], self.segments.displaced()]
         if self.taut is not None:
             self.modes.taut = self.taut.frequencies()
             names.append("cortex")
             values.append(self.modes.taut.max(initial=0.0))
-        top = global_maximum(self.comm, np.array([*values, *fastest]))
+        top = global_maximum(self.comm, np.array(values))
         top[2], top[4:6] = -top[2], np.sqrt(top[4:6])
-        slip = 0.5 * float(np.linalg.norm(np.maximum(top[-2 * d : -d] + top[-d:], 0.0)))
-        return dict(zip(names, top.tolist(), strict=False)) | {"slip": slip}
+        return dict(zip(names, top.tolist(), strict=True))
 
     def worst_particle(self, known: int | None = None) -> tuple[int, float]:
         """Global id and J [-] of the particle with the largest |ln J|, or not finite, or of a known id; collective."""

@@ -23,10 +23,7 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
-# How far surfaces slip while pieces of contact in space serve, over the gap of flat contacts that are as stiff [-]:
-# edges and corners that are pressed lose what is of second order in it; most steps.
-SLIP, SERVE = 0.02, 8
-SMALL = 2.0  # size of faces and edges whose pieces do not serve, over the equilibrium distance of bonds [-]
+SLIP = 0.1  # how far a triangle and a feature slip while pieces of contact in space serve, over their distance [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
@@ -86,10 +83,10 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("contact_gone", "double *", "(5,)", "µm", "how far nodes have gone, beside their mean; up to when "
-              "lists of what may act hold; between the last searches; number of calls; up to the last search"),
-        Field("contact_serves", "double *", "(3,)", "", "steps for which pieces serve: those left, and from a search; "
-              "size of the least feature of which they do [µm]"),
+        Field("contact_gone", "double *", "(4,)", "µm", "how far nodes have gone, beside their mean; up to when "
+              "lists of what may act hold; the last step; number of calls"),
+        Field("contact_serves", "double *", "(2,)", "", "1 where no pieces of before serve; how far triangles and "
+              "features slip while pieces do, over their distance"),
         Field("face_rest", "double *", "(…,)", "µm", "how far nodes have gone when faces in `near_face` may act"),
         Field("side_rest", "double *", "(…,)", "µm", "the same of edges"),
         Field("vertex_rest", "double *", "(…,)", "µm", "the same of vertices"),
@@ -135,8 +132,7 @@ class Segments:
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)
-            least = min(law.equilibrium_distance for law in part.terms.contacts.laws)
-            k["contact_serves"] = np.array([0.0, 1.0, SMALL * least])
+            k["contact_serves"] = np.array([1.0, 0.0])
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -294,24 +290,13 @@ class Segments:
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
             k[f"{'side' if kind == 'edge' else kind}_set"] = np.zeros(len(features) + 1)
-        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0, 0.0, 0.0])
+        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0, 0.0])
         k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
 
-    def fastest(self) -> np.ndarray:
-        """Largest velocities along all axes and against them (2 d,) of particles near other cells in space [µm/µs]."""
-        near = self._kernel["contact_node"] if isinstance(self.lists, TriangleLists) else np.zeros(0, int)
-        v = self._state.memory[near, self._state.dimension :]
-        return np.concatenate([v.max(axis=0, initial=-np.inf), (-v).max(axis=0, initial=-np.inf)])
-
-    def serve(self, share: float) -> int:
-        """Have pieces of contact in space found in the next step, and again after a few steps; returns how many.
-
-        share : of their least distance by which surfaces slip in a step [-].
-        """
-        steps = max(1, int(min(SERVE, SLIP / (share + 1e-300))))
+    def serve(self, share: float) -> None:
+        """Have pieces of contact in space serve from now on, from none on, as far as `share` times SLIP [-]."""
         if self._part.terms.contacts is not None:
-            self._kernel["contact_serves"][:2] = 0.0, steps
-        return steps
+            self._kernel["contact_serves"][:] = 1.0, SLIP * share
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""

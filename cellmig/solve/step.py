@@ -123,14 +123,6 @@ class StepControl:
         share = np.clip((none - gaps / np.where(there, self.eps, 1.0)) / (none - full), 0.0, 1.0)[there]
         return float(share.max(initial=0.0))
 
-    def slip(self, dt: float, limits: dict[str, Any], gaps: np.ndarray) -> float:
-        """How far surfaces slip in a step of `dt` [µs], over the least distance of cells [-].
-
-        limits : dict, gaps : (2,) float [µm] -- as for `stable`.
-        """
-        nearest = min(gaps[1], self.eps[1])
-        return float(dt * limits["slip"] / nearest) if nearest > 0.0 else math.inf
-
     def stable(self, limits: dict[str, Any] | None = None, gaps: np.ndarray | None = None) -> dict[str, float]:
         """Stable step by mechanism: "viscosity", "sound", and where they apply "contact" and "director" [µs].
 

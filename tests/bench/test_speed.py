@@ -59,7 +59,7 @@ def test_a_probe_times_every_term_and_moves_nothing(name: str) -> None:
     seconds, ns = {"first": 2.0, "second": 1.0}, {"numpy": [300.0], "plain loop in C": [60.0]}
     said = report({"limits": {"bandwidth": [20.0], "arithmetic": [60.0]}, "baseline_ns": ns, "start_s": seconds,
                    "probes": [found]})
-    told = "Pieces of contact serve for 8 steps, for one in \"contact anew\"" in "\n".join(said)
+    told = "Pieces of contact serve for some steps, for one in \"contact anew\"" in "\n".join(said)
     assert told == (ANEW in found["ns"]) == (name == "space")
 
 

@@ -88,3 +88,12 @@ static void act_over_face(const Triangle *T, const Face *f, double *const force[
         found->area[found->n++] = T->area * fan(on, k);
     }
 }
+
+/* The least gap of a polygon over a face. */
+static double least_gap_over(const Triangle *T, const Face *f, const Pieces *found)
+{
+    const Four four = planes_on(T, &f->planes);
+    double least = INFINITY;
+    for (long k = 0; k < found->used; k++) least = d_minimum(least, value_at(&four, found->on[k])[3]);
+    return d_maximum(least, 0);
+}

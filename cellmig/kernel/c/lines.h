@@ -78,3 +78,17 @@ static void act_beside_edge(const Triangle *T, const double *const x[2], double 
         found->n++;
     }
 }
+
+/* The least distance of lines from the edge. */
+static double least_from_edge(const Triangle *T, const double *const x[2], const Pieces *found)
+{
+    v4 from[3];
+    const v4 edge = {x[1][0] - x[0][0], x[1][1] - x[0][1], x[1][2] - x[0][2], 0};
+    double least = INFINITY;
+    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x[0]);
+    for (long m = 0; m < found->used; m++) {
+        const v4 place = mixed(from, found->on[m]), away = place - dot4(place, edge) / dot4(edge, edge) * edge;
+        least = d_minimum(least, dot4(away, away));
+    }
+    return sqrt(least);
+}

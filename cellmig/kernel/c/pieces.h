@@ -1,11 +1,10 @@
-/* Pieces of triangles of one surface that are kept: they serve for some steps, see contact_space.c. */
+/* Pieces of triangles of one surface that are kept, as they serve for some steps: see serving.h. */
 
-/* Triangles that meet features: numbers of both, where their pieces begin in `on` and end, as places on the triangle.
- * Over a face they are the corners of a polygon; beside an edge pairs of ends of lines, with a width in the fourth
- * place; beside a vertex points, with an area in the fourth place.  They begin at -1 where they cannot serve, as the
- * feature is small beside what slides meanwhile: then they are found in each step. */
-typedef struct { long triangle, feature, from, end; } Meeting;
-typedef struct { Meeting *meeting; v4 *on; long n, used, room[2]; } Pieces;
+/* A triangle that meets a feature: where its pieces begin in `on`, their number, room for them, and the call of
+ * add_contact in which they serve no more.  Over a face pieces are the corners of a polygon; beside an edge pairs of
+ * ends of lines, with a width in the fourth place; beside a vertex points, with an area in the fourth place. */
+typedef struct { long from; int32_t n, room, until; } Meeting;
+typedef struct { Meeting *meeting; v4 *on; long used, room[2]; } Pieces;
 
 /* Memory for n more things of a size, of which some are used. */
 static void *enough(void *of, long used, long n, long *room, size_t size)
@@ -27,11 +26,24 @@ static inline void keep(Pieces *p, const v4 *on, long n)
     p->used += n;
 }
 
-/* What was added since `from` is of a triangle and a feature; whether it can serve. */
-static inline void meet(Pieces *p, long triangle, long feature, long from, int serves)
+/* Forgets the pieces of n meetings. */
+static void forget(Pieces *p, long n)
 {
-    if (p->used == from) return;
-    p->meeting = enough(p->meeting, p->n, 1, p->room, sizeof *p->meeting);
-    p->meeting[p->n++] = (Meeting){triangle, feature, serves ? from : -1, p->used};
-    if (!serves) p->used = from;
+    p->meeting = enough(p->meeting, 0, n, p->room, sizeof *p->meeting);
+    memset(p->meeting, 0, (size_t)n * sizeof *p->meeting);
+    p->used = 0;
+}
+
+/* Keeps pieces of a meeting until a call. */
+static inline void keep_until(Pieces *p, Meeting *m, const Pieces *found, int32_t until)
+{
+    m->n = (int32_t)found->used;
+    m->until = until;
+    if (m->n <= m->room) {
+        if (m->n) memcpy(p->on + m->from, found->on, (size_t)m->n * sizeof *p->on);
+        return;
+    }
+    m->from = p->used;
+    m->room = m->n;
+    keep(p, found->on, m->n);
 }

@@ -54,3 +54,16 @@ static void act_beside_vertex(const Triangle *T, const double *x, double *force,
         found->square[found->n++] = dot4(point->away, point->away);
     }
 }
+
+/* The least distance of points from the vertex. */
+static double least_from_vertex(const Triangle *T, const double *x, const Pieces *found)
+{
+    v4 from[3];
+    double least = INFINITY;
+    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x);
+    for (long m = 0; m < found->used; m++) {
+        const v4 away = mixed(from, found->on[m]);
+        least = d_minimum(least, dot4(away, away));
+    }
+    return sqrt(least);
+}
