@@ -23,7 +23,7 @@ from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
-SLIP = 0.1  # how far a triangle and a feature slip while pieces of contact in space serve, over their distance [-]
+SLIP = 0.05  # how far a triangle and a feature slip while pieces of contact in space serve, over their distance [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
 
 
