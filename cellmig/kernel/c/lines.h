@@ -51,14 +51,20 @@ static void act_on_lines(Lines *found)
     found->n = 0;
 }
 
+/* The vector along an edge between two points. */
+static inline v4 along_edge(const double *const x[2])
+{
+    return (v4){x[1][0] - x[0][0], x[1][1] - x[0][1], x[1][2] - x[0][2], 0};
+}
+
 /* What acts on n ends of lines beside an edge between two points, from where they are now. */
 static void act_beside_edge(const Triangle *T, const double *const x[2], double *const force[2], const v4 *on, long n,
                             Lines *found)
 {
     v4 from[3];
-    const v4 edge = {x[1][0] - x[0][0], x[1][1] - x[0][1], x[1][2] - x[0][2], 0};
+    const v4 edge = along_edge(x);
     const double square = dot4(edge, edge);
-    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x[0]);
+    corners_from(T, x[0], from);
     if (found->law != T->law) act_on_lines(found);
     found->law = T->law;
     for (long m = 0; m < n; m += 2) {
@@ -83,9 +89,9 @@ static void act_beside_edge(const Triangle *T, const double *const x[2], double 
 static double least_from_edge(const Triangle *T, const double *const x[2], const Pieces *found)
 {
     v4 from[3];
-    const v4 edge = {x[1][0] - x[0][0], x[1][1] - x[0][1], x[1][2] - x[0][2], 0};
+    const v4 edge = along_edge(x);
     double least = INFINITY;
-    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x[0]);
+    corners_from(T, x[0], from);
     for (long m = 0; m < found->used; m++) {
         const v4 place = mixed(from, found->on[m]), away = place - dot4(place, edge) / dot4(edge, edge) * edge;
         least = d_minimum(least, dot4(away, away));

@@ -39,7 +39,7 @@ static void act_on_points(Points *found)
 static void act_beside_vertex(const Triangle *T, const double *x, double *force, const v4 *on, long n, Points *found)
 {
     v4 from[3];
-    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x);
+    corners_from(T, x, from);
     if (found->law != T->law) act_on_points(found);
     found->law = T->law;
     for (long m = 0; m < n; m++) {
@@ -60,7 +60,7 @@ static double least_from_vertex(const Triangle *T, const double *x, const Pieces
 {
     v4 from[3];
     double least = INFINITY;
-    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x);
+    corners_from(T, x, from);
     for (long m = 0; m < found->used; m++) {
         const v4 away = mixed(from, found->on[m]);
         least = d_minimum(least, dot4(away, away));

@@ -43,6 +43,12 @@ static inline void set_sides(Triangle *T)
     for (int k = 0; k < 2; k++) less3(T->x[k + 1], T->x[0], T->side[k]);
 }
 
+/* The vectors to the corners of T. */
+static inline void corners_from(const Triangle *T, const double *x, v4 from[3])
+{
+    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x);
+}
+
 /* A ball around T. */
 typedef struct { double middle[3], radius; } Ball;
 
