@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from ..case import units
 from ..case.expression import Expression, unit_of
@@ -65,6 +64,8 @@ class Grid:
         """`places` : of the nodes along some axes "x", "y", "z" (n,) [µm];  `values` (nx, ...) : an axis for each, in
         any unit.
         """
+        from scipy.interpolate import RegularGridInterpolator  # takes a while, and few cases have such a field
+
         self._axes = [AXES.index(axis) for axis in places]
         self._nodes = [np.append(at, at[-1] + 1.0) if len(at) == 1 else at for at in places.values()]
         for axis, at in enumerate(places.values()):

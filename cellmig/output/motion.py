@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.special import erf, i0e, i1e
 
 SHORTEST, LONGEST = 0.05, 30.0  # persistence that a fit can tell, over the shortest and the longest lag
@@ -130,6 +129,8 @@ def _fit(t: np.ndarray, square: np.ndarray) -> tuple[float, float]:
         return 0.0, np.nan
     if len(t) < 2 or not square.min() > 0.0:
         return np.nan, np.nan
+    from scipy.optimize import minimize_scalar  # takes a while, and few runs are long enough for a fit
+
     weight = 1.0 / t / (1.0 / t).sum()
 
     def misfit(log_time: float) -> tuple[float, float]:

@@ -44,10 +44,10 @@ def profile(case: Case) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
 def write_profile(directory: Path, comm: MPI.Intracomm, case: Case) -> None:
     """Write `profile` of a case that has such fields; collective, rank 0 writes.  Raises OutputError."""
     def write() -> None:
-        import meshio  # takes a while, and few cases have fields
-
         points, corners, values = profile(case)
         if values:
+            import meshio  # takes a while, and few cases have fields
+
             part = directory / f"{NAME}.part"
             try:
                 meshio.write(part, meshio.Mesh(points, [("quad", corners)], values), "xdmf", data_format="XML")

@@ -7,7 +7,6 @@ from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from cellmig.case.expression import evaluate
 from cellmig.case.gaps import Arrangement, arrangement
@@ -162,6 +161,8 @@ def _steady(case: Case, cells: list[Cell], rubbing: list[Cell], force: float) ->
     slope = drag(SLOW) / SLOW
     if not slope > 0.0 or not force > 0.0:
         return math.inf
+    from scipy.optimize import brentq  # takes a while, and few scenes get here
+
     low, high = 0.0, force / slope
     for _ in range(200):  # the traction of bonds falls at high speeds
         if drag(high) >= force:
