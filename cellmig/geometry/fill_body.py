@@ -157,7 +157,8 @@ def _spread(X: np.ndarray, m: int, samples: Samples, d: float, nucleus: Samples 
             size = np.abs(volumes(X, tet))
             middle = (0.25 * size)[:, None] * X[tet].sum(axis=1)
             total = np.column_stack([np.bincount(tet.ravel(), np.repeat(x, 4), n) for x in (size, *middle.T)])
-            X = np.concatenate([X[:m], total[m:, 1:] / np.maximum(total[m:, :1], 1e-300)])
+            moved = total[m:, 1:] / np.maximum(total[m:, :1], 1e-300)
+            X = np.concatenate([X[:m], moved])
             if nucleus is not None:
                 height, normal = nucleus.height(X[of_layer], d)
                 X[of_layer] += np.where(height > -np.inf, heights - height, 0.0)[:, None] * normal

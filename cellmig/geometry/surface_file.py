@@ -178,7 +178,8 @@ def shells(path: str) -> Shells:
     if points.ndim != 2 or points.shape[1] < 3:
         raise ValueError(f"'{path}' is flat: its points have no z")
     ring, owner = _faces(mesh, path)
-    if np.ptp(points[np.unique(ring[ring >= 0]), 2]) == 0.0:
+    corners = np.unique(ring[ring >= 0])
+    if np.ptp(points[corners, 2]) == 0.0:
         raise ValueError(f"'{path}' is flat: all its triangles have one z; in two dimensions, shape \"mesh\" reads it")
     of = elements.dimensions(mesh)[owner]
     first, same = np.unique(np.sort(ring, axis=1), axis=0, return_index=True, return_inverse=True)[1:]

@@ -137,7 +137,8 @@ def averaged(polygon: np.ndarray, spacing: float) -> np.ndarray:
     n = max(LEAST, round(arc[-1] / spacing))
     at = arc[-1] * np.arange(n * FINE) / (n * FINE)
     p = np.column_stack([np.interp(at, arc, closed[:, k]) for k in range(2)])
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(np.concatenate([p, p[:FINE]]), axis=0)])
+    around = np.concatenate([p, p[:FINE]])
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(around, axis=0)])
     return (total[FINE:] - total[:-FINE])[: len(p) : FINE] / FINE
 
 

@@ -70,7 +70,9 @@ def on_triangles(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
     best = a + v[..., None] * (b - a) + w[..., None] * (c - a)
     least = np.where((v >= 0.0) & (w >= 0.0) & (v + w <= 1.0), 0.0, np.inf)
     for s, e in ((a, b), (b, c), (c, a)):
-        t = np.clip(dot(p - s, e - s) / np.maximum(dot(e - s, e - s), 1e-300), 0.0, 1.0)
+        along = e - s
+        share = dot(p - s, along) / np.maximum(dot(along, along), 1e-300)
+        t = np.clip(share, 0.0, 1.0)
         q = s + t[..., None] * (e - s)
         away = dot(q - p, q - p)
         closer = away < least

@@ -126,8 +126,9 @@ class Blocks:
     @cached_property
     def lanes_of(self) -> tuple[np.ndarray, np.ndarray]:
         """Block and lane of every row, (n_rows,) int each."""
-        block = np.repeat(np.arange(len(self.table)), self.table[:, 1])
-        lane = np.arange(len(block)) - np.repeat(np.cumsum(self.table[:, 1]) - self.table[:, 1], self.table[:, 1])
+        count = self.table[:, 1]
+        block = np.repeat(np.arange(len(self.table)), count)
+        lane = np.arange(len(block)) - np.repeat(np.cumsum(count) - count, count)
         order = np.argsort(self.table[block, 0] + lane)
         return block[order], lane[order]
 

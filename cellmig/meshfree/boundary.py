@@ -81,7 +81,8 @@ class Boundary:
     def support_of(self, ids: np.ndarray, component: np.ndarray) -> np.ndarray:
         """Numbers of the supports (k,) int that prescribe a `component` (k,) int of the particles `ids` (k,) int."""
         d = self.dead_force.shape[1]
-        return self.held_support[np.searchsorted(d * self.held[:, 0] + self.held[:, 1], d * ids + component)]
+        at = np.searchsorted(d * self.held[:, 0] + self.held[:, 1], d * ids + component)
+        return self.held_support[at]
 
 
 def load_curves_of(case: Case) -> tuple[LoadCurve, ...]:

@@ -101,8 +101,11 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
 def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray) -> Pairs:
     """Those of `pairs` that exert forces on particles in `own` (m,) bool, in the same order."""
     corners = {"face": features.faces, "edge": features.edges[:, :2], "vertex": np.arange(len(own))[:, None]}
-    return {kind: of[own[surfaces.facets[of[:, 0]]].any(axis=1) | own[corners[kind][of[:, 1]]].any(axis=1)]
-            for kind, of in pairs.items()}
+    acting = {}
+    for kind, of in pairs.items():
+        triangles = own[surfaces.facets[of[:, 0]]].any(axis=1)
+        acting[kind] = of[triangles | own[corners[kind][of[:, 1]]].any(axis=1)]
+    return acting
 
 
 @dataclass(frozen=True)
@@ -145,8 +148,8 @@ class TriangleLists(NodeLists):
         corner = {"face": features.faces, "edge": features.edges, "vertex": np.arange(len(cell))[:, None]}
         of_cell = {kind: cell[corner[kind][:, 0]] for kind in KINDS}
         # A source is a triangle near one cell; a feature is one near the cell of the triangle.
-        source_key = np.unique(np.concatenate([of[:, 0] * n_cells + of_cell[kind][of[:, 1]]
-                                               for kind, of in pairs.items()]))
+        near = np.concatenate([of[:, 0] * n_cells + of_cell[kind][of[:, 1]] for kind, of in pairs.items()])
+        source_key = np.unique(near)
         sources = np.column_stack(np.divmod(source_key, n_cells))
         own = cell[surfaces.facets[:, 0]]
         used, first, number = {}, {}, {}

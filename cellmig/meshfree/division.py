@@ -141,7 +141,8 @@ def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
     flows = _fluids(scene)
     free = np.array([bool(flows[np.where(t.nucleus[t.surface], inner, outer)].all())
                      for t, (outer, inner) in zip(scene.templates, scene.material_of, strict=True)])[scene.kind]
-    held = scene.particles(np.unique(np.concatenate([boundary.held[:, 0], boundary.dead, boundary.pressed.ravel()])))
+    bound = np.concatenate([boundary.held[:, 0], boundary.dead, boundary.pressed.ravel()])
+    held = scene.particles(np.unique(bound))
     for kind, on, at in held.by_kind():
         free[held.cell[on[np.isin(at, scene.templates[kind].surface)]]] = False
     return free

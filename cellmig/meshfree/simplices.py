@@ -107,8 +107,8 @@ def _exchanged(mass: np.ndarray, X: np.ndarray, edges: np.ndarray) -> np.ndarray
 
 def edges_of(simplices: np.ndarray) -> np.ndarray:
     """Edges (m, 2) int of `simplices` (k, D + 1) int, each once, lower index first, in order."""
-    pairs = combinations(range(simplices.shape[1]), 2)
-    return np.unique(np.sort(np.concatenate([simplices[:, pair] for pair in pairs]), axis=1), axis=0)
+    edges = np.concatenate([simplices[:, pair] for pair in combinations(range(simplices.shape[1]), 2)])
+    return np.unique(np.sort(edges, axis=1), axis=0)
 
 
 def averaged(X: np.ndarray, simplices: np.ndarray, weight: np.ndarray) -> Gradient:
@@ -161,7 +161,8 @@ def facet_sizes(x: np.ndarray) -> np.ndarray:
     """Lengths [µm] or areas [µm²] (m,) of segments or triangles with the corners x (m, D, D) [µm]."""
     if x.shape[1] == 2:
         return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-    return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    return 0.5 * np.linalg.norm(normal, axis=1)
 
 
 def volumes_below(x: np.ndarray) -> np.ndarray:

@@ -64,7 +64,8 @@ def mean_cosine(x: np.ndarray, axis: int = 0) -> np.ndarray:
 
 def msd(x: np.ndarray, lags: Sequence[int]) -> np.ndarray:
     """Mean square displacement (c, lags) [µm²] of each cell over all pairs of samples `lags` intervals apart."""
-    return np.stack([(np.square(x[:, m:] - x[:, :-m]).sum(axis=2)).mean(axis=1) for m in lags], axis=1)
+    ways = (x[:, m:] - x[:, :-m] for m in lags)
+    return np.stack([np.square(way).sum(axis=2).mean(axis=1) for way in ways], axis=1)
 
 
 def mean_and_error(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -44,7 +44,8 @@ class Rendered(Solid):
     @property
     def _box(self) -> np.ndarray:
         """Ranges (3, 2) [µm] of the scene to the right, upwards and towards the eye."""
-        corners = np.array(list(product(*np.transpose([self.ground, self.high])))) @ directions().T
+        ranges = np.transpose([self.ground, self.high])
+        corners = np.array(list(product(*ranges))) @ directions().T
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 
     def panels(self, n: int) -> tuple[Figure, np.ndarray]:

@@ -93,6 +93,6 @@ def cut(height: np.ndarray, tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _outline(triangles: np.ndarray) -> np.ndarray:
     """Sides (k, 2) int of triangles (t, 3) int that belong to one of them alone."""
-    sides, count = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0,
-                             return_counts=True)
+    each = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    sides, count = np.unique(np.sort(each, axis=1), axis=0, return_counts=True)
     return sides[count == 1]

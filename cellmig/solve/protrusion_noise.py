@@ -57,7 +57,8 @@ def _along_loop(length: np.ndarray, law: ProtrusionLaw, seed: int, name: str) ->
     n = max(3, round(arc[-1] / law.correlation_length))
     step, a = arc[-1] / n, uniform(seed, "protrusion", name, n)
     ring = np.append(a, a[0])
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (ring[1:] + ring[:-1]))])
+    parts = 0.5 * step * (ring[1:] + ring[:-1])
+    whole = np.concatenate([[0.0], np.cumsum(parts)])
 
     def integral(s: np.ndarray) -> np.ndarray:
         turn, s = np.divmod(s, arc[-1])
