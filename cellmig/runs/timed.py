@@ -23,6 +23,7 @@ from .by_rank import kinds_of, size_of, standing_for
 PROBE, FEWER = {2: 200_000, 3: 40_000}, 20_000
 KIND = 5_000  # largest number of particles of a cell in a timed scene
 COPIES = 20  # of cells of KIND particles, that are timed side by side for larger ones
+STEPS, FEWEST = 2e6, 5  # particle-steps that are timed, and steps at least
 
 
 def part_of(case: Case, most: int) -> tuple[Case, float]:
@@ -91,7 +92,7 @@ def timed(case: Case, scene: Scene, single: bool, largest: int) -> tuple[float, 
     terms = dataclasses.replace(find_terms(case), single=single)
     with Simulation(case, MPI.COMM_SELF, parts=(scene, terms)) as s:
         m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-        n = max(5, round(2e6 / s.scene.size))
+        n = max(FEWEST, round(STEPS / s.scene.size))
         m.advance(3, dt)
         spent = min(_seconds(m, n, dt) for _ in range(3))
         return spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
