@@ -152,8 +152,9 @@ def nearest_edge(points: np.ndarray, outline: np.ndarray) -> tuple[np.ndarray, n
     least, edge = np.full(len(points), np.inf), np.zeros(len(points), dtype=int)
     for k, (p, q) in enumerate(zip(*edges(outline), strict=True)):
         d, e = points - p, q - p
-        along = np.clip(d @ e / max(float(e @ e), 1e-300), 0.0, 1.0)
-        away = np.linalg.norm(d - along[:, None] * e, axis=1)
+        along = np.minimum(np.maximum(d @ e / max(float(e @ e), 1e-300), 0.0), 1.0)
+        x, y = (d - along[:, None] * e).T
+        away = np.sqrt(x * x + y * y)
         edge[away < least] = k
         least = np.minimum(least, away)
     return least, edge

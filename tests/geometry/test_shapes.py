@@ -57,6 +57,7 @@ every = pytest.mark.parametrize(("name", "count"), [(name, count) for name, (_, 
 pytestmark = pytest.mark.serial
 
 
+@cache
 def shape(name: str):
     kind, parameters, *_ = SHAPES[name]
     return laws("shape")[kind](**parameters)
