@@ -36,6 +36,7 @@ def packed(dimension: int, per_cell: int, apart: float) -> Scene:
     return discretise(from_dict(tree))
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_cells_that_touch_others_cost_more_than_those_alone(dimension: int) -> None:
     scene = packed(dimension, 300, 14.0)
@@ -51,6 +52,7 @@ def test_cells_that_touch_others_cost_more_than_those_alone(dimension: int) -> N
     assert alone[12:].all() and alone.sum() > 8  # who has the cells alone has more cells
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_contact_costs_each_rank_that_has_a_side_of_it_as_much_as_one_that_has_both(dimension: int) -> None:
     scene = packed(dimension, 300, 14.0)
@@ -62,6 +64,7 @@ def test_a_contact_costs_each_rank_that_has_a_side_of_it_as_much_as_one_that_has
     assert contacts[1][pair].sum() == pytest.approx(work.contact.sum() * 20 / 17, rel=0.05)  # 3 of 17 are cut
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", ["one_cell", "ball"])
 def test_rows_at_cuts_cost_what_ranks_compute_of_them(name: str) -> None:
     scene = discretise(case(name, per_cell=300))
@@ -73,12 +76,14 @@ def test_rows_at_cuts_cost_what_ranks_compute_of_them(name: str) -> None:
         assert len(others) > 0 and found[rank] == pytest.approx(count[own].sum() + STRESS * count[others].sum())
 
 
+@pytest.mark.serial
 def test_cells_near_the_substrate_cost_more() -> None:
     scene = packed(3, 300, 14.0)
     more = work_of(scene, 0.0, 1.0).of_cells - work_of(scene).of_cells
     assert (more > 0.0).tolist() == (scene.centre[:, 2] < 6.0).tolist() and set(more[more > 0.0] % LOW[3]) == {0.0}
 
 
+@pytest.mark.serial
 def test_cells_that_have_moved_are_dealt_out_by_what_they_touch_now() -> None:
     scene = packed(2, 300, 14.0)
     places = np.arange(scene.first_surface[-1])
@@ -93,6 +98,7 @@ def test_cells_that_have_moved_are_dealt_out_by_what_they_touch_now() -> None:
     assert np.unique(scene.cell_of(few.near)).tolist() == touching[1]
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("ranks", [2, 5, 7, 13])
 @pytest.mark.parametrize(("name", "count"), [("three_balls", 60), ("all_protrude", 20), ("sheet", 60), ("ball", 60)])
 def test_every_rank_has_particles_also_where_they_are_few(name: str, count: int, ranks: int) -> None:
@@ -150,6 +156,7 @@ def test_a_partition_ages_little_while_cells_migrate(name: str, tmp_path: Path) 
     assert np.mean(lost) < 0.05 and max(lost) < 0.15
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("name", "ranks"), [("three_balls", 2), ("three_balls", 3), ("sheet", 3)])
 def test_contacts_of_balls_are_dealt_out_as_evenly_as_their_rows(name: str, ranks: int) -> None:
     scene, terms = discretise(case(name, per_cell=1000)), find_terms(case(name))

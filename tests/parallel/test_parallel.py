@@ -89,6 +89,7 @@ def test_extreme_is_the_largest_and_infinite_for_nan(comm: MPI.Comm) -> None:
 # --------------------------------------------------------------------------------------------- partition, randomness
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("ranks", [1, 2, 3, 4, 7, 13])
 @pytest.mark.parametrize("n", [0, 5, 1000, 1001])
 def test_parts_are_equal_to_one_particle_and_always_the_same(ranks: int, n: int) -> None:
@@ -100,6 +101,7 @@ def test_parts_are_equal_to_one_particle_and_always_the_same(ranks: int, n: int)
     assert np.array_equal(owner, bisection(X.copy(), ranks))
 
 
+@pytest.mark.serial
 def test_parts_are_cut_across_the_longer_side() -> None:
     X = np.random.default_rng(0).uniform(0, 1, (1000, 2)) * [3.0, 1.0]
     owner = bisection(X, 3)
@@ -133,6 +135,7 @@ def whole(scene: Scene, ranks: int) -> tuple[Owners, np.ndarray, np.ndarray]:
     return owners, owner, cost / cost.mean()
 
 
+@pytest.mark.serial
 def test_cells_stay_whole_where_the_ranks_then_have_as_much_to_do() -> None:
     scene = scene_of(np.random.default_rng(1).integers(90, 110, 40))
     _, owner, cost = whole(scene, 4)
@@ -140,6 +143,7 @@ def test_cells_stay_whole_where_the_ranks_then_have_as_much_to_do() -> None:
     assert cost.max() <= 1.0 + BALANCE
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("ranks", [2, 3, 5, 7, 12])
 def test_of_many_cells_of_mixed_sizes_few_are_divided(ranks: int) -> None:
     scene = scene_of(np.random.default_rng(ranks).integers(50, 1000, 40))
@@ -149,6 +153,7 @@ def test_of_many_cells_of_mixed_sizes_few_are_divided(ranks: int) -> None:
     assert sum(n > 1 for n in shared) < ranks and max(shared) <= 3
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("ranks", "team"), [(2, 2), (4, 4), (6, 2), (8, 8)])
 def test_else_teams_of_ranks_share_whole_cells_cut_alike(ranks: int, team: int) -> None:
     scene = scene_of(np.full(3, 7 * 2100))
@@ -161,6 +166,7 @@ def test_else_teams_of_ranks_share_whole_cells_cut_alike(ranks: int, team: int) 
         assert all((np.diff(own[nucleus == part]) >= 0).all() for part in (True, False))  # slices, by height
 
 
+@pytest.mark.serial
 def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
     scene = scene_of(np.full(3, 400))
     _, owner, _ = whole(scene, 2)
@@ -168,6 +174,7 @@ def test_cells_are_cut_in_space_where_slices_would_be_thin() -> None:
     assert scene.X[owner == 0, 0].max() <= scene.X[owner == 1, 0].min()
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("count", "size", "ranks"), [(40, 100, 4), (40, 700, 7), (3, 14700, 4), (3, 400, 2)])
 def test_each_rank_finds_its_particles_and_every_cell_has_one_head(count: int, size: int, ranks: int) -> None:
     scene = scene_of(np.random.default_rng(3).integers(size // 2, size, count) if ranks == 7 else np.full(count, size))

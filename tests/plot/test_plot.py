@@ -118,6 +118,7 @@ TRACTION = {"time_us": np.array([0.0, 1.0, 1.0, 4.0]), "cell": np.array([1, 1, 2
             "x_um": np.array([-0.25, 0.25, 0.25, 1.75]), "normal_pa": np.array([np.nan, 3.0, 4.0, -5.0])}
 
 
+@pytest.mark.serial
 def test_the_map_of_traction_has_what_the_table_lists_and_nothing_elsewhere():
     (edges,), found = by_place(TRACTION, SAMPLES, "normal_pa")
     assert edges == pytest.approx([-0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
@@ -147,6 +148,7 @@ def test_pictures_follow_cells_that_go_far_and_show_whole_ways_that_are_short(sh
         assert view.high[0] - view.low[0] < 50.0  # measured 42, and 43 of those that are followed
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("far", "wide"), [(4, 8.0), (100, 6.0)])
 def test_maps_of_traction_in_space_follow_cells_that_go_far(far, wide):
     edges, maps = (np.arange(far + 5.0), np.arange(5.0)), np.zeros((2, far + 4, 4))
@@ -156,6 +158,7 @@ def test_maps_of_traction_in_space_follow_cells_that_go_far(far, wide):
     assert windows[1, 0, 0] <= far < far + 4 <= windows[1, 0, 1]
 
 
+@pytest.mark.serial
 def test_in_space_the_map_of_traction_is_one_of_squares():
     table = {**TRACTION, "x_um": np.array([0.25, 0.25, 0.25, 1.25]), "y_um": np.array([-0.75, 0.75, 0.75, 0.25])}
     (x, y), found = by_place(table, SAMPLES, "normal_pa")

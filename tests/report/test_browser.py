@@ -58,7 +58,8 @@ class Browser:
 
     def until(self, script: str) -> Any:
         """Wait until a script returns something true."""
-        return WebDriverWait(self.chrome, PATIENCE).until(lambda chrome: chrome.execute_script(script))
+        wait = WebDriverWait(self.chrome, PATIENCE, poll_frequency=0.02)  # half a second by default
+        return wait.until(lambda chrome: chrome.execute_script(script))
 
     def of(self, name: str) -> Any:
         """An element by its id."""

@@ -20,6 +20,8 @@ from cellmig.runs.preflight import report
 from cellmig.solve.start import discretise
 from cellmig.solve.subdomain import Subdomain
 
+pytestmark = pytest.mark.serial
+
 GRID = ("cells.0.repeat=[4, 5]", 'cells.0.pitch=[["10.01 um", "0 um"], ["0 um", "10.01 um"]]')
 
 

@@ -16,6 +16,7 @@ import cellmig
 from cellmig.runs import resources as room
 
 
+@pytest.mark.serial
 def test_a_run_that_lacks_memory_is_refused_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "free_memory", lambda: 50e6)
     with pytest.raises(room.InsufficientResources, match=r"takes 1\d\d MB of memory at least, of which 50 MB are free"):
@@ -23,6 +24,7 @@ def test_a_run_that_lacks_memory_is_refused_and_leaves_nothing(tmp_path: Path, m
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.serial
 def test_a_run_that_lacks_disk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(2000, 1000, 1000))
@@ -38,6 +40,7 @@ def test_a_hundred_million_particles_end_with_exit_code_3(cellmig: Callable, tmp
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.serial
 def test_the_paper_s_scene_fits_in_a_quarter_of_a_gigabyte_and_not_in_much_less(tmp_path: Path,
                                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")

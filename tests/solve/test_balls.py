@@ -200,6 +200,7 @@ def test_balls_have_the_same_bits_on_any_number_of_ranks(comm: MPI.Comm, count: 
     assert _after(comm, count, single) == alone(count, single)
 
 
+@pytest.mark.serial
 def test_copies_that_share_coefficients_move_alike() -> None:
     """Three cells that are computed together do what one does, but for the last bits of where they are."""
     terms = replace(ALL, protrusion=None)

@@ -71,6 +71,7 @@ def test_fields_converge_to_exact_solutions(name: str) -> None:
 # ------------------------------------------------------------------------------------------------- grids and surfaces
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("d", [2, 3])
 def test_what_is_linear_is_read_exactly_and_shares_of_a_point_are_not_negative_and_add_up_to_one(d: int) -> None:
     grid = Grid(PETSc.COMM_SELF, ((-3.0,) * d, (4.0,) * d), (7, 5, 6)[:d])
@@ -83,6 +84,7 @@ def test_what_is_linear_is_read_exactly_and_shares_of_a_point_are_not_negative_a
     grid.close()
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("d", [2, 3])
 def test_no_flux_to_a_neighbour_grows_with_its_concentration(d: int) -> None:
     """The matrix is an M-matrix at any flow and walls: nothing off the diagonal is positive, and columns add up."""

@@ -362,6 +362,7 @@ def test_a_run_that_crosses_the_limit_says_so_then_and_at_its_end(comm: MPI.Comm
         assert told(case, 8.0, shared_tmp / "alone", MPI.COMM_SELF) == (warnings, found)
 
 
+@pytest.mark.serial
 def test_each_doubling_of_the_limit_is_told_once_with_its_cell() -> None:
     with built(squeezed(100), MPI.COMM_SELF) as sim:
         watch, told = StrainWatch(sim.mechanics), []

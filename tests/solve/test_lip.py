@@ -81,6 +81,7 @@ def test_a_scene_knows_what_draws_its_lips(tables: dict, pull: float) -> None:
         assert (f"{pull:.3g} pN/um more" in lips(sim.mechanics)) == (pull > 0.0)
 
 
+@pytest.mark.serial
 def test_a_run_that_breaks_at_a_surface_tells_what_holds_lips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     outside = Overlap(0, "a particle is outside", "try finer particles")
     monkeypatch.setattr("cellmig.runs.run.escaped", lambda *_: outside)
