@@ -46,6 +46,7 @@ def test_cells_particles_and_copies_are_those_that_ranks_will_have(found: Case, 
     assert 0.7 * copies <= parts.copies <= copies  # measured 0.74 to 1; ends of segments are not counted
 
 
+@pytest.mark.usefixtures("hasty")
 def test_few_kinds_stand_for_sixty_cells_that_are_all_different() -> None:
     found = load(FOLDER / "tissue.toml", ())
     kinds = kinds_of(found)
@@ -57,11 +58,13 @@ def test_few_kinds_stand_for_sixty_cells_that_are_all_different() -> None:
     assert re.search(r"^memory +\S+ \S+ in all, \S+ \S+ on the fullest rank$", said, re.MULTILINE), said
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("name", ["one_cell", "nucleus", "beam"])
 def test_of_a_single_rank_nothing_is_told(name: str) -> None:
     assert "ranks" not in report(case(name, per_cell=60))
 
 
+@pytest.mark.usefixtures("hasty")
 def test_ranks_are_told_of_cases_whose_steps_are_solved_for() -> None:
     for found in (case("beam", per_cell=60), case("one_cell", "time.integrator=bdf", "time.end=2 us", per_cell=60)):
         assert re.search(r"^ranks +3, with", report(found, 3), re.MULTILINE)

@@ -123,6 +123,7 @@ def test_pictures_and_films_show_surfaces(row: Path, tmp_path: Path, monkeypatch
     assert len(Record(row).picture([0.0, 1.0]).axes) == 3  # two times and the colours
 
 
+@pytest.mark.usefixtures("hasty")
 def test_validate_tells_what_a_case_in_space_takes() -> None:
     text = report(load(CASES["three_balls"], ["particles.per_cell=200"]))
     for part in ("z from 0.01 to 10.01 µm", "averages of finite elements", "10 nm between cells", "pN a cell",

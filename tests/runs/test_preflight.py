@@ -13,7 +13,7 @@ from cellmig.case.load import change, from_dict, load
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.meshfree.terms import find_terms
-from cellmig.runs import preflight, timed, trial
+from cellmig.runs import timed
 from cellmig.runs.estimates import expected
 from cellmig.runs.preflight import cost, report
 from cellmig.runs.summary import describe_scene
@@ -152,6 +152,7 @@ def test_the_pair_that_is_pressed_most_for_its_own_law_is_told() -> None:
     assert "repulsion between cells starts pressed, at a gap of 20 nm of its 50 nm" in warning
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize(("sets", "rows"), [
     ((), ["between cells  seifert, work of adhesion 24 pN/µm, equilibrium distance 10 nm"]),
     (('adhesion.cells.bond_density="0 /um^2"',),
@@ -164,6 +165,7 @@ def test_the_report_tells_the_laws_between_cells(sets: tuple, rows: list) -> Non
     assert set(rows) <= set(lines)
 
 
+@pytest.mark.usefixtures("hasty")
 def test_the_report_of_cells_without_adhesion_tells_that_they_repel() -> None:
     tree = case("paper", per_cell=60).resolved()
     del tree["adhesion"]["cells"]
@@ -272,11 +274,8 @@ def test_where_explicit_steps_take_days_what_would_be_better_is_told(sets: tuple
 
 # The poles of what is squeezed ask for more particles; the gel and its cells, and the tissue, have a spacing.
 @pytest.mark.parametrize("name", [name for name in CASES if not name.startswith(("squeezed", "slab", "tissue"))])
-def test_validate_tells_of_every_case_what_it_will_cost_and_skip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, least in ((preflight, {"PATIENCE": 0.0, "TRIAL": 2}), (trial, {"GROWING": 1e9}),
-                          (timed, {"STEPS": 2e4})):
-        for constant, value in least.items():  # how well it measures is no matter here
-            monkeypatch.setattr(module, constant, value)
+@pytest.mark.usefixtures("hasty")
+def test_validate_tells_of_every_case_what_it_will_cost_and_skip(name: str) -> None:
     found = case(name)
     lines = report(found).splitlines()
     assert lines[0].startswith(f"{CASES[name]}: ")

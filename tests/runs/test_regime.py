@@ -13,7 +13,6 @@ from cellmig.case.gaps import arrangement
 from cellmig.case.load import change
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
-from cellmig.runs import preflight
 from cellmig.runs.api import run_here
 from cellmig.runs.batch import Job, _costs
 from cellmig.runs.estimates import expected, inertia_is_gone
@@ -46,8 +45,8 @@ def test_auto_leaves_inertia_out_where_it_is_gone_and_something_holds_each_cell(
     assert not inertia_is_gone(change(loose[0], {"friction": None, "medium": None}))
 
 
-def test_validate_tells_what_motion_without_inertia_takes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(preflight, "PATIENCE", 0.5)
+@pytest.mark.usefixtures("hasty")
+def test_validate_tells_what_motion_without_inertia_takes() -> None:
     told, explicit = report(CRAWL), report(change(CRAWL, {"time.integrator": "leapfrog"}))
     assert "on one core, as a trial of 60 particles took" in told
     assert "leapfrog takes" in told

@@ -194,6 +194,7 @@ def test_progress_of_hours_is_in_hours_and_its_steps_in_seconds(monkeypatch, cap
     assert capsys.readouterr().out.split() == "1.5 h 25.0 % step 270 dt 20 s wall 40 s left 2:00".split()
 
 
+@pytest.mark.usefixtures("hasty")
 def test_validation_tells_the_end_and_speeds_of_a_case_in_its_unit():
     slow = case("one_cell", "time.end=2 h", "materials.cytoplasm.viscosity=1e5 Pa s",
                 'friction.coefficient="2 Pa h/um"')
