@@ -123,15 +123,15 @@ def probe(scene: Scene, comm: MPI.Comm, repeats: int = 7, output: bool = False) 
     assert isinstance(run, Integrator)
     run.begin_batch()
     share = STILL / run.dt  # pieces of contact serve for as many steps as in runs
-    m.advance(3, STILL, share)
+    m.advance(3, STILL, run.gaps[1], share)
     timer = Timer(comm, sim.scene.size, repeats)
     force, energy = np.zeros((m.part.capacity, case.dimension)), np.zeros(m.part.capacity)
-    ns = {"step": timer(lambda n: m.advance(n, STILL, share)),
+    ns = {"step": timer(lambda n: m.advance(n, STILL, run.gaps[1], share)),
           "stress": timer(lambda n: k.repeated(n, "stress_of_rate", 0.0, 0.0, STILL)),
           "divergence": timer(lambda n: k.repeated(n, "kick_and_drift", 0.0, 0.0))}
     for name in (*SURFACE, *[ANEW] * (case.dimension == 3)):
         if getattr(terms, term := name.split()[0]) is not None:
-            m.segments.serve(0.0 if name == ANEW else share)
+            m.segments.serve(0.0 if name == ANEW else share, run.gaps[1])
             ns[name] = timer(lambda n, term=term: k.repeated(n, f"add_{term}", force, energy, 0.0, STILL))
     us = {"control": timer.seconds(lambda n: [m.limits() for _ in range(n)])[0],
           "lists": timer.seconds(lambda n: [m.renew_lists() for _ in range(n)])[0]}

@@ -58,7 +58,7 @@ def _with_bonds(t: Terms, dimension: int, law: Any, formula: Callable[[Any, Any]
 
 POLYHEDRA: dict[str, tuple[str, ...]] = {
     "face_kind": (), "edge_kind": (), **{name: ("load", "stored", "stiff") for name in ("face", "edge", "vertex")},
-    **{f"{name}_stiffness": ("stiffness",) for name in ("face", "edge", "vertex")}}
+    **{f"{name}_{what}": (what,) for what in ("stiffness", "tangent") for name in ("face", "edge", "vertex")}}
 # In the order in which forces are added up.
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),
@@ -72,8 +72,8 @@ SURFACE_TERMS = (
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 POLYHEDRA, tuple(POLYHEDRA),
-                files=("pieces.h", "polyhedra.h", "faces.h", "lines.h", "points.h", "wedges.h", "cones.h",
-                       "serving.h", "contact_space.c", "contact_blocks.c")),
+                files=("pieces.h", "polyhedra.h", "wedges.h", "cones.h", "actions.h", "faces.h", "lines.h", "points.h",
+                       "serving.h", "near.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: tuple(
         SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
         if t.sliding and t.contacts else None, {"force": ("force", "power")}),

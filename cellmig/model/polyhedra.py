@@ -99,6 +99,41 @@ class PolyhedronAdhesion:
         """1 where bonds of the length `least` [µm] push each other apart, so that they have a stiffness, else 0 [-]."""
         return where(least < self.bonds.soft, 1.0, 0.0)
 
+    def face_tangent(self, area, gap1, gap2, gap3):
+        """Changes of the loads on a piece over a face with the gaps of its corners: 11, 22, 33, 23, 31, 12 [pN/µm]."""
+        size = 0.5 * self.bonds.law.bond_density * area
+        return (tuple(size * part for part in self.bonds.tangent(gap1, gap2, gap3)),)
+
+    def edge_tangent(self, width1, width2, distance1, distance2):
+        """The same of the loads at the ends of a line with the distances: 11, 12 and 22 [pN/µm]."""
+        size = 0.5 * self.bonds.law.bond_density
+        ordered = distance1 < distance2
+        x, y = where(ordered, distance1, distance2), where(ordered, distance2, distance1)
+        start, end = size * where(ordered, width1, width2), size * where(ordered, width2, width1)
+        apart = self.bonds.apart(x, y)
+        first, near, far, last = either(apart, self.bent(x, where(apart, y, x + 1.0)), self.bent_near(x, y - x))
+        low, both, high = start * first + end * near, start * near + end * far, start * far + end * last
+        return ((where(ordered, low, high), both, where(ordered, high, low)),)
+
+    def bent(self, x, y):
+        """Integrals of (1 - t)³ U'', t (1 - t)² U'', t² (1 - t) U'' and t³ U'' for x + t (y - x) [pN/µm]."""
+        change, (_, _, first, both, last) = y - x, self.by_differences(x, y)
+        return ((3.0 * first - self.bonds.law.slope(x)) / change, (2.0 * both - first) / change,
+                (last - 2.0 * both) / change, (self.bonds.law.slope(y) - 3.0 * last) / change)
+
+    def bent_near(self, x, change):
+        """The same by Gauss points, where the distance hardly changes [pN/µm]."""
+        first, near, far, last = 0.0, 0.0, 0.0, 0.0
+        for at, weight in self.bonds.points(x, change, GAUSS_OF_VERTEX):
+            bend, rest = weight * self.bonds.bend(x + at * change), 1.0 - at
+            first, near = first + rest * rest * rest * bend, near + at * rest * rest * bend
+            far, last = far + at * at * rest * bend, last + at * at * at * bend
+        return first, near, far, last
+
+    def vertex_tangent(self, area, distance):
+        """The same of the load at a point with the distance [pN/µm]."""
+        return ((0.5 * self.bonds.law.bond_density * area * self.bonds.bend(distance),),)
+
     def face_stiffness(self, area, gap1, gap2, gap3):
         """Bound of the row sums of the tangent of a piece over a face, where levers are 1 [pN/µm]."""
         return (self.bonds.law.bond_density * area * self.bonds.curvature_of(gap1, gap2, gap3),)

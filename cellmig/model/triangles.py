@@ -18,6 +18,7 @@ from .protocols import ProtrusionLaw, SurfaceBonds
 
 FLAT = 0.02  # change of the gap over a triangle, over the gap itself, below which divided differences cancel [-]
 NEAR = 0.01  # the same of two corners [-]
+NARROWLY = 1e-3  # change of a gap over which U'' is a difference of slopes, over the gap [-]
 _NEAR_MIDDLE, _NEAR_CORNER = (6.0 + sqrt(15.0)) / 21.0, (6.0 - sqrt(15.0)) / 21.0
 # Shares of three corners and weights of seven points, of order 5.  Source: Radon (1948).
 RADON = ((1 / 3, 1 / 3, 1 / 3, 9 / 40), *(
@@ -201,6 +202,56 @@ class TriangleBonds(TriangleMean):
             by_a, by_b = by_a + 0.5 * rest * (1.0 - at) * slope, by_b + 0.5 * (1.0 - at) * slope
             by_c = by_c + (1.0 - 0.5 * (1.0 - at) * (1.0 + rest)) * slope
         return mean, by_a, by_b, by_c
+
+    def tangent(self, gap1, gap2, gap3):
+        """Second derivatives of the mean by the gaps: 11, 22, 33, 23, 31 and 12 [pN/µm]."""
+        gaps = gap1, gap2, gap3
+        a, b, c = self.sorted(*gaps)
+        flat = c - a < FLAT * self.scale(a)
+        aa, bb, cc, bc, ca, ab = either(flat, self.bent_flat(a, b, c), self.bent(a, b, where(flat, c + 1.0, c)))
+        return (*self.unsorted(gaps, a, c, aa, bb, cc), *self.unsorted(gaps, a, c, bc, ca, ab))
+
+    def bent(self, a, b, c):
+        """The same by the gaps a ≤ b ≤ c, of which a and c are not near each other: aa, bb, cc, bc, ca, ab [pN/µm]."""
+        span = c - a
+        (below, left, right), (above, after, last) = self.pair(a, b), self.pair(b, c)
+        (aaab, aabb, abbb), (bbbc, bbcc, bccc) = self.triple(a, b, left, right), self.triple(b, c, after, last)
+        middle = (above - below) / span
+        aabc, abbc, abcc = (middle - left) / span, (after - right) / span, (last - middle) / span
+        twice, once = 4.0 / span, 2.0 / span
+        return (twice * (aabc - aaab), twice * (bbbc - abbb), twice * (bccc - abcc),
+                once * (bbcc - abbc), once * (abcc - aabc), once * (abbc - aabb))
+
+    def triple(self, x, y, left, right):
+        """F[x, x, x, y], F[x, x, y, y] and F[x, y, y, y] by F[x, x, y] and F[x, y, y], `left` and `right` [pN]."""
+        change, apart = y - x, self.apart(x, y)
+        over = 1.0 / where(apart, change, 1.0)
+        start, end = 0.5 * self.value(x), 0.5 * self.value(y)
+        return either(apart, ((left - start) * over, (right - left) * over, (end - right) * over),
+                      self.triple_near(x, change))
+
+    def triple_near(self, x, change):
+        """The same by quadrature [pN]."""
+        first, both, last = 0.0, 0.0, 0.0
+        for at, weight in self.points(x, change, GAUSS):
+            slope, rest = weight * self.law.slope(x + at * change), 1.0 - at
+            first, both = first + 0.5 * rest * rest * slope, both + rest * at * slope
+            last = last + 0.5 * at * at * slope
+        return first, both, last
+
+    def bent_flat(self, a, b, c):
+        """As `bent` where the gaps are near each other, by seven points [pN/µm]."""
+        aa, bb, cc, bc, ca, ab = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for at_a, at_b, at_c, weight in RADON:
+            bend = weight * self.bend(a + at_b * (b - a) + at_c * (c - a))
+            aa, bb, cc = aa + at_a * at_a * bend, bb + at_b * at_b * bend, cc + at_c * at_c * bend
+            bc, ca, ab = bc + at_b * at_c * bend, ca + at_c * at_a * bend, ab + at_a * at_b * bend
+        return aa, bb, cc, bc, ca, ab
+
+    def bend(self, gap):
+        """U'' as a difference of slopes [pN/µm]."""
+        half = NARROWLY * self.scale(gap)
+        return (self.law.slope(gap + half) - self.law.slope(gap - half)) / (2.0 * half)
 
     def curvature(self, gap1, gap2, gap3):
         """Mean of U'' over the triangle, where it is positive, over a slightly wider range of gaps [pN/µm]."""

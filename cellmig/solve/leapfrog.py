@@ -35,7 +35,7 @@ class Leapfrog:
             left, dt = run.equal_steps(stop)
             m.set_clock(t, *((0.0, taken) if run.fixed_step else (t, 0)))
             n = min(allowed, left, ts.getMaxSteps() - taken)
-            m.advance(n, dt, 0.0 if run.fixed_step else 1.0)  # who looks at steps of a fixed length changes no bit
+            m.advance(n, dt, run.gaps[1], 0.0 if run.fixed_step else 1.0)  # who looks at fixed steps changes no bit
             m.meet()
             seen = m.extremes()
             late = seen.displaced > 0.5 * m.segments.skin

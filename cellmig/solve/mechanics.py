@@ -198,16 +198,17 @@ class Mechanics:
             self.kernel("prescribe")
             self.state.exchange()
 
-    def advance(self, n: int, dt: float, share: float = 1.0) -> None:
+    def advance(self, n: int, dt: float, gap: float = 0.0, share: float = 1.0) -> None:
         """Take `n` steps of `dt` [µs] of leapfrog; collective.
 
-        share : of the way that surfaces may slip while pieces of contact serve [-], to time steps that are too short.
+        gap : expected least gap between cells [µm];  share : of the way that surfaces may slip while pieces of contact
+        serve [-], to time steps that are too short.
 
         Raises PETSc.Error where an exchange of ghosts failed.
         """
         self.resume()
         t, begin = self.times, self._clock()
-        self.segments.serve(share)
+        self.segments.serve(share, gap)
         try:
             failed = self.kernel("advance", n, float(dt), float(t.F_lag), float(t.accounted_dt), float(t.dt_prev))
         finally:  # ^C in a program of one's own comes after the call

@@ -83,19 +83,17 @@ class Segments:
         Field("near_side", "int32_t *", "(…,)", "", "these"),
         Field("first_vertex", "long *", "(n_contact_segments + 1,)", "", "vertices near a triangle in `near_vertex`"),
         Field("near_vertex", "int32_t *", "(…,)", "", "these"),
-        Field("contact_gone", "double *", "(4,)", "µm", "how far nodes have gone, beside their mean; up to when "
-              "lists of what may act hold; the last step; number of calls"),
-        Field("contact_serves", "double *", "(2,)", "", "1 where no pieces of before serve; how far triangles and "
-              "features slip while pieces do, over their distance"),
-        Field("face_rest", "double *", "(…,)", "µm", "how far nodes have gone when faces in `near_face` may act"),
-        Field("side_rest", "double *", "(…,)", "µm", "the same of edges"),
-        Field("vertex_rest", "double *", "(…,)", "µm", "the same of vertices"),
-        Field("listed_face_from", "long *", "(n_contact_segments + 1,)", "", "places in `near_face` of what may act"),
-        Field("listed_face", "int32_t *", "(…,)", "", "these"),
-        Field("listed_side_from", "long *", "(n_contact_segments + 1,)", "", "the same of edges"),
-        Field("listed_side", "int32_t *", "(…,)", "", "these"),
-        Field("listed_vertex_from", "long *", "(n_contact_segments + 1,)", "", "the same of vertices"),
-        Field("listed_vertex", "int32_t *", "(…,)", "", "these"),
+        Field("contact_call", "int32_t *", "(1,)", "", "number of the last call of add_contact"),
+        Field("contact_serves", "double *", "(3,)", "", "1 where no pieces of before serve; how far triangles and "
+              "features slip while pieces do, over their distance; the expected least distance [µm]"),
+        Field("triangle_gone", "double *", "(n_contact_segments, 3)", "µm", "how far their corners have gone, beside "
+              "the mean of the nodes, until when lists of what may act hold, and how far in the last step"),
+        Field("face_gone", "double *", "(n_contact_faces, 3)", "µm", "the same of faces"),
+        Field("side_gone", "double *", "(n_contact_edges, 3)", "µm", "the same of edges, with their faces"),
+        Field("vertex_gone", "double *", "(n_contact_vertices, 3)", "µm", "the same of vertices, with their faces"),
+        Field("face_rest", "double *", "(…, 2)", "µm", "until when a triangle and a face in `near_face` do not act"),
+        Field("side_rest", "double *", "(…, 2)", "µm", "the same of edges"),
+        Field("vertex_rest", "double *", "(…, 2)", "µm", "the same of vertices"),
         Field("face_set", "int32_t *", "(n_contact_faces,)", "", "number of the call for which their frames are"),
         Field("side_set", "int32_t *", "(n_contact_edges,)", "", "the same of edges"),
         Field("vertex_set", "int32_t *", "(n_contact_vertices,)", "", "the same of vertices"),
@@ -132,7 +130,7 @@ class Segments:
         self._contacts = part.terms.contacts or NO_CONTACTS
         if part.terms.contacts is not None:
             k["stiffness_of_contact"] = np.zeros(part.capacity)
-            k["contact_serves"] = np.array([1.0, 0.0])
+            k["contact_serves"] = np.array([1.0, 0.0, 0.0])
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -283,20 +281,24 @@ class Segments:
         k["first_ring"], k["contact_ring"] = lists.first_ring, lists.ring
         for kind, name in (("face", "face"), ("edge", "side"), ("vertex", "vertex")):
             k[f"first_{name}"], k[f"near_{name}"] = lists.first[kind], lists.number[kind]
-            k[f"listed_{name}_from"] = np.zeros(len(lists.first[kind]))
-            k[f"listed_{name}"], k[f"{name}_rest"] = np.zeros((2, len(lists.number[kind]) + 1))
+            k[f"{name}_rest"] = np.full((len(lists.number[kind]) + 1, 2), -1.0)
         k("contact_sizes", sizes)
         for (kind, features), size in zip((("face", lists.face), ("edge", lists.edge), ("vertex", lists.vertex)),
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
-            k[f"{'side' if kind == 'edge' else kind}_set"] = np.zeros(len(features) + 1)
-        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.array([0.0, -1.0, 0.0, 0.0])
+            name = "side" if kind == "edge" else kind
+            k[f"{name}_set"], k[f"{name}_gone"] = np.zeros(len(features) + 1), np.zeros((len(features) + 1, 3))
+        k["triangle_gone"], k["contact_call"] = np.zeros((len(lists.segment) + 1, 3)), np.zeros(1)
+        k["contact_x"] = self._state.x(k["contact_node"])
         k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
 
-    def serve(self, share: float) -> None:
-        """Have pieces of contact in space serve from now on, from none on, as far as `share` times SLIP [-]."""
+    def serve(self, share: float, gap: float = 0.0) -> None:
+        """Have pieces of contact in space serve from now on, from none on, as far as `share` times SLIP [-].
+
+        gap : expected least gap between cells [µm].
+        """
         if self._part.terms.contacts is not None:
-            self._kernel["contact_serves"][:] = 1.0, SLIP * share
+            self._kernel["contact_serves"][:] = 1.0, SLIP * share, gap
 
     def _set_contact(self, lists: ContactLists) -> None:
         """Set the kernel's arrays for the lists that act on this rank's particles; collective."""

@@ -188,7 +188,7 @@ def test_features_that_rest_add_no_bit(comm: MPI.Comm) -> None:
             for k in range(1, 101):
                 for kind in ("face", "side", "vertex"):
                     rests = space.mechanics.kernel[f"{kind}_rest"]
-                    rests[:] = 0.0 if awake else rests
+                    rests[:] = -1.0 if awake else rests
                 space.integrator.advance_to(0.004 * k)
             found.append(space.state())
     assert found[0] == found[1]

@@ -1,6 +1,6 @@
 /* The tangent of contact in space, by central differences of what a triangle and a feature do to each other. */
 
-enum { OVER_FACE, BESIDE_EDGE, BESIDE_VERTEX, MOST_IN_PAIR = 4 + MOST_SPOKES, MOST_MOVED = 6 };
+enum { MOST_IN_PAIR = 4 + MOST_SPOKES, MOST_MOVED = 6 };
 
 /* A triangle near another cell and a feature of that: particles on which it depends, on the first `moved` of which it
  * acts, those of the triangle first; their places, and what acts on them. */
@@ -26,38 +26,39 @@ static int act_in_pair(const KernelData *s, Pair *p)
     Triangle T = triangle_at(s, p->triangle, 0);
     const double *x[MOST_IN_PAIR];
     double *force[MOST_MOVED], pierced = 0;
-    static Pieces found; /* of this pair alone */
+    static Pieces found, acting; /* of this pair alone */
     found.used = 0;
+    acting.action = enough(acting.action, 0, 1, acting.room + 2, sizeof(Beside));
     memset(p->force, 0, sizeof p->force);
     for (int i = 3; i < p->n; i++) x[i - 3] = p->x[i];
     for (int i = 3; i < p->moved; i++) force[i - 3] = p->force[i];
     for (int i = 0; i < 3; i++) T.x[i] = p->x[i], T.force[i] = p->force[i];
     set_sides(&T);
     if (p->kind == OVER_FACE) {
-        FacePieces waiting;
-        waiting.n = 0, waiting.law = 0;
+        FacePieces waiting = {.of = &acting};
         Face f;
         set_face(&f, x);
         over_face(&T, &f, &found, &pierced);
-        act_over_face(&T, &f, force, found.on, found.used, &waiting);
-        act_on_faces(&waiting);
+        wait_over_face(&T, &f, found.on, found.used, 0, &waiting);
+        add_over_faces(&waiting);
+        act_over_face(over_face_of(&acting, 0), &T, &f, force);
     } else if (p->kind == BESIDE_EDGE) {
-        Lines waiting;
-        waiting.n = 0, waiting.law = 0;
+        Lines waiting = {.of = &acting};
         Edge3 e;
         set_edge(&e, x);
         beside_edge3(&T, &e, &found);
-        act_beside_edge(&T, x, force, found.on, found.used, &waiting);
-        act_on_lines(&waiting);
+        wait_beside_edge(&T, x, found.on, found.used, 0, &waiting);
+        add_beside_edges(&waiting);
+        act_beside_edge(beside_of(&acting, 0), &T, x, force);
     } else {
-        Points waiting;
-        waiting.n = 0, waiting.law = 0;
+        Points waiting = {.of = &acting};
         Vertex v;
         const Ball ball = ball_around(&T);
         set_vertex(&v, x[0], x + 1, p->n - 4);
         beside_vertex3(&T, &ball, &v, &found);
-        act_beside_vertex(&T, x[0], force[0], found.on, found.used, &waiting);
-        act_on_points(&waiting);
+        wait_beside_vertex(&T, x[0], found.on, found.used, 0, &waiting);
+        add_beside_vertices(&waiting);
+        act_beside_vertex(beside_of(&acting, 0), &T, x[0], force[0]);
     }
     int any = 0;
     for (int i = 0; i < p->moved; i++)
@@ -98,24 +99,22 @@ static void add_pair(const KernelData *s, Pair *p, Blocks *out)
 int contact_blocks(const KernelData *s, double h, long *row, long *column, double *block)
 {
     Blocks out = {h, row, column, 0, block};
-    const double gone = s->contact_gone[0];
+    const Near faces = near_of(s, OVER_FACE), edges = near_of(s, BESIDE_EDGE), vertices = near_of(s, BESIDE_VERTEX);
     Pair p;
     for (long k = 0; k < s->n_contact_segments; k++) {
-        for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
-            const long m = s->listed_face[n];
-            if (s->face_rest[m] > gone) continue;
-            set_pair(s, &p, OVER_FACE, k, s->contact_face + 3L * s->near_face[m], 3, 3);
+        for (long m = faces.first[k]; m < faces.first[k + 1]; m++) {
+            if (!may_act(s, &faces, k, m)) continue;
+            set_pair(s, &p, OVER_FACE, k, s->contact_face + 3L * faces.feature[m], 3, 3);
             add_pair(s, &p, &out);
         }
-        for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
-            const long m = s->listed_side[n];
-            if (s->side_rest[m] > gone) continue;
-            set_pair(s, &p, BESIDE_EDGE, k, s->contact_side + 4L * s->near_side[m], 4, 2);
+        for (long m = edges.first[k]; m < edges.first[k + 1]; m++) {
+            if (!may_act(s, &edges, k, m)) continue;
+            set_pair(s, &p, BESIDE_EDGE, k, s->contact_side + 4L * edges.feature[m], 4, 2);
             add_pair(s, &p, &out);
         }
-        for (long n = s->listed_vertex_from[k]; n < s->listed_vertex_from[k + 1]; n++) {
-            const long m = s->listed_vertex[n], v = s->near_vertex[m], first = s->first_ring[v];
-            if (s->vertex_rest[m] > gone) continue;
+        for (long m = vertices.first[k]; m < vertices.first[k + 1]; m++) {
+            const long v = vertices.feature[m], first = s->first_ring[v];
+            if (!may_act(s, &vertices, k, m)) continue;
             const int around = (int)(s->first_ring[v + 1] - first);
             int32_t feature[MOST_SPOKES + 1] = {s->contact_vertex[v]};
             memcpy(feature + 1, s->contact_ring + first, (size_t)around * sizeof *feature);

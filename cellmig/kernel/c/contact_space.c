@@ -3,8 +3,6 @@
 enum { IN_FACE = sizeof(Face) / sizeof(double), IN_EDGE = sizeof(Edge3) / sizeof(double),
        IN_VERTEX = sizeof(Vertex) / sizeof(double) };
 
-enum { LOOKAHEAD = 5 }; /* steps for which lists of what may act are made */
-
 /* Sizes of the frames of faces, edges and vertices, in numbers. */
 void contact_sizes(const KernelData *s, double out[3])
 {
@@ -13,201 +11,150 @@ void contact_sizes(const KernelData *s, double out[3])
     out[2] = IN_VERTEX;
 }
 
-static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
-static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
+/* A call of add_contact: its number, whether pieces serve, the step, and how far any triangle goes through a face. */
+typedef struct { int32_t now; int serve; double dt, pierced; } Call;
 
-/* The frame of face k near another cell, set once in call number `now`. */
-static const Face *face_at(const KernelData *s, long k, int32_t now)
+/* Pieces that wait for what acts there. */
+typedef struct { FacePieces faces; Lines lines; Points points; } Waiting;
+
+/* Places of the nodes of a feature, and what acts on them; their number. */
+static inline int nodes_of(const KernelData *s, int kind, long feature, const int32_t **node, const double *x[3],
+                           double *force[3])
 {
-    Face *f = (Face *)s->face_frame + k;
-    if (s->face_set[k] == now) return f;
+    const int n = kind == OVER_FACE ? 3 : kind == BESIDE_EDGE ? 2 : 1;
+    *node = kind == OVER_FACE ? s->contact_face + 3 * feature : kind == BESIDE_EDGE ? s->contact_side + 4 * feature
+        : s->contact_vertex + feature;
+    for (int i = 0; i < n; i++) {
+        x[i] = contact_place(s, (*node)[i]);
+        force[i] = contact_load(s, (*node)[i]);
+    }
+    return n;
+}
+
+/* Finds the pieces of a meeting, and until when they serve.  How far corners may move until there are any. */
+INLINED double find(const KernelData *s, int kind, const Triangle *T, Meeting *m, Call *call)
+{
+    const int32_t *node;
     const double *x[3];
-    for (int i = 0; i < 3; i++) x[i] = contact_place(s, s->contact_face[3 * k + i]);
-    set_face(f, x);
-    s->face_set[k] = now;
-    return f;
-}
-
-/* The same of an edge. */
-static const Edge3 *edge_at(const KernelData *s, long k, int32_t now)
-{
-    Edge3 *e = (Edge3 *)s->edge_frame + k;
-    if (s->side_set[k] == now) return e;
-    const double *x[4];
-    for (int i = 0; i < 4; i++) x[i] = contact_place(s, s->contact_side[4 * k + i]);
-    set_edge(e, x);
-    s->side_set[k] = now;
-    return e;
-}
-
-/* The same of a vertex. */
-static const Vertex *vertex_at(const KernelData *s, long k, int32_t now)
-{
-    Vertex *v = (Vertex *)s->vertex_frame + k;
-    if (s->vertex_set[k] == now) return v;
-    const double *ring[MOST_SPOKES];
-    const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
-    for (long j = 0; j < n; j++) ring[j] = contact_place(s, s->contact_ring[first + j]);
-    set_vertex(v, contact_place(s, s->contact_vertex[k]), ring, (int)n);
-    s->vertex_set[k] = now;
-    return v;
-}
-
-/* Triangle k of those near another cell; energies are by the first corners. */
-static Triangle triangle_at(const KernelData *s, long k, double *energy)
-{
-    const int32_t *node = s->contact_segment + 3 * k;
-    static double unasked;
-    Triangle T = {.law = s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, .within = s->contact_cutoff[k],
-                  .smooth = s->contact_smooth[k], .area = s->contact_length[k],
-                  .energy = energy ? energy + s->contact_node[node[0]] : &unasked};
-    for (int i = 0; i < 3; i++) {
-        T.x[i] = contact_place(s, node[i]);
-        T.force[i] = contact_load(s, node[i]);
+    double *force[3], rest, least, size = INFINITY;
+    const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
+    kept.found.used = 0;
+    if (kind == OVER_FACE) {
+        const Face *f = face_at(s, m->feature, call->now);
+        rest = over_face(T, f, &kept.found, &call->pierced);
+        least = kept.found.used && call->serve ? least_gap_over(T, f, &kept.found) : 0;
+        size = f->planes.size;
+    } else if (kind == BESIDE_EDGE) {
+        const Edge3 *e = edge_at(s, m->feature, call->now);
+        rest = beside_edge3(T, e, &kept.found);
+        least = kept.found.used && call->serve ? least_from_edge(T, x, &kept.found) : 0;
+        size = e->planes.size;
+    } else {
+        const Vertex *v = vertex_at(s, m->feature, call->now);
+        const Ball ball = ball_around(T);
+        rest = beside_vertex3(T, &ball, v, &kept.found);
+        least = kept.found.used && call->serve ? least_from_vertex(T, x[0], &kept.found) : 0;
     }
-    set_sides(&T);
-    return T;
-}
-
-/* Lists those of the features near each triangle that may act before nodes have gone `until`. */
-static void list_kind(long triangles, const long *first, const double *rests, double until, long *from, int32_t *listed)
-{
-    long n = 0;
-    for (long k = 0; k < triangles; k++) {
-        from[k] = n;
-        for (long m = first[k]; m < first[k + 1]; m++) {
-            listed[n] = (int32_t)m;
-            n += !(rests[m] > until);
-        }
+    m->due = 1;
+    m->until = call->now + 1;
+    keep_found(kept.of + kind, m, &kept.found, kind == OVER_FACE ? sizeof(OverFace) : sizeof(Beside));
+    if (m->n && call->serve) {
+        const double way = d_minimum(least, SIZES * size);
+        const int32_t *corner = s->contact_segment + 3 * m->triangle;
+        const int all = nodes + 2 * (kind == BESIDE_EDGE); /* with its faces */
+        const double steps = steps_of_slip(s, kept.velocity[0], corner, node, all, way, call->dt);
+        m->until = call->now + (int32_t)d_maximum(1, steps);
     }
-    from[triangles] = n;
+    return rest;
 }
 
-/* Lists for the coming steps what may act in some of them, after a `step` [µm], if the last lists are not complete. */
-static void list_what_may_act(const KernelData *s, double step)
+/* Looks at a meeting, if it has pieces or now is the time.  How far corners may move until there are any. */
+INLINED double look(const KernelData *s, int kind, const Triangle *T, Meeting *m, Call *call)
 {
-    double *gone = s->contact_gone;
-    if (!(gone[0] <= gone[1])) {
-        const long n = s->n_contact_segments;
-        gone[1] = gone[0] + LOOKAHEAD * d_minimum(step, gone[2]);
-        list_kind(n, s->first_face, s->face_rest, gone[1], s->listed_face_from, s->listed_face);
-        list_kind(n, s->first_side, s->side_rest, gone[1], s->listed_side_from, s->listed_side);
-        list_kind(n, s->first_vertex, s->vertex_rest, gone[1], s->listed_vertex_from, s->listed_vertex);
-    }
-    gone[2] = step;
+    const int32_t *node, *corner = s->contact_segment + 3 * m->triangle;
+    const double *x[3], gap = s->contact_serves[2];
+    double *force[3];
+    const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
+    const int32_t every = call->serve
+        ? looks_every(steps_of_slip(s, kept.velocity[1], corner, node, nodes, gap, call->dt)) : 1;
+    const int32_t late = (int32_t)(kept.calls % every);
+    const double rest = m->n || !late ? find(s, kind, T, m, call) : 0;
+    if (!m->n) m->until = call->now + every - late;
+    return rest;
 }
 
-/* Places of the nodes; how far any of them has gone since these lists began, beside their mean. */
-static double follow_nodes(const KernelData *s)
+/* Has the pieces of a meeting wait for what acts there. */
+INLINED void wait_for(const KernelData *s, int kind, const Triangle *T, const Meeting *m, int32_t now, Waiting *waiting)
 {
-    const long n = s->n_contact_nodes;
-    double mean[D] = {0}, most = 0;
-    for (long m = 0; m < n; m++)
-        for (int c = 0; c < D; c++) mean[c] += coordinate(s, s->contact_node[m], c) - s->contact_x[D * m + c];
-    for (long m = 0; m < n; m++) {
-        double square = 0;
-        for (int c = 0; c < D; c++) {
-            const double x = coordinate(s, s->contact_node[m], c);
-            const double by = x - s->contact_x[D * m + c] - mean[c] / (double)n;
-            s->contact_x[D * m + c] = x;
-            square += by * by;
-        }
-        most = square <= most ? most : square; /* also if it is not a number */
-    }
-    return sqrt(most);
+    const int32_t *node;
+    const double *x[3];
+    double *force[3];
+    const v4 *on = kept.of[kind].on + m->from;
+    nodes_of(s, kind, m->feature, &node, x, force);
+    if (kind == OVER_FACE) wait_over_face(T, face_at(s, m->feature, now), on, m->n, m->action, &waiting->faces);
+    else if (kind == BESIDE_EDGE) wait_beside_edge(T, x, on, m->n, m->action, &waiting->lines);
+    else wait_beside_vertex(T, x[0], on, m->n, m->action, &waiting->points);
 }
 
-/* The triangles near other cells, where nodes are now. */
-static const Triangle *triangles_now(const KernelData *s, double *energy)
+/* Finds pieces where none serve, and what acts there where that does not serve. */
+INLINED void meet(const KernelData *s, int kind, const Triangle *T, Call *call, Waiting *waiting)
 {
-    const long n = s->n_contact_segments;
-    kept.triangle = enough(kept.triangle, 0, n, &kept.room, sizeof(Triangle));
-    for (long k = 0; k < n; k++) kept.triangle[k] = triangle_at(s, k, energy);
-    return kept.triangle;
-}
-
-/* What the faces do that may act, in call number `now`; how far any triangle goes through one. */
-static double add_faces(const KernelData *s, const Triangle *T, int32_t now, int serve, double dt)
-{
-    FacePieces waiting;
-    waiting.n = 0, waiting.law = 0;
-    const double gone = s->contact_gone[0];
-    double pierced = 0;
-    for (long k = 0; k < s->n_contact_segments; k++)
-        for (long n = s->listed_face_from[k]; n < s->listed_face_from[k + 1]; n++) {
-            const long m = s->listed_face[n];
-            if (s->face_rest[m] > gone) continue;
-            const int32_t *of = s->contact_face + 3L * s->near_face[m];
-            const Face *f = face_at(s, s->near_face[m], now);
-            const int old = still_serves(&kept.faces, m, now, serve);
-            if (!old) {
-                const double rest = over_face(T + k, f, &kept.found, &pierced);
-                if (rest > 0) s->face_rest[m] = gone + rest;
-                const double least = serve ? least_gap_over(T + k, f, &kept.found) : 0;
-                if (serve) keep_found(s, &kept.faces, m, k, of, 3, least, f->planes.size, dt);
+    const Near near = near_of(s, kind);
+    const Pieces *p = kept.of + kind;
+    for (long n = 0; n < p->lists; n++) {
+        Listed *listed = p->listed + n;
+        const int32_t number = listed->number < 0 ? ~listed->number : listed->number;
+        Meeting *m = p->meeting + number;
+        if (listed->until <= call->now) {
+            const double rest = look(s, kind, T + m->triangle, m, call);
+            if (rest > 0) {
+                near.rest[2 * m->near] = s->triangle_gone[3 * m->triangle] + rest;
+                near.rest[2 * m->near + 1] = near.gone[3 * m->feature] + rest;
             }
-            const Served pieces = old ? served(&kept.faces, m) : just_found();
-            double *force[3] = {contact_load(s, of[0]), contact_load(s, of[1]), contact_load(s, of[2])};
-            if (pieces.n) act_over_face(T + k, f, force, pieces.on, pieces.n, &waiting);
+            listed->until = m->until;
+            listed->number = m->n ? number : ~number;
         }
-    act_on_faces(&waiting);
-    return pierced;
-}
-
-/* The same of edges. */
-static void add_edges(const KernelData *s, const Triangle *T, int32_t now, int serve, double dt)
-{
-    Lines waiting;
-    waiting.n = 0, waiting.law = 0;
-    const double gone = s->contact_gone[0];
-    for (long k = 0; k < s->n_contact_segments; k++)
-        for (long n = s->listed_side_from[k]; n < s->listed_side_from[k + 1]; n++) {
-            const long m = s->listed_side[n];
-            if (s->side_rest[m] > gone) continue;
-            const int32_t *of = s->contact_side + 4L * s->near_side[m];
-            const double *x[2] = {contact_place(s, of[0]), contact_place(s, of[1])};
-            const int old = still_serves(&kept.edges, m, now, serve);
-            if (!old) {
-                const Edge3 *e = edge_at(s, s->near_side[m], now);
-                const double rest = beside_edge3(T + k, e, &kept.found);
-                if (rest > 0) s->side_rest[m] = gone + rest;
-                const double least = serve ? least_from_edge(T + k, x, &kept.found) : 0;
-                if (serve) keep_found(s, &kept.edges, m, k, of, 4, least, e->planes.size, dt);
-            }
-            const Served pieces = old ? served(&kept.edges, m) : just_found();
-            double *force[2] = {contact_load(s, of[0]), contact_load(s, of[1])};
-            if (pieces.n) act_beside_edge(T + k, x, force, pieces.on, pieces.n, &waiting);
-        }
-    act_on_lines(&waiting);
-}
-
-/* The same of vertices. */
-static void add_vertices(const KernelData *s, const Triangle *T, int32_t now, int serve, double dt)
-{
-    Points waiting;
-    waiting.n = 0, waiting.law = 0;
-    const double gone = s->contact_gone[0];
-    for (long k = 0; k < s->n_contact_segments; k++) {
-        const long first = s->listed_vertex_from[k], end = s->listed_vertex_from[k + 1];
-        if (first == end) continue;
-        const Ball ball = ball_around(T + k);
-        for (long n = first; n < end; n++) {
-            const long m = s->listed_vertex[n];
-            if (s->vertex_rest[m] > gone) continue;
-            const int32_t *of = s->contact_vertex + s->near_vertex[m];
-            const double *x = contact_place(s, *of);
-            const int old = still_serves(&kept.vertices, m, now, serve);
-            if (!old) {
-                const double rest = beside_vertex3(T + k, &ball, vertex_at(s, s->near_vertex[m], now), &kept.found);
-                if (rest > 0) s->vertex_rest[m] = gone + rest;
-                const double least = serve ? least_from_vertex(T + k, x, &kept.found) : 0;
-                if (serve) keep_found(s, &kept.vertices, m, k, of, 1, least, INFINITY, dt);
-            }
-            const Served pieces = old ? served(&kept.vertices, m) : just_found();
-            if (pieces.n) act_beside_vertex(T + k, x, contact_load(s, *of), pieces.on, pieces.n, &waiting);
-        }
+        if (listed->number >= 0 && m->due) wait_for(s, kind, T + m->triangle, m, call->now, waiting);
     }
-    act_on_points(&waiting);
+}
+
+/* What acts in the meetings that are listed. */
+INLINED void act(const KernelData *s, int kind, const Triangle *T, int32_t now)
+{
+    const Pieces *p = kept.of + kind;
+    for (long n = 0; n < p->lists; n++) {
+        if (p->listed[n].number < 0) continue;
+        Meeting *m = p->meeting + p->listed[n].number;
+        const Triangle *here = T + m->triangle;
+        const int32_t *node;
+        const double *x[3];
+        double *force[3];
+        nodes_of(s, kind, m->feature, &node, x, force);
+        if (kind == OVER_FACE)
+            m->due = act_over_face(over_face_of(p, m->action), here, face_at(s, m->feature, now), force);
+        else if (kind == BESIDE_EDGE) m->due = act_beside_edge(beside_of(p, m->action), here, x, force);
+        else m->due = act_beside_vertex(beside_of(p, m->action), here, x[0], force[0]);
+    }
+}
+
+/* What acts between triangles and all features near them. */
+static void act_on_all(const KernelData *s, const Triangle *T, Call *call)
+{
+    static Waiting waiting;
+    waiting.faces.n = waiting.lines.n = waiting.points.n = 0;
+    waiting.faces.law = waiting.lines.law = waiting.points.law = 0;
+    waiting.faces.change = waiting.lines.change = waiting.points.change = call->serve;
+    waiting.faces.of = kept.of + OVER_FACE, waiting.lines.of = kept.of + BESIDE_EDGE;
+    waiting.points.of = kept.of + BESIDE_VERTEX;
+    meet(s, OVER_FACE, T, call, &waiting);
+    meet(s, BESIDE_EDGE, T, call, &waiting);
+    meet(s, BESIDE_VERTEX, T, call, &waiting);
+    add_over_faces(&waiting.faces);
+    add_beside_edges(&waiting.lines);
+    add_beside_vertices(&waiting.points);
+    act(s, OVER_FACE, T, call->now);
+    act(s, BESIDE_EDGE, T, call->now);
+    act(s, BESIDE_VERTEX, T, call->now);
 }
 
 /* Forces; energies by the first corners of the triangles, if asked for; the impulses of a time dt on a particle by the
@@ -217,19 +164,13 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
 {
     memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
     for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
-    double *gone = s->contact_gone;
-    const double step = follow_nodes(s);
-    const int32_t now = (int32_t)++gone[3];
-    gone[0] += step;
-    list_what_may_act(s, step);
-    const int serve = pieces_serve(s);
-    s->contact_serves[0] = 0;
-    const Triangle *T = triangles_now(s, energy);
-    const double pierced = add_faces(s, T, now, serve, dt);
-    add_edges(s, T, now, serve, dt);
-    add_vertices(s, T, now, serve, dt);
-    if (pierced > 0) *s->stiffest_contact = INFINITY;
-    *s->deepest_contact = d_maximum(*s->deepest_contact, pierced);
+    Call call = {.now = ++*s->contact_call, .serve = pieces_serve(s), .dt = dt};
+    follow_nodes(s);
+    if (call.serve) keep_velocities(s);
+    if (follow_all(s) || kept.calls % SERVE == 0) list_what_may_act(s, call.serve ? FASTER * SERVE : 0);
+    act_on_all(s, triangles_now(s, energy), &call);
+    if (call.pierced > 0) *s->stiffest_contact = INFINITY;
+    *s->deepest_contact = d_maximum(*s->deepest_contact, call.pierced);
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
         const double *f = contact_load(s, m);

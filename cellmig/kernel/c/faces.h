@@ -1,75 +1,63 @@
-/* Pieces of a triangle T over faces of another surface, and what bonds do there. */
+/* Laws of bonds between pieces of a triangle T and faces of another surface. */
 
-static inline void add4(double *sum, v4 a) { store(sum, load(sum) + a); }
+/* A piece over a face: shares of the corners of T at its own, and what sums what acts there. */
+typedef struct { v4 on[3]; int32_t action; } FacePiece;
 
-/* A load on three corners by their shares, along a direction. */
-static inline void pull(double *const force[3], v4 shares, v4 along)
-{
-    for (int k = 0; k < 3; k++) add4(force[k], shares[k] * along);
-}
-
-/* A stiffness on three corners by their shares. */
-static inline void stiffen(double *const force[3], v4 shares, double stiffness)
-{
-    for (int k = 0; k < 3; k++) force[k][3] += shares[k] * stiffness;
-}
-
-/* A piece over a face: its corners, as shares of those of T and of the face, the normal, and what it acts on. */
-typedef struct { v4 on[3], below[3], normal; double *on_T[3], *on_face[3], *energy; } FacePiece;
-
-/* Pieces of one law that wait for what acts on them. */
+/* Pieces of one law that wait for it; whether changes with the gaps are asked for, and for which pieces. */
 typedef struct {
     const double *law;
-    int n;
+    int n, change;
+    Pieces *of;
     double area[MOST_PIECES], gap[3][MOST_PIECES];
     FacePiece piece[MOST_PIECES];
 } FacePieces;
 
-/* What acts on the pieces that wait. */
-static void act_on_faces(FacePieces *found)
+/* Adds what acts on the pieces that wait. */
+static void add_over_faces(FacePieces *found)
 {
     const int n = found->n;
     int order[MOST_PIECES];
-    double kind[MOST_PIECES], acts[3][MOST_PIECES], energy[MOST_PIECES], stiff[MOST_PIECES];
+    double kind[MOST_PIECES], acts[3][MOST_PIECES], energy[MOST_PIECES], stiff[MOST_PIECES], bend[6][MOST_PIECES];
     const double (*gap)[MOST_PIECES] = found->gap;
     for (int m = 0; m < n; m += 4)
         store(kind + m, contact_face_kind(found->law, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
     by_kinds(kind, n, order);
     for (int m = 0; m < n; m += 4) {
         const int *of = order + m;
-        v4 loads[3], stored[1], may[1], stiffness[1] = {{0}};
+        v4 loads[3], stored[1], may[1], stiffness[1] = {{0}}, tangent[6] = {{0}};
         const v4 area = pick(found->area, of), a = pick(gap[0], of), b = pick(gap[1], of), c = pick(gap[2], of);
         contact_face(found->law, area, a, b, c, loads, stored, may);
         if (signs(-may[0])) contact_face_stiffness(found->law, area, a, b, c, stiffness);
+        if (found->change) contact_face_tangent(found->law, area, a, b, c, tangent);
         for (int k = 0; k < 3; k++) put(acts[k], of, loads[k]);
+        for (int k = 0; k < 6; k++) put(bend[k], of, tangent[k]);
         put(energy, of, stored[0]);
         put(stiff, of, stiffness[0]);
     }
     for (int m = 0; m < n; m++) {
-        const FacePiece *piece = found->piece + m;
-        v4 on = {0}, below = {0};
+        const v4 *on = found->piece[m].on;
+        OverFace *r = over_face_of(found->of, found->piece[m].action);
         for (int c = 0; c < 3; c++) {
-            on = fma4(splat(acts[c][m]), piece->on[c], on);
-            below = fma4(splat(acts[c][m]), piece->below[c], below);
+            const int next = (c + 1) % 3, last = (c + 2) % 3; /* changes 11, 22, 33, 23, 31, 12 */
+            const v4 by = bend[c][m] * on[c] + bend[3 + last][m] * on[next] + bend[3 + next][m] * on[last];
+            for (int k = 0; k < 3; k++) r->tangent[k] = fma4(splat(on[c][k]), by, r->tangent[k]);
+            r->load = fma4(splat(acts[c][m]), on[c], r->load);
+            r->stiff = fma4(splat(stiff[m] / 3), on[c], r->stiff);
+            r->gap[3] = d_minimum(r->gap[3], NEARLY * fabs(gap[c][m]));
         }
-        pull(piece->on_T, -on, piece->normal);
-        pull(piece->on_face, below, piece->normal);
-        *piece->energy += energy[m];
-        if (stiff[m] == 0) continue;
-        stiffen(piece->on_T, piece->on[0] + piece->on[1] + piece->on[2], stiff[m] / 3);
-        stiffen(piece->on_face, piece->below[0] + piece->below[1] + piece->below[2], stiff[m] / 3);
+        r->load[3] += energy[m];
     }
     found->n = 0;
 }
 
-/* What acts on a polygon over a face, from where that is now. */
-static void act_over_face(const Triangle *T, const Face *f, double *const force[3], const v4 *on, long n,
-                          FacePieces *found)
+/* Has a polygon over a face wait for what acts there, from where that is now. */
+static void wait_over_face(const Triangle *T, const Face *f, const v4 *on, long n, int32_t action, FacePieces *found)
 {
     const Four four = planes_on(T, &f->planes);
     v4 below[MOST_CORNERS];
     for (long k = 0; k < n; k++) below[k] = value_at(&four, on[k]);
-    if (found->law != T->law || found->n + n > MOST_PIECES) act_on_faces(found);
+    begin_over_face(over_face_of(found->of, action), &four);
+    if (found->law != T->law || found->n + n > MOST_PIECES) add_over_faces(found);
     found->law = T->law;
     for (int k = 0; k + 2 < n; k++) {
         const int corner[3] = {0, k + 1, k + 2};
@@ -77,14 +65,10 @@ static void act_over_face(const Triangle *T, const Face *f, double *const force[
         double nearest = INFINITY;
         for (int c = 0; c < 3; c++) {
             piece->on[c] = on[corner[c]];
-            piece->below[c] = below[corner[c]];
             nearest = d_minimum(nearest, found->gap[c][found->n] = below[corner[c]][3]);
-            piece->on_T[c] = T->force[c];
-            piece->on_face[c] = force[c];
         }
         if (nearest >= T->within) continue;
-        piece->normal = f->normal;
-        piece->energy = T->energy;
+        piece->action = action;
         found->area[found->n++] = T->area * fan(on, k);
     }
 }

@@ -1,69 +1,72 @@
-/* Points of a triangle T in the cones over vertices of another surface, and what bonds do there. */
+/* Laws of bonds between points of a triangle T in the cones and the vertices of another surface. */
 
-/* A point of T that counts for a vertex: the vector from this, and what it acts on. */
-typedef struct { v4 on, away; double *on_T[3], *on_vertex, *energy; } Point;
+/* A point of T that counts for a vertex, and what sums what acts there. */
+typedef struct { v4 on; int32_t action; } Point;
 
-/* Points of one law that wait for what acts on them: their reference areas, and squares of their distances. */
+/* Points of one law that wait for it, as pieces over faces do: their reference areas, and squares of distances. */
 typedef struct {
     const double *law;
-    int n;
+    int n, change;
+    Pieces *of;
     double area[MOST_PIECES], square[MOST_PIECES];
     Point point[MOST_PIECES];
 } Points;
 
-/* What acts on the points that wait. */
-static void act_on_points(Points *found)
+/* Adds what acts on the points that wait. */
+static void add_beside_vertices(Points *found)
 {
     for (int n = found->n; n % 4; n++) found->area[n] = 0, found->square[n] = 1; /* others that do not count */
     for (int m = 0; m < found->n; m += 4) {
-        v4 loads[1], stored[1], stiff[1], stiffness[1] = {{0}};
-        const v4 area = load(found->area + m), r = v4_sqrt(load(found->square + m));
-        contact_vertex(found->law, area, r, loads, stored, stiff);
-        if (signs(-stiff[0])) contact_vertex_stiffness(found->law, area, r, stiffness);
+        v4 loads[1], stored[1], may[1], stiffness[1] = {{0}}, tangent[1] = {{0}};
+        const v4 area = load(found->area + m), square = load(found->square + m), r = v4_sqrt(square);
+        contact_vertex(found->law, area, r, loads, stored, may);
+        if (signs(-may[0])) contact_vertex_stiffness(found->law, area, r, stiffness);
+        if (found->change) contact_vertex_tangent(found->law, area, r, tangent);
         loads[0] /= r;
+        const v4 bend = 0.5 * (tangent[0] - loads[0]) / square;
         for (int i = 0; i < 4 && m + i < found->n; i++) {
             const Point *point = found->point + m + i;
-            const v4 along = loads[0][i] * point->away;
-            pull(point->on_T, -point->on, along);
-            add4(point->on_vertex, along);
-            *point->energy += stored[0][i];
-            if (!(stiffness[0][i] > 0)) continue; /* of points that count negatively it is negative */
-            stiffen(point->on_T, point->on, stiffness[0][i]);
-            point->on_vertex[3] += stiffness[0][i];
+            Beside *action = beside_of(found->of, point->action);
+            v4 of[2];
+            shared(point->on, of);
+            add_beside(action, point->on, of, loads[0][i], stored[0][i], square[i], stiffness[0][i]);
+            if (!found->change) continue;
+            const v4 to[2] = {bend[i] * of[0], bend[i] * of[1]};
+            bend_beside(action, of, to);
         }
     }
     found->n = 0;
 }
 
-/* What acts on n points beside the vertex at x, from where they are now. */
-static void act_beside_vertex(const Triangle *T, const double *x, double *force, const v4 *on, long n, Points *found)
+/* Has n points beside the vertex at x wait for what acts there, from where they are now. */
+static void wait_beside_vertex(const Triangle *T, const double *x, const v4 *on, long n, int32_t action, Points *found)
 {
-    v4 from[3];
-    corners_from(T, x, from);
-    if (found->law != T->law) act_on_points(found);
+    v4 product[2], of[2];
+    const Corners c = corners_beside(T, x);
+    products(&c, product);
+    begin_beside(beside_of(found->of, action), product);
+    if (found->law != T->law) add_beside_vertices(found);
     found->law = T->law;
     for (long m = 0; m < n; m++) {
-        if (found->n == MOST_PIECES) act_on_points(found);
+        if (found->n == MOST_PIECES) add_beside_vertices(found);
         Point *point = found->point + found->n;
-        point->on = on[m];
-        point->away = mixed(from, on[m]);
-        for (int k = 0; k < 3; k++) point->on_T[k] = T->force[k];
-        point->on_vertex = force;
-        point->energy = T->energy;
+        shared(point->on = on[m], of);
         found->area[found->n] = on[m][3];
-        found->square[found->n++] = dot4(point->away, point->away);
+        found->square[found->n++] = d_maximum(square_at(of, product), TOUCHING * TOUCHING);
+        point->action = action;
     }
 }
 
 /* The least distance of points from the vertex. */
 static double least_from_vertex(const Triangle *T, const double *x, const Pieces *found)
 {
-    v4 from[3];
+    v4 product[2], of[2];
+    const Corners c = corners_beside(T, x);
     double least = INFINITY;
-    corners_from(T, x, from);
+    products(&c, product);
     for (long m = 0; m < found->used; m++) {
-        const v4 away = mixed(from, found->on[m]);
-        least = d_minimum(least, dot4(away, away));
+        shared(found->on[m], of);
+        least = d_minimum(least, square_at(of, product));
     }
-    return sqrt(least);
+    return sqrt(d_maximum(least, 0));
 }

@@ -10,18 +10,6 @@ static inline void less3(const double a[3], const double b[3], double out[3])
     for (int i = 0; i < 3; i++) out[i] = a[i] - b[i];
 }
 
-/* The vector to a point from a feature at x. */
-static inline v4 away_from(const double *point, const double *x)
-{
-    return (v4){point[0] - (x[0] + SKEW[0]), point[1] - (x[1] + SKEW[1]), point[2] - (x[2] + SKEW[2]), 0};
-}
-
-/* The mean of three vectors by shares. */
-static inline v4 mixed(const v4 of[3], v4 share)
-{
-    return fma4(splat(share[2]), of[2], fma4(splat(share[1]), of[1], share[0] * of[0]));
-}
-
 /* The first three places of two vectors. */
 static inline double dot4(v4 a, v4 b) { const v4 c = a * b; return c[0] + c[1] + c[2]; }
 
@@ -41,12 +29,6 @@ typedef struct {
 static inline void set_sides(Triangle *T)
 {
     for (int k = 0; k < 2; k++) less3(T->x[k + 1], T->x[0], T->side[k]);
-}
-
-/* The vectors to the corners of T. */
-static inline void corners_from(const Triangle *T, const double *x, v4 from[3])
-{
-    for (int k = 0; k < 3; k++) from[k] = away_from(T->x[k], x);
 }
 
 /* A ball around T. */

@@ -5,57 +5,59 @@
 enum { SERVE = 16 }; /* most steps */
 static const double SIZES = 1; /* how many sizes of a feature count as much as its distance */
 
-/* What is kept in a run of steps: no other run goes on meanwhile.  `found` : pieces of the meeting at hand. */
-static struct { Triangle *triangle; long room; Pieces faces, edges, vertices, found; } kept;
+/* What is kept in a run of steps: no other run goes on meanwhile. */
+static struct {
+    Triangle *triangle;
+    double *by, *velocity[2]; /* how far nodes go; velocities, and these when calls were last a multiple of SERVE */
+    long calls, room[4]; /* since the run began */
+    Pieces of[MEETINGS], found; /* by kinds of meetings; of the meeting at hand */
+} kept;
 
-/* Whether pieces serve; begins a run of steps without any. */
+/* Whether pieces serve; begins a run of steps without any, for which what may act is to be listed. */
 static int pieces_serve(const KernelData *s)
 {
-    const long n = s->n_contact_segments;
+    const long n = s->n_contact_segments, near[MEETINGS] = {s->first_face[n], s->first_side[n], s->first_vertex[n]};
     const int serve = s->contact_serves[1] > 0;
-    if (serve && s->contact_serves[0] > 0) {
-        forget(&kept.faces, s->first_face[n]);
-        forget(&kept.edges, s->first_side[n]);
-        forget(&kept.vertices, s->first_vertex[n]);
-    }
+    kept.calls++;
+    if (serve && !(s->contact_serves[0] > 0)) return 1;
+    kept.calls = 0;
+    for (int kind = 0; kind < MEETINGS; kind++) forget(kept.of + kind, near[kind]);
+    s->contact_serves[0] = 0;
     return serve;
 }
 
-/* Keeps what was found of triangle k and a feature of some nodes, for as many steps as they slip by a small share of
- * their distance, and of the size of the feature; nothing serves for none. */
-static void keep_found(const KernelData *s, Pieces *p, long m, long k, const int32_t *of, int nodes, double distance,
-                       double size, double dt)
+/* Keeps the velocities of the nodes. */
+static void keep_velocities(const KernelData *s)
 {
-    const int32_t *node = s->contact_segment + 3 * k;
+    const long n = D * s->n_contact_nodes;
+    for (int k = 0; k < 2; k++) kept.velocity[k] = enough(kept.velocity[k], 0, n, kept.room + 1 + k, sizeof(double));
+    for (long m = 0; m < n; m++) kept.velocity[0][m] = velocity(s, s->contact_node[m / D], m % D);
+    if (kept.calls % SERVE == 0) memcpy(kept.velocity[1], kept.velocity[0], (size_t)n * sizeof(double));
+}
+
+/* For how many steps of dt a triangle and a feature, with the corners and nodes given, slip by a small share of a
+ * distance: at most SERVE. */
+static double steps_of_slip(const KernelData *s, const double *velocity, const int32_t *corner, const int32_t *node,
+                            int nodes, double distance, double dt)
+{
     double square = 0;
-    for (int c = 0; c < D && kept.found.used; c++) {
+    for (int c = 0; c < D; c++) {
         double low = INFINITY, high = -INFINITY;
         for (int i = 0; i < 3 + nodes; i++) {
-            const double v = velocity(s, s->contact_node[i < 3 ? node[i] : of[i - 3]], c);
+            const double v = velocity[D * (i < 3 ? corner[i] : node[i - 3]) + c];
             low = d_minimum(low, v);
             high = d_maximum(high, v);
         }
         square += (high - low) * (high - low);
     }
-    const double way = s->contact_serves[1] * d_minimum(distance, SIZES * size);
-    const double steps = d_minimum(way / (dt * sqrt(square) + 1e-300), SERVE);
-    const int32_t now = (int32_t)s->contact_gone[3];
-    keep_until(p, p->meeting + m, &kept.found, kept.found.used ? now + (int32_t)d_maximum(1, steps) : now);
+    return d_minimum(s->contact_serves[1] * distance / (dt * sqrt(square) + 1e-300), SERVE);
 }
 
-/* The pieces of meeting m and their number, or those just found. */
-typedef struct { const v4 *on; long n; } Served;
-
-static inline Served served(const Pieces *p, long m)
+/* How often a pair without pieces is looked at that slips by little in some steps: in calls whose number is a multiple
+ * of 1, 2, 4, 8 or 16, so that it does not matter from when on it may act, which depends on the rank. */
+static inline int32_t looks_every(double steps)
 {
-    return (Served){p->on + p->meeting[m].from, p->meeting[m].n};
-}
-static inline Served just_found(void) { return (Served){kept.found.on, kept.found.used}; }
-
-/* Whether pieces of meeting m serve in call number `now`; else begins to find them. */
-static inline int still_serves(const Pieces *p, long m, int32_t now, int serve)
-{
-    if (serve && p->meeting[m].until > now) return 1;
-    kept.found.used = 0;
-    return 0;
+    int32_t every = 1;
+    while (2 * every <= steps) every *= 2;
+    return every;
 }

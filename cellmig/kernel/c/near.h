@@ -1,0 +1,159 @@
+/* What is near triangles in space: how far it goes, when it may act, and its frames. */
+
+static const double FASTER = 1.5; /* how much faster things may become until lists of what may act are made anew */
+
+static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
+static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
+
+/* Places of the nodes, and how far they go, beside their mean. */
+static void follow_nodes(const KernelData *s)
+{
+    const long n = s->n_contact_nodes;
+    double mean[D] = {0};
+    kept.by = enough(kept.by, 0, n, kept.room + 3, sizeof(double));
+    for (long m = 0; m < n; m++)
+        for (int c = 0; c < D; c++) mean[c] += coordinate(s, s->contact_node[m], c) - s->contact_x[D * m + c];
+    for (long m = 0; m < n; m++) {
+        double square = 0;
+        for (int c = 0; c < D; c++) {
+            const double x = coordinate(s, s->contact_node[m], c);
+            const double by = x - s->contact_x[D * m + c] - mean[c] / (double)n;
+            s->contact_x[D * m + c] = x;
+            square += by * by;
+        }
+        kept.by[m] = sqrt(square);
+    }
+}
+
+/* What is near triangles, by kinds of meetings: where that of each begins, until when it rests, numbers of features and
+ * how far these have gone. */
+typedef struct { const long *first; double *rest; const int32_t *feature; double *gone; } Near;
+
+/* That of a kind of meetings. */
+static Near near_of(const KernelData *s, int kind)
+{
+    if (kind == OVER_FACE) return (Near){s->first_face, s->face_rest, s->near_face, s->face_gone};
+    if (kind == BESIDE_EDGE) return (Near){s->first_side, s->side_rest, s->near_side, s->side_gone};
+    return (Near){s->first_vertex, s->vertex_rest, s->near_vertex, s->vertex_gone};
+}
+
+/* Adds to how far something has gone with its own node and others; whether lists do not hold any more. */
+static inline int follow(double gone[3], double own, const int32_t *node, long n)
+{
+    double by = own;
+    for (long i = 0; i < n; i++) by = kept.by[node[i]] <= by ? by : kept.by[node[i]]; /* also if it is not a number */
+    gone[0] += by;
+    gone[2] = by;
+    return !(gone[0] <= gone[1]);
+}
+
+/* How far triangles and features have gone; whether lists of what may act are to be made. */
+static int follow_all(const KernelData *s)
+{
+    int due = 0;
+    for (long k = 0; k < s->n_contact_segments; k++)
+        due |= follow(s->triangle_gone + 3 * k, 0, s->contact_segment + 3 * k, 3);
+    for (long k = 0; k < s->n_contact_faces; k++) due |= follow(s->face_gone + 3 * k, 0, s->contact_face + 3 * k, 3);
+    for (long k = 0; k < s->n_contact_edges; k++) due |= follow(s->side_gone + 3 * k, 0, s->contact_side + 4 * k, 4);
+    for (long k = 0; k < s->n_contact_vertices; k++) {
+        const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
+        due |= follow(s->vertex_gone + 3 * k, kept.by[s->contact_vertex[k]], s->contact_ring + first, n);
+    }
+    return due;
+}
+
+/* Until when lists hold for n things that are made now for some calls. */
+static void expect(double *gone, long n, double calls)
+{
+    for (long k = 0; k < n; k++) gone[3 * k + 1] = gone[3 * k] + calls * gone[3 * k + 2];
+}
+
+/* Lists what may act in the coming calls. */
+static void list_what_may_act(const KernelData *s, double calls)
+{
+    const long n = s->n_contact_segments, features[MEETINGS] = {s->n_contact_faces, s->n_contact_edges,
+                                                                 s->n_contact_vertices};
+    expect(s->triangle_gone, n, calls);
+    for (int kind = 0; kind < MEETINGS; kind++) {
+        const Near near = near_of(s, kind);
+        Pieces *p = kept.of + kind;
+        expect(near.gone, features[kind], calls);
+        p->lists = 0;
+        for (long k = 0; k < n; k++)
+            for (long m = near.first[k]; m < near.first[k + 1]; m++) {
+                const double *rest = near.rest + 2 * m;
+                if (s->triangle_gone[3 * k + 1] <= rest[0] && near.gone[3 * near.feature[m] + 1] <= rest[1]) continue;
+                const int32_t number = meeting_of(p, k, m, near.feature[m]);
+                const Meeting *of = p->meeting + number;
+                p->listed[p->lists++] = (Listed){of->n ? number : ~number, of->until};
+            }
+    }
+}
+
+/* Whether a feature that is near triangle k may act, number m in lists. */
+static inline int may_act(const KernelData *s, const Near *near, long k, long m)
+{
+    return !(s->triangle_gone[3 * k] <= near->rest[2 * m] && near->gone[3 * near->feature[m]] <= near->rest[2 * m + 1]);
+}
+
+/* The frame of face k near another cell, set once in call number `now`. */
+static const Face *face_at(const KernelData *s, long k, int32_t now)
+{
+    Face *f = (Face *)s->face_frame + k;
+    if (s->face_set[k] == now) return f;
+    const double *x[3];
+    for (int i = 0; i < 3; i++) x[i] = contact_place(s, s->contact_face[3 * k + i]);
+    set_face(f, x);
+    s->face_set[k] = now;
+    return f;
+}
+
+/* The same of an edge. */
+static const Edge3 *edge_at(const KernelData *s, long k, int32_t now)
+{
+    Edge3 *e = (Edge3 *)s->edge_frame + k;
+    if (s->side_set[k] == now) return e;
+    const double *x[4];
+    for (int i = 0; i < 4; i++) x[i] = contact_place(s, s->contact_side[4 * k + i]);
+    set_edge(e, x);
+    s->side_set[k] = now;
+    return e;
+}
+
+/* The same of a vertex. */
+static const Vertex *vertex_at(const KernelData *s, long k, int32_t now)
+{
+    Vertex *v = (Vertex *)s->vertex_frame + k;
+    if (s->vertex_set[k] == now) return v;
+    const double *ring[MOST_SPOKES];
+    const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
+    for (long j = 0; j < n; j++) ring[j] = contact_place(s, s->contact_ring[first + j]);
+    set_vertex(v, contact_place(s, s->contact_vertex[k]), ring, (int)n);
+    s->vertex_set[k] = now;
+    return v;
+}
+
+/* Triangle k of those near another cell; energies are by the first corners. */
+static Triangle triangle_at(const KernelData *s, long k, double *energy)
+{
+    const int32_t *node = s->contact_segment + 3 * k;
+    static double unasked;
+    Triangle T = {.law = s->contact + CONTACT_STRIDE * s->contact_law[k] + 1, .within = s->contact_cutoff[k],
+                  .smooth = s->contact_smooth[k], .area = s->contact_length[k],
+                  .energy = energy ? energy + s->contact_node[node[0]] : &unasked};
+    for (int i = 0; i < 3; i++) {
+        T.x[i] = contact_place(s, node[i]);
+        T.force[i] = contact_load(s, node[i]);
+    }
+    set_sides(&T);
+    return T;
+}
+
+/* The triangles near other cells, where nodes are now. */
+static const Triangle *triangles_now(const KernelData *s, double *energy)
+{
+    const long n = s->n_contact_segments;
+    kept.triangle = enough(kept.triangle, 0, n, kept.room, sizeof(Triangle));
+    for (long k = 0; k < n; k++) kept.triangle[k] = triangle_at(s, k, energy);
+    return kept.triangle;
+}
