@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..geometry.triangles import on_triangles
@@ -71,31 +72,62 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
     """
     on = np.flatnonzero(surfaces.outer)
     middle = x[surfaces.facets[on]].mean(axis=1)
-    radius = np.linalg.norm(x[surfaces.facets[on]] - middle[:, None], axis=2).max(axis=1, initial=0.0)
-    i, j = cKDTree(middle).query_pairs((farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9),
-                                       output_type="ndarray").T
+    radius = length(x[surfaces.facets[on]] - middle[:, None]).max(axis=1, initial=0.0)
+    reach = (farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9)
+    some = near_boxes(middle, surfaces.cell[surfaces.facets[on, 0]], reach)
+    on, middle, radius = on[some], middle[some], radius[some]
+    i, j = cKDTree(middle).query_pairs(reach, output_type="ndarray").T
     cell = surfaces.cell[surfaces.facets[on, 0]]
+    other = cell[i] != cell[j]
+    i, j = i[other], j[other]
     most = within(cell[i], cell[j])
-    near = (most >= 0.0) & (cell[i] != cell[j])
-    near &= np.linalg.norm(middle[i] - middle[j], axis=1) <= most + radius[i] + radius[j]
-    i, j = np.concatenate([np.column_stack([i[near], j[near]]), np.column_stack([j[near], i[near]])]).T
-    most = np.concatenate([most[near], most[near]])
-    found = {"face": np.column_stack([i, on[j]])}
+    near = (most >= 0.0) & (length(middle[i] - middle[j]) <= most + radius[i] + radius[j])
+    i, j, most = np.append(i[near], j[near]), np.append(j[near], i[near]), np.tile(most[near], 2)
     limit = np.zeros(len(on))
-    np.maximum.at(limit, i, most)
+    order = np.argsort(i, kind="stable")
+    first = np.flatnonzero(np.diff(i[order], prepend=-1))
+    limit[i[order][first]] = np.maximum.reduceat(most[order], first) if len(first) else 0.0
+    faces = sparse.csr_array((np.ones(len(i), np.int8), (on[i], on[j])), (len(surfaces.facets),) * 2)
+    number = np.zeros(len(surfaces.facets), np.int64)
+    number[on] = np.arange(len(on))
+    found = {"face": entries(faces)}
     for kind, table, corners in (("edge", features.edges_of, features.edges[:, :2]),
                                  ("vertex", features.faces, np.arange(len(x))[:, None])):
-        key = np.unique(np.repeat(i, 3) * (table.max() + 1) + table[on[j]].ravel())
-        pairs = np.column_stack(np.divmod(key, table.max() + 1))
-        place = x[corners[pairs[:, 1]]]
+        incident = sparse.csr_array((np.ones(table.size, np.int8), table.ravel(), np.arange(0, table.size + 1, 3)),
+                                    (len(table), len(corners)))
+        pairs = entries(faces @ incident)
+        place = x[corners]
         centre = place.mean(axis=1)
-        size = np.linalg.norm(place - centre[:, None], axis=2).max(axis=1, initial=0.0)
-        away = np.linalg.norm(middle[pairs[:, 0]] - centre, axis=1)
-        found[kind] = pairs[away <= limit[pairs[:, 0]] + radius[pairs[:, 0]] + size]
-    for kind, pairs in found.items():
-        pairs = np.column_stack([on[pairs[:, 0]], pairs[:, 1]])
-        found[kind] = pairs[np.lexsort(pairs.T[::-1])]
+        size = length(place - centre[:, None]).max(axis=1, initial=0.0)
+        k, feature = number[pairs[:, 0]], pairs[:, 1]
+        found[kind] = pairs[length(middle[k] - centre[feature]) <= limit[k] + radius[k] + size[feature]]
     return found
+
+
+def length(v: np.ndarray) -> np.ndarray:
+    """Lengths (…,) of vectors v (…, 3), in their unit."""
+    return np.sqrt(np.einsum("...i,...i->...", v, v))
+
+
+def entries(matrix: sparse.csr_array) -> np.ndarray:
+    """Rows and columns of the entries of a matrix (p, 2) int, sorted."""
+    matrix.sort_indices()
+    return np.column_stack([np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)), matrix.indices])
+
+
+def near_boxes(x: np.ndarray, cell: np.ndarray, reach: float) -> np.ndarray:
+    """Which points x (n, 3) [µm] of cells (n,) int are within `reach` [µm] of the box around those of another."""
+    cells, place = np.unique(cell, return_inverse=True)
+    low, high = np.full((len(cells), 3), np.inf), np.full((len(cells), 3), -np.inf)
+    np.minimum.at(low, place, x)
+    np.maximum.at(high, place, x)
+    near, order = np.zeros(len(x), bool), np.argsort(place, kind="stable")
+    for c, mine in enumerate(np.split(order, np.cumsum(np.bincount(place))[:-1]) if len(cells) else ()):
+        meets = ((low <= high[c] + reach) & (high >= low[c] - reach)).all(axis=1)
+        meets[c] = False
+        for other in np.flatnonzero(meets):
+            near[mine] |= ((x[mine] >= low[other] - reach) & (x[mine] <= high[other] + reach)).all(axis=1)
+    return near
 
 
 def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray) -> Pairs:

@@ -259,7 +259,7 @@ class Integrator:
         limits = self._checked_limits()
         limits |= self.control.follow(m.modes, limits, self.gaps, self.stable, self.held if self.leapfrog else None)
         self.limits, self.held = limits, limits["held"]
-        if self.touches and limits["displaced"] > 0.2 * m.segments.skin:
+        if self.touches and limits["displaced"] > m.segments.worn:
             m.renew_lists()
             limits["displaced"] = 0.0
         self.choose()

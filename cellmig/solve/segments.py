@@ -22,6 +22,7 @@ from .subdomain import Subdomain
 from .surface_exchange import SurfacePlaces
 
 SKIN = 0.85  # distance by which surfaces may approach each other until the search lists are renewed [spacings]
+WORN = {2: 0.2, 3: 0.4}  # share of that after which a batch begins with new lists: in space they take tens of steps [-]
 MARGIN = 0.1  # change of a distance up to which the kernel's lists of pairs that act are complete, over the skin [-]
 SLIP = 0.05  # how far a triangle and a feature slip while pieces of contact in space serve, over their distance [-]
 STRETCH = 1.2  # largest stretch of a segment until then [-]
@@ -37,6 +38,7 @@ class Segments:
     low : (e,) bool -- whether the substrate may act on it.
     lists : ContactLists or TriangleLists -- facets near other cells; None without contact.
     skin : float -- distance by which surfaces may approach each other until the lists are renewed [µm].
+    worn : float -- displacement after which they are renewed before a batch of steps [µm].
     renewals : int -- number of renewals.
     turn : (m,) float -- turns of the outlines of this rank's cells at their surface particles, followed from the start
         [rad].
@@ -117,6 +119,7 @@ class Segments:
         self.lists: NodeLists | None = None
         self._features: Features | None = None
         self.skin, self.renewals = SKIN * min(t.spacing for t in part.scene.templates), 0
+        self.worn = WORN[part.scene.dimension] * self.skin
         self.renewed_at = np.zeros((len(part.own_surface), part.scene.dimension))
         self.turn = s.turn
         self._places = SurfacePlaces(part.comm, part.scene, part.owners, s, part.own_surface)
