@@ -140,7 +140,9 @@ def _references(options: argparse.Namespace) -> int:
         out = options.out or Path("output") / ("verify-quick" if options.quick else "verify")
         return verify(out, only, options.quick, options.jobs)
     except KeyError as error:
-        raise UsageError(f"--only: no reference or group '{error.args[0]}'; 'verify --list' lists them") from error
+        name, near = error.args
+        meant = f"; did you mean '{near}'?" if near else "; 'verify --list' lists them"
+        raise UsageError(f"--only: no reference or group '{name}'{meant}") from error
 
 
 def bench(options: argparse.Namespace) -> int:

@@ -31,6 +31,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from cellmig.case.messages import nearest
 from cellmig.case.registry import discover
 from cellmig.exits import DIFFERENT, DONE, STOPPED
 from cellmig.output.directory import replace
@@ -97,11 +98,11 @@ def verify(out: Path, only: Sequence[str] = (), quick: bool = False, at_once: in
 
 
 def select(only: Sequence[str]) -> list[Reference]:
-    """References by name or by group; raises KeyError with an unknown name."""
+    """References by name or by group; raises KeyError with an unknown name and the nearest known one, None without."""
     known = load_references()
     groups = {r.group for r in known.values()}
     if unknown := [name for name in only if name not in known and name not in groups]:
-        raise KeyError(unknown[0])
+        raise KeyError(unknown[0], nearest(unknown[0], [*known, *groups]))
     return [r for r in known.values() if not only or r.name in only or r.group in only]
 
 

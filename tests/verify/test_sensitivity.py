@@ -119,7 +119,9 @@ def test_the_time_that_runs_will_take_is_that_of_the_cores_and_the_longest_run()
 
 @pytest.mark.parametrize(("words", "message"), [
     (["--stress", "6", "--sensitivity"], "not allowed with"), (["--seed", "3"], "--seed is for"),
-    (["--only", "none-such"], "no reference or group 'none-such'"), (["--stress", "6", "--only", "laws"], "--only is"),
+    (["--only", "none-such"], "no reference or group 'none-such'; 'verify --list' lists them"),
+    (["--only", "spce"], "no reference or group 'spce'; did you mean 'space'?"),
+    (["--stress", "6", "--only", "laws"], "--only is"),
     (["--sensitivity", "--seed", "3"], "--seed is for"), (["--stress", "6", "--quick"], "--quick is for"),
     (["--set", "time.step_factor=0.9"], "--set is for")])
 def test_what_there_is_to_verify_has_to_be_said(words, message):
