@@ -87,8 +87,8 @@ SURFACE_TERMS = (
     SurfaceTerm("protrusion", lambda t: _with_bonds(t, 2, t.protrusion, ProtrusionForce),
                 {"grip": (), "hold": (), "force": ()}, files=("push.h", "protrusion.c")),
     SurfaceTerm("protrusion", lambda t: _with_bonds(t, 3, t.protrusion, ProtrusionPush),
-                {"grip": (), "hold": (), "front": (), "edge": (), "kind": ()}, ("edge", "kind"),
-                files=("push.h", "protrusion_space.c")),
+                {"grip": (), "grip_kind": (), "hold": (), "front": (), "edge": (), "kind": ()},
+                ("grip", "grip_kind", "edge", "kind"), files=("push.h", "protrusion_space.c")),
     SurfaceTerm("loads", lambda t: None if t.load_curves is None else Pressure() if t.dimension == 2 else
                 TrianglePressure(), {"force": ()}),
 )

@@ -115,6 +115,10 @@ class ProtrusionPush:
         """Area of closed bonds [µm²] that counts to the front half; `ahead` of the middle of the cell [µm]."""
         return maximum(self.bonds.closed(gap1, gap2, gap3), 0.0) * area * self.law.front(ahead)
 
+    def grip_kind(self, gap1, gap2, gap3):
+        """Which way that goes [-]."""
+        return self.bonds.kind(gap1, gap2, gap3)
+
     def hold(self, bonded):
         """Share of the push [-] for an area of closed bonds [µm²] under the front half, full from that of ℓ² on."""
         return self.law.hold(bonded / self.law.height)

@@ -1,5 +1,23 @@
 /* F_d of equation (2): push of the leading edge. */
 
+/* Of each drive of each cell that protrudes, how firmly its front half holds on to the substrate, by all of it, as
+ * its middle is summed. */
+static void find_hold(const KernelData *s)
+{
+    for (long m = 0; m < SIDES * s->n_movers; m++) {
+        const long c = m / SIDES;
+        const Drive *drive = aim(s, c, m);
+        double bonded = 0;
+        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
+            const Facet e = facet_at(s, s->grip[k]);
+            double x = 0;
+            for (int i = 0; i < D; i++) x += along(s, drive, e.node[i]) / D;
+            bonded += protrusion_grip(s->protrusion, e.size, x - s->middle[m], e.gap[0], e.gap[1]);
+        }
+        s->hold[m] = protrusion_hold(s->protrusion, bonded);
+    }
+}
+
 /* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[D e]
  * and on hold β α N σ/D of the corners of facet e, `pushed` their forces at the start of the step. */
 void add_protrusion(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)

@@ -1,22 +1,4 @@
-/* How firmly cells hold on to the substrate against their push, and the accounts of this. */
-
-/* Of each drive of each cell that protrudes, how firmly its front half holds on to the substrate, by all of it, as
- * above. */
-static void find_hold(const KernelData *s)
-{
-    for (long m = 0; m < SIDES * s->n_movers; m++) {
-        const long c = m / SIDES;
-        const Drive *drive = aim(s, c, m);
-        double bonded = 0;
-        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
-            const Facet e = facet_at(s, s->grip[k]);
-            double x = 0;
-            for (int i = 0; i < D; i++) x += along(s, drive, e.node[i]) / D;
-            bonded += protrusion_grip(s->protrusion, e.size, x - s->middle[m], GAPS(e.gap));
-        }
-        s->hold[m] = protrusion_hold(s->protrusion, bonded);
-    }
-}
+/* Which facets are pushed, and the accounts of this. */
 
 /* Whether facet e is pushed, or was at the start of the step. */
 static int is_pushed(const KernelData *s, long e)
