@@ -116,7 +116,7 @@ def entries(matrix: sparse.csr_array) -> np.ndarray:
 
 
 def near_boxes(x: np.ndarray, cell: np.ndarray, reach: float) -> np.ndarray:
-    """Which points x (n, 3) [µm] of cells (n,) int are within `reach` [µm] of the box around those of another."""
+    """Which points x (n, 3) [µm], of cells `cell` (n,) int, are within `reach` [µm] of another's box (n,) bool."""
     cells, place = np.unique(cell, return_inverse=True)
     low, high = np.full((len(cells), 3), np.inf), np.full((len(cells), 3), -np.inf)
     np.minimum.at(low, place, x)

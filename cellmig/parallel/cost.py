@@ -14,9 +14,9 @@ from .owners import Owners
 
 # Costs over that of a neighbour of a row, which is the same in all materials, at 300 to 3,000 particles a cell.  Of a
 # surface particle near another cell: measured 90 to 100 in the plane, and in space 1,010 to 1,220 where pieces are
-# found in each step, 0.6 to 0.7 of that as they serve; of one near the substrate, beyond what others cost there, with
+# found in each step, 0.3 of that as they serve; of one near the substrate, beyond what others cost there, with
 # a push: 14 and 82.
-CONTACT, LOW = {2: 95.0, 3: 700.0}, {2: 14.0, 3: 82.0}
+CONTACT, LOW = {2: 95.0, 3: 330.0}, {2: 14.0, 3: 82.0}
 STRESS = 0.65  # share of the cost of a row in its stress, which is computed of others' rows, too: 0.61 and 0.67
 MOST = 300_000  # surface particles that are looked at: of more, each second, third …
 

@@ -103,6 +103,7 @@ class Segments:
         Field("edge_frame", "double *", "(n_contact_edges, …)", "", "the same of edges"),
         Field("vertex_frame", "double *", "(n_contact_vertices, …)", "", "the same of vertices"),
         Field("contact_smooth", "double *", "(n_contact_segments,)", "µm", "distances below which laws have no scale"),
+        Field("contact_apart", "double *", "(n_contact_segments,)", "µm", "equilibrium distances of bonds"),
         Field("contact_law", "int32_t *", "(n_contact_segments,)", "", "numbers of their laws in `Terms.contacts`"),
         Field("contact_cutoff", "double *", "(n_contact_segments,)", "µm", "distances beyond which these do not act"),
     )
@@ -293,7 +294,8 @@ class Segments:
             k[f"{name}_set"], k[f"{name}_gone"] = np.zeros(len(features) + 1), np.zeros((len(features) + 1, 3))
         k["triangle_gone"], k["contact_call"] = np.zeros((len(lists.segment) + 1, 3)), np.zeros(1)
         k["contact_x"] = self._state.x(k["contact_node"])
-        k["contact_smooth"] = np.array([law.cap for law in self._contacts.laws])[k["contact_law"]]
+        for name, of in (("contact_smooth", "cap"), ("contact_apart", "equilibrium_distance")):
+            k[name] = np.array([getattr(law, of) for law in self._contacts.laws])[k["contact_law"]]
 
     def serve(self, share: float, gap: float = 0.0) -> None:
         """Have pieces of contact in space serve from now on, from none on, as far as `share` times SLIP [-].

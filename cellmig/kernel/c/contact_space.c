@@ -72,7 +72,7 @@ INLINED double find(const KernelData *s, int kind, const Triangle *T, Meeting *m
 INLINED double look(const KernelData *s, int kind, const Triangle *T, Meeting *m, Call *call)
 {
     const int32_t *node, *corner = s->contact_segment + 3 * m->triangle;
-    const double *x[3], gap = s->contact_serves[2];
+    const double *x[3], gap = d_minimum(s->contact_serves[2], s->contact_apart[m->triangle]);
     double *force[3];
     const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
     const int32_t every = call->serve
