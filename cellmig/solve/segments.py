@@ -88,11 +88,13 @@ class Segments:
         Field("contact_call", "int32_t *", "(1,)", "", "number of the last call of add_contact"),
         Field("contact_serves", "double *", "(3,)", "", "1 where no pieces of before serve; how far triangles and "
               "features slip while pieces do, over their distance; the expected least distance [µm]"),
-        Field("triangle_gone", "double *", "(n_contact_segments, 3)", "µm", "how far their corners have gone, beside "
-              "the mean of the nodes, until when lists of what may act hold, and how far in the last step"),
-        Field("face_gone", "double *", "(n_contact_faces, 3)", "µm", "the same of faces"),
-        Field("side_gone", "double *", "(n_contact_edges, 3)", "µm", "the same of edges, with their faces"),
-        Field("vertex_gone", "double *", "(n_contact_vertices, 3)", "µm", "the same of vertices, with their faces"),
+        Field("contact_gone", "double *", "(n_contact_nodes,)", "µm", "how far nodes have gone, beside their mean, "
+              "since lists of what may act were made"),
+        Field("triangle_gone", "double *", "(n_contact_segments, 2)", "µm", "how far their corners have gone until "
+              "then, and may have gone while lists hold"),
+        Field("face_gone", "double *", "(n_contact_faces, 2)", "µm", "the same of faces"),
+        Field("side_gone", "double *", "(n_contact_edges, 2)", "µm", "the same of edges, with their faces"),
+        Field("vertex_gone", "double *", "(n_contact_vertices, 2)", "µm", "the same of vertices, with their faces"),
         Field("face_rest", "double *", "(…, 2)", "µm", "until when a triangle and a face in `near_face` do not act"),
         Field("side_rest", "double *", "(…, 2)", "µm", "the same of edges"),
         Field("vertex_rest", "double *", "(…, 2)", "µm", "the same of vertices"),
@@ -291,9 +293,9 @@ class Segments:
                                           sizes.astype(int), strict=True):
             k[f"{kind}_frame"] = np.zeros((len(features) + 1, size))
             name = "side" if kind == "edge" else kind
-            k[f"{name}_set"], k[f"{name}_gone"] = np.zeros(len(features) + 1), np.zeros((len(features) + 1, 3))
-        k["triangle_gone"], k["contact_call"] = np.zeros((len(lists.segment) + 1, 3)), np.zeros(1)
-        k["contact_x"] = self._state.x(k["contact_node"])
+            k[f"{name}_set"], k[f"{name}_gone"] = np.zeros(len(features) + 1), np.zeros((len(features) + 1, 2))
+        k["triangle_gone"], k["contact_call"] = np.zeros((len(lists.segment) + 1, 2)), np.zeros(1)
+        k["contact_x"], k["contact_gone"] = self._state.x(k["contact_node"]), np.zeros(len(lists.node))
         for name, of in (("contact_smooth", "cap"), ("contact_apart", "equilibrium_distance")):
             k[name] = np.array([getattr(law, of) for law in self._contacts.laws])[k["contact_law"]]
 

@@ -108,8 +108,8 @@ INLINED void meet(const KernelData *s, int kind, const Triangle *T, Call *call, 
         if (listed->until <= call->now) {
             const double rest = look(s, kind, T + m->triangle, m, call);
             if (rest > 0) {
-                near.rest[2 * m->near] = s->triangle_gone[3 * m->triangle] + rest;
-                near.rest[2 * m->near + 1] = near.gone[3 * m->feature] + rest;
+                near.rest[2 * m->near] = s->triangle_gone[2 * m->triangle] + rest;
+                near.rest[2 * m->near + 1] = near.gone[2 * m->feature] + rest;
             }
             listed->until = m->until;
             listed->number = m->n ? number : ~number;
@@ -165,9 +165,8 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
     memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
     for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
     Call call = {.now = ++*s->contact_call, .serve = pieces_serve(s), .dt = dt};
-    follow_nodes(s);
     if (call.serve) keep_velocities(s);
-    if (follow_all(s) || kept.calls % SERVE == 0) list_what_may_act(s, call.serve ? FASTER * SERVE : 0);
+    if (follow_nodes(s) || kept.calls % SERVE == 0) list_what_may_act(s, call.serve ? SERVE : 0);
     act_on_all(s, triangles_now(s, energy), &call);
     if (call.pierced > 0) *s->stiffest_contact = INFINITY;
     *s->deepest_contact = d_maximum(*s->deepest_contact, call.pierced);

@@ -1,16 +1,17 @@
 /* What is near triangles in space: how far it goes, when it may act, and its frames. */
 
-static const double FASTER = 1.5; /* how much faster things may become until lists of what may act are made anew */
+static const double FASTER = 3; /* how much faster nodes may become until lists of what may act are made anew */
 
 static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
 static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
 
-/* Places of the nodes, and how far they go, beside their mean. */
-static void follow_nodes(const KernelData *s)
+/* Places of the nodes, and how far they go, beside their mean; whether any goes faster than lists allow. */
+static int follow_nodes(const KernelData *s)
 {
     const long n = s->n_contact_nodes;
     double mean[D] = {0};
-    kept.by = enough(kept.by, 0, n, kept.room + 3, sizeof(double));
+    int faster = 0;
+    kept.by = enough(kept.by, 0, 2 * n, kept.room + 3, sizeof(double));
     for (long m = 0; m < n; m++)
         for (int c = 0; c < D; c++) mean[c] += coordinate(s, s->contact_node[m], c) - s->contact_x[D * m + c];
     for (long m = 0; m < n; m++) {
@@ -21,8 +22,11 @@ static void follow_nodes(const KernelData *s)
             s->contact_x[D * m + c] = x;
             square += by * by;
         }
-        kept.by[m] = sqrt(square);
+        kept.by[2 * m] = sqrt(square);
+        faster |= !(kept.by[2 * m] <= kept.by[2 * m + 1]); /* also if it is not a number */
+        s->contact_gone[m] += kept.by[2 * m];
     }
+    return faster;
 }
 
 /* What is near triangles, by kinds of meetings: where that of each begins, until when it rests, numbers of features and
@@ -37,52 +41,55 @@ static Near near_of(const KernelData *s, int kind)
     return (Near){s->first_vertex, s->vertex_rest, s->near_vertex, s->vertex_gone};
 }
 
-/* Adds to how far something has gone with its own node and others; whether lists do not hold any more. */
-static inline int follow(double gone[3], double own, const int32_t *node, long n)
+/* Adds to how far something has gone with its own node and others, and to how far it may go in some calls. */
+static inline void follow(const KernelData *s, double gone[2], int32_t own, const int32_t *node, long n, double calls)
 {
-    double by = own;
-    for (long i = 0; i < n; i++) by = kept.by[node[i]] <= by ? by : kept.by[node[i]]; /* also if it is not a number */
+    double by = s->contact_gone[own], most = kept.by[2 * own + 1];
+    for (long i = 0; i < n; i++) {
+        by = s->contact_gone[node[i]] <= by ? by : s->contact_gone[node[i]]; /* also if it is not a number */
+        most = d_maximum(most, kept.by[2 * node[i] + 1]);
+    }
     gone[0] += by;
-    gone[2] = by;
-    return !(gone[0] <= gone[1]);
+    gone[1] = gone[0] + calls * most;
 }
 
-/* How far triangles and features have gone; whether lists of what may act are to be made. */
-static int follow_all(const KernelData *s)
+/* How far triangles and features have gone, and may go in some calls. */
+static void follow_all(const KernelData *s, double calls)
 {
-    int due = 0;
-    for (long k = 0; k < s->n_contact_segments; k++)
-        due |= follow(s->triangle_gone + 3 * k, 0, s->contact_segment + 3 * k, 3);
-    for (long k = 0; k < s->n_contact_faces; k++) due |= follow(s->face_gone + 3 * k, 0, s->contact_face + 3 * k, 3);
-    for (long k = 0; k < s->n_contact_edges; k++) due |= follow(s->side_gone + 3 * k, 0, s->contact_side + 4 * k, 4);
+    double mean = 0;
+    for (long m = 0; m < s->n_contact_nodes; m++) mean += kept.by[2 * m] / (double)s->n_contact_nodes;
+    for (long m = 0; m < s->n_contact_nodes; m++) kept.by[2 * m + 1] = FASTER * d_maximum(kept.by[2 * m], mean);
+    for (long k = 0; k < s->n_contact_segments; k++) {
+        const int32_t *node = s->contact_segment + 3 * k;
+        follow(s, s->triangle_gone + 2 * k, node[0], node + 1, 2, calls);
+    }
+    for (long k = 0; k < s->n_contact_faces; k++) {
+        const int32_t *node = s->contact_face + 3 * k;
+        follow(s, s->face_gone + 2 * k, node[0], node + 1, 2, calls);
+    }
+    for (long k = 0; k < s->n_contact_edges; k++) {
+        const int32_t *node = s->contact_side + 4 * k;
+        follow(s, s->side_gone + 2 * k, node[0], node + 1, 3, calls);
+    }
     for (long k = 0; k < s->n_contact_vertices; k++) {
         const long first = s->first_ring[k], n = s->first_ring[k + 1] - first;
-        due |= follow(s->vertex_gone + 3 * k, kept.by[s->contact_vertex[k]], s->contact_ring + first, n);
+        follow(s, s->vertex_gone + 2 * k, s->contact_vertex[k], s->contact_ring + first, n, calls);
     }
-    return due;
+    memset(s->contact_gone, 0, sizeof(double) * (size_t)s->n_contact_nodes);
 }
 
-/* Until when lists hold for n things that are made now for some calls. */
-static void expect(double *gone, long n, double calls)
-{
-    for (long k = 0; k < n; k++) gone[3 * k + 1] = gone[3 * k] + calls * gone[3 * k + 2];
-}
-
-/* Lists what may act in the coming calls. */
+/* Lists what may act in the coming calls, while no node goes much faster. */
 static void list_what_may_act(const KernelData *s, double calls)
 {
-    const long n = s->n_contact_segments, features[MEETINGS] = {s->n_contact_faces, s->n_contact_edges,
-                                                                 s->n_contact_vertices};
-    expect(s->triangle_gone, n, calls);
+    follow_all(s, calls);
     for (int kind = 0; kind < MEETINGS; kind++) {
         const Near near = near_of(s, kind);
         Pieces *p = kept.of + kind;
-        expect(near.gone, features[kind], calls);
         p->lists = 0;
-        for (long k = 0; k < n; k++)
+        for (long k = 0; k < s->n_contact_segments; k++)
             for (long m = near.first[k]; m < near.first[k + 1]; m++) {
                 const double *rest = near.rest + 2 * m;
-                if (s->triangle_gone[3 * k + 1] <= rest[0] && near.gone[3 * near.feature[m] + 1] <= rest[1]) continue;
+                if (s->triangle_gone[2 * k + 1] <= rest[0] && near.gone[2 * near.feature[m] + 1] <= rest[1]) continue;
                 const int32_t number = meeting_of(p, k, m, near.feature[m]);
                 const Meeting *of = p->meeting + number;
                 p->listed[p->lists++] = (Listed){of->n ? number : ~number, of->until};
@@ -93,7 +100,7 @@ static void list_what_may_act(const KernelData *s, double calls)
 /* Whether a feature that is near triangle k may act, number m in lists. */
 static inline int may_act(const KernelData *s, const Near *near, long k, long m)
 {
-    return !(s->triangle_gone[3 * k] <= near->rest[2 * m] && near->gone[3 * near->feature[m]] <= near->rest[2 * m + 1]);
+    return !(s->triangle_gone[2 * k] <= near->rest[2 * m] && near->gone[2 * near->feature[m]] <= near->rest[2 * m + 1]);
 }
 
 /* The frame of face k near another cell, set once in call number `now`. */

@@ -8,7 +8,8 @@ static const double SIZES = 1; /* how many sizes of a feature count as much as i
 /* What is kept in a run of steps: no other run goes on meanwhile. */
 static struct {
     Triangle *triangle;
-    double *by, *velocity[2]; /* how far nodes go; velocities, and these when calls were last a multiple of SERVE */
+    double *by; /* how far each node goes, and may go until lists are made anew */
+    double *velocity[2]; /* of the nodes, and what they were when calls were last a multiple of SERVE */
     long calls, room[4]; /* since the run began */
     Pieces of[MEETINGS], found; /* by kinds of meetings; of the meeting at hand */
 } kept;
