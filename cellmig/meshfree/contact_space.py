@@ -131,13 +131,12 @@ def near_boxes(x: np.ndarray, cell: np.ndarray, reach: float) -> np.ndarray:
 
 
 def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray) -> Pairs:
-    """Those of `pairs` that exert forces on particles in `own` (m,) bool, in the same order."""
+    """All `pairs` of triangles that exert forces on particles in `own` (m,) bool in one of them, in the same order."""
     corners = {"face": features.faces, "edge": features.edges[:, :2], "vertex": np.arange(len(own))[:, None]}
-    acting = {}
+    acting = own[surfaces.facets].any(axis=1)
     for kind, of in pairs.items():
-        triangles = own[surfaces.facets[of[:, 0]]].any(axis=1)
-        acting[kind] = of[triangles | own[corners[kind][of[:, 1]]].any(axis=1)]
-    return acting
+        acting[of[own[corners[kind][of[:, 1]]].any(axis=1), 0]] = True
+    return {kind: of[acting[of[:, 0]]] for kind, of in pairs.items()}
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,12 @@ static inline int nodes_of(const KernelData *s, int kind, long feature, const in
     return n;
 }
 
-/* Finds the pieces of a meeting, and until when they serve.  How far corners may move until there are any. */
-INLINED double find(const KernelData *s, int kind, const Triangle *T, Meeting *m, Call *call)
+/* Finds the pieces of a meeting that is listed, and for how many steps they serve, if these are fewer. */
+INLINED void find(const KernelData *s, int kind, const Triangle *T, Listed *listed, Call *call, double *steps)
 {
-    const int32_t *node;
+    const int32_t number = listed->number < 0 ? ~listed->number : listed->number;
+    Meeting *m = kept.of[kind].meeting + number;
+    const int32_t *node, *corner = s->contact_segment + 3 * m->triangle;
     const double *x[3];
     double *force[3], rest, least, size = INFINITY;
     const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
@@ -55,32 +57,56 @@ INLINED double find(const KernelData *s, int kind, const Triangle *T, Meeting *m
         rest = beside_vertex3(T, &ball, v, &kept.found);
         least = kept.found.used && call->serve ? least_from_vertex(T, x[0], &kept.found) : 0;
     }
-    m->due = 1;
-    m->until = call->now + 1;
+    if (rest > 0) {
+        const Near near = near_of(s, kind);
+        near.rest[2 * m->near] = s->triangle_gone[2 * m->triangle] + rest;
+        near.rest[2 * m->near + 1] = near.gone[2 * m->feature] + rest;
+    }
     keep_found(kept.of + kind, m, &kept.found, kind == OVER_FACE ? sizeof(OverFace) : sizeof(Beside));
+    m->due = 1;
+    listed->number = m->n ? number : ~number;
     if (m->n && call->serve) {
         const double way = d_minimum(least, SIZES * size);
-        const int32_t *corner = s->contact_segment + 3 * m->triangle;
         const int all = nodes + 2 * (kind == BESIDE_EDGE); /* with its faces */
-        const double steps = steps_of_slip(s, kept.velocity[0], corner, node, all, way, call->dt);
-        m->until = call->now + (int32_t)d_maximum(1, steps);
+        *steps = d_minimum(*steps, steps_of_slip(s, kept.velocity[0], corner, node, all, way, call->dt));
     }
-    return rest;
 }
 
-/* Looks at a meeting, if it has pieces or now is the time.  How far corners may move until there are any. */
-INLINED double look(const KernelData *s, int kind, const Triangle *T, Meeting *m, Call *call)
+/* Looks at a meeting that had no pieces, if now is the time; whether it has some. */
+INLINED int look(const KernelData *s, int kind, const Triangle *T, Listed *listed, Call *call)
 {
+    Meeting *m = kept.of[kind].meeting + ~listed->number;
     const int32_t *node, *corner = s->contact_segment + 3 * m->triangle;
     const double *x[3], gap = d_minimum(s->contact_serves[2], s->contact_apart[m->triangle]);
-    double *force[3];
+    double *force[3], steps;
     const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
-    const int32_t every = call->serve
-        ? looks_every(steps_of_slip(s, kept.velocity[1], corner, node, nodes, gap, call->dt)) : 1;
+    const int32_t every = looks_every(steps_of_slip(s, kept.velocity[1], corner, node, nodes, gap, call->dt));
     const int32_t late = (int32_t)(kept.calls % every);
-    const double rest = m->n || !late ? find(s, kind, T, m, call) : 0;
-    if (!m->n) m->until = call->now + every - late;
-    return rest;
+    listed->until = m->until = call->now + every - late;
+    if (!late) find(s, kind, T, listed, call, &steps);
+    return listed->number >= 0;
+}
+
+/* Looks at the meetings of triangle k that had no pieces; whether one has some. */
+INLINED int look_at(const KernelData *s, int kind, const Triangle *T, long k, Call *call)
+{
+    const Pieces *p = kept.of + kind;
+    int any = 0;
+    for (long n = p->from[k]; n < p->from[k + 1]; n++)
+        if (p->listed[n].number < 0 && p->listed[n].until <= call->now) any |= look(s, kind, T, p->listed + n, call);
+    return any;
+}
+
+/* Finds the pieces of all meetings of triangle k; whether there are any. */
+INLINED int find_all(const KernelData *s, int kind, const Triangle *T, long k, Call *call, double *steps)
+{
+    const Pieces *p = kept.of + kind;
+    int any = 0;
+    for (long n = p->from[k]; n < p->from[k + 1]; n++) {
+        find(s, kind, T, p->listed + n, call, steps);
+        any |= p->listed[n].number >= 0;
+    }
+    return any;
 }
 
 /* Has the pieces of a meeting wait for what acts there. */
@@ -96,25 +122,38 @@ INLINED void wait_for(const KernelData *s, int kind, const Triangle *T, const Me
     else wait_beside_vertex(T, x[0], on, m->n, m->action, &waiting->points);
 }
 
-/* Finds pieces where none serve, and what acts there where that does not serve. */
-INLINED void meet(const KernelData *s, int kind, const Triangle *T, Call *call, Waiting *waiting)
+/* Has what acts in the meetings of triangle k be computed where it does not serve. */
+INLINED void renew(const KernelData *s, int kind, const Triangle *T, long k, int32_t now, Waiting *waiting)
 {
-    const Near near = near_of(s, kind);
     const Pieces *p = kept.of + kind;
-    for (long n = 0; n < p->lists; n++) {
-        Listed *listed = p->listed + n;
-        const int32_t number = listed->number < 0 ? ~listed->number : listed->number;
-        Meeting *m = p->meeting + number;
-        if (listed->until <= call->now) {
-            const double rest = look(s, kind, T + m->triangle, m, call);
-            if (rest > 0) {
-                near.rest[2 * m->near] = s->triangle_gone[2 * m->triangle] + rest;
-                near.rest[2 * m->near + 1] = near.gone[2 * m->feature] + rest;
-            }
-            listed->until = m->until;
-            listed->number = m->n ? number : ~number;
+    for (long n = p->from[k]; n < p->from[k + 1]; n++) {
+        if (p->listed[n].number < 0) continue;
+        Meeting *m = p->meeting + p->listed[n].number;
+        if (m->due) wait_for(s, kind, T, m, now, waiting);
+    }
+}
+
+/* Finds pieces of triangles where none serve, all of a triangle in one step, so that they are parts of it without gaps
+ * and overlaps, and what acts there where that does not serve. */
+static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *waiting)
+{
+    for (long k = 0; k < s->n_contact_segments; k++, T++) {
+        int due = kept.until[k] <= call->now;
+        if (!due) {
+            due |= look_at(s, OVER_FACE, T, k, call);
+            due |= look_at(s, BESIDE_EDGE, T, k, call);
+            due |= look_at(s, BESIDE_VERTEX, T, k, call);
         }
-        if (listed->number >= 0 && m->due) wait_for(s, kind, T + m->triangle, m, call->now, waiting);
+        if (due) {
+            double steps = SERVE;
+            int any = find_all(s, OVER_FACE, T, k, call, &steps);
+            any |= find_all(s, BESIDE_EDGE, T, k, call, &steps);
+            any |= find_all(s, BESIDE_VERTEX, T, k, call, &steps);
+            kept.until[k] = any ? call->now + (int32_t)d_maximum(1, steps) : INT32_MAX;
+        }
+        renew(s, OVER_FACE, T, k, call->now, waiting);
+        renew(s, BESIDE_EDGE, T, k, call->now, waiting);
+        renew(s, BESIDE_VERTEX, T, k, call->now, waiting);
     }
 }
 
@@ -146,9 +185,7 @@ static void act_on_all(const KernelData *s, const Triangle *T, Call *call)
     waiting.faces.change = waiting.lines.change = waiting.points.change = call->serve;
     waiting.faces.of = kept.of + OVER_FACE, waiting.lines.of = kept.of + BESIDE_EDGE;
     waiting.points.of = kept.of + BESIDE_VERTEX;
-    meet(s, OVER_FACE, T, call, &waiting);
-    meet(s, BESIDE_EDGE, T, call, &waiting);
-    meet(s, BESIDE_VERTEX, T, call, &waiting);
+    meet(s, T, call, &waiting);
     add_over_faces(&waiting.faces);
     add_beside_edges(&waiting.lines);
     add_beside_vertices(&waiting.points);

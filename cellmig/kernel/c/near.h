@@ -86,7 +86,8 @@ static void list_what_may_act(const KernelData *s, double calls)
         const Near near = near_of(s, kind);
         Pieces *p = kept.of + kind;
         p->lists = 0;
-        for (long k = 0; k < s->n_contact_segments; k++)
+        for (long k = 0; k < s->n_contact_segments; k++) {
+            p->from[k] = p->lists;
             for (long m = near.first[k]; m < near.first[k + 1]; m++) {
                 const double *rest = near.rest + 2 * m;
                 if (s->triangle_gone[2 * k + 1] <= rest[0] && near.gone[2 * near.feature[m] + 1] <= rest[1]) continue;
@@ -94,6 +95,8 @@ static void list_what_may_act(const KernelData *s, double calls)
                 const Meeting *of = p->meeting + number;
                 p->listed[p->lists++] = (Listed){of->n ? number : ~number, of->until};
             }
+        }
+        p->from[s->n_contact_segments] = p->lists;
     }
 }
 

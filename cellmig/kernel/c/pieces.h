@@ -4,24 +4,25 @@
 enum { OVER_FACE, BESIDE_EDGE, BESIDE_VERTEX, MEETINGS };
 
 /* A triangle that meets a feature: where its pieces begin in `on`, numbers of the triangle, of the pair in lists and of
- * the feature, number of pieces, room for them, what acts at them, the call of add_contact in which they serve no more,
- * and whether what acts does not serve.  Over a face pieces are the corners of a polygon; beside an edge pairs of ends
+ * the feature, number of pieces, room for them, what acts at them, the call of add_contact in which
+ * it is looked at if it has none, and whether what acts does not serve.  Over a face pieces are the corners of a polygon; beside an edge pairs of ends
  * of lines, with a width in the fourth place; beside a vertex points, with an area in the fourth place. */
 typedef struct { long from; int32_t triangle, near, feature, n, room, action, until, due; } Meeting;
 
-/* A meeting that is listed: its number, or the complement of that where it has no pieces, and until when what was found
- * serves. */
+/* A meeting that is listed: its number, or the complement of that where it has no pieces, and when it is looked at if it
+ * has none. */
 typedef struct { int32_t number, until; } Listed;
 
-/* Meetings, their numbers by those of what is near triangles, -1 where there is none, and those that are listed; pieces
- * and what acts at them. */
+/* Meetings, their numbers by those of what is near triangles, -1 where there is none, those that are listed and where
+ * those of each triangle begin; pieces and what acts at them. */
 typedef struct {
     Meeting *meeting;
     int32_t *number;
     Listed *listed;
+    long *from;
     v4 *on;
     void *action;
-    long meetings, lists, used, actions, room[5];
+    long meetings, lists, used, actions, room[6];
 } Pieces;
 
 /* Memory for n more things of a size, of which some are used. */
@@ -45,8 +46,9 @@ static inline void keep(Pieces *p, const v4 *on, long n)
 }
 
 /* Forgets all meetings of n things that are near triangles. */
-static void forget(Pieces *p, long n)
+static void forget(Pieces *p, long n, long triangles)
 {
+    p->from = enough(p->from, 0, triangles + 1, p->room + 5, sizeof *p->from);
     p->number = enough(p->number, 0, n, p->room + 3, sizeof *p->number);
     p->listed = enough(p->listed, 0, n, p->room + 4, sizeof *p->listed);
     memset(p->number, -1, (size_t)n * sizeof *p->number);

@@ -10,7 +10,8 @@ static struct {
     Triangle *triangle;
     double *by; /* how far each node goes, and may go until lists are made anew */
     double *velocity[2]; /* of the nodes, and what they were when calls were last a multiple of SERVE */
-    long calls, room[4]; /* since the run began */
+    int32_t *until; /* the call in which what was found of each triangle serves no more */
+    long calls, room[5]; /* since the run began */
     Pieces of[MEETINGS], found; /* by kinds of meetings; of the meeting at hand */
 } kept;
 
@@ -22,7 +23,9 @@ static int pieces_serve(const KernelData *s)
     kept.calls++;
     if (serve && !(s->contact_serves[0] > 0)) return 1;
     kept.calls = 0;
-    for (int kind = 0; kind < MEETINGS; kind++) forget(kept.of + kind, near[kind]);
+    for (int kind = 0; kind < MEETINGS; kind++) forget(kept.of + kind, near[kind], n);
+    kept.until = enough(kept.until, 0, n, kept.room + 4, sizeof *kept.until);
+    memset(kept.until, 0, (size_t)n * sizeof *kept.until);
     s->contact_serves[0] = 0;
     return serve;
 }
