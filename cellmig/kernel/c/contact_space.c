@@ -149,7 +149,7 @@ static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *wa
             int any = find_all(s, OVER_FACE, T, k, call, &steps);
             any |= find_all(s, BESIDE_EDGE, T, k, call, &steps);
             any |= find_all(s, BESIDE_VERTEX, T, k, call, &steps);
-            kept.until[k] = any ? call->now + (int32_t)d_maximum(1, steps) : INT32_MAX;
+            kept.until[k] = any ? call->now + (steps < FEW ? 1 : (int32_t)steps) : INT32_MAX;
         }
         renew(s, OVER_FACE, T, k, call->now, waiting);
         renew(s, BESIDE_EDGE, T, k, call->now, waiting);

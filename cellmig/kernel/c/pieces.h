@@ -4,13 +4,13 @@
 enum { OVER_FACE, BESIDE_EDGE, BESIDE_VERTEX, MEETINGS };
 
 /* A triangle that meets a feature: where its pieces begin in `on`, numbers of the triangle, of the pair in lists and of
- * the feature, number of pieces, room for them, what acts at them, the call of add_contact in which
- * it is looked at if it has none, and whether what acts does not serve.  Over a face pieces are the corners of a polygon; beside an edge pairs of ends
- * of lines, with a width in the fourth place; beside a vertex points, with an area in the fourth place. */
+ * the feature, number of pieces, room for them, what acts at them, the call of add_contact in which it is looked at if
+ * it has none, and whether what acts does not serve.  Over a face pieces are the corners of a polygon; beside an edge
+ * pairs of ends of lines, with a width in the fourth place; beside a vertex points, with an area in that place. */
 typedef struct { long from; int32_t triangle, near, feature, n, room, action, until, due; } Meeting;
 
-/* A meeting that is listed: its number, or the complement of that where it has no pieces, and when it is looked at if it
- * has none. */
+/* A meeting that is listed: its number, or the complement of that where it has no pieces, and when it is looked at if
+ * it has none. */
 typedef struct { int32_t number, until; } Listed;
 
 /* Meetings, their numbers by those of what is near triangles, -1 where there is none, those that are listed and where
