@@ -151,9 +151,10 @@ static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *wa
             any |= find_all(s, BESIDE_VERTEX, T, k, call, &steps);
             kept.until[k] = any ? call->now + (steps < FEW ? 1 : (int32_t)steps) : INT32_MAX;
         }
-        renew(s, OVER_FACE, T, k, call->now, waiting);
-        renew(s, BESIDE_EDGE, T, k, call->now, waiting);
-        renew(s, BESIDE_VERTEX, T, k, call->now, waiting);
+        Waiting *w = waiting + (call->serve && kept.until[k] > call->now + 1);
+        renew(s, OVER_FACE, T, k, call->now, w);
+        renew(s, BESIDE_EDGE, T, k, call->now, w);
+        renew(s, BESIDE_VERTEX, T, k, call->now, w);
     }
 }
 
@@ -176,19 +177,26 @@ INLINED void act(const KernelData *s, int kind, const Triangle *T, int32_t now)
     }
 }
 
+/* Begins to wait for what acts; `change` : whether for its changes, too. */
+static void begin_to_wait(Waiting *w, int change)
+{
+    w->faces.n = w->lines.n = w->points.n = 0;
+    w->faces.law = w->lines.law = w->points.law = 0;
+    w->faces.change = w->lines.change = w->points.change = change;
+    w->faces.of = kept.of + OVER_FACE, w->lines.of = kept.of + BESIDE_EDGE, w->points.of = kept.of + BESIDE_VERTEX;
+}
+
 /* What acts between triangles and all features near them. */
 static void act_on_all(const KernelData *s, const Triangle *T, Call *call)
 {
-    static Waiting waiting;
-    waiting.faces.n = waiting.lines.n = waiting.points.n = 0;
-    waiting.faces.law = waiting.lines.law = waiting.points.law = 0;
-    waiting.faces.change = waiting.lines.change = waiting.points.change = call->serve;
-    waiting.faces.of = kept.of + OVER_FACE, waiting.lines.of = kept.of + BESIDE_EDGE;
-    waiting.points.of = kept.of + BESIDE_VERTEX;
-    meet(s, T, call, &waiting);
-    add_over_faces(&waiting.faces);
-    add_beside_edges(&waiting.lines);
-    add_beside_vertices(&waiting.points);
+    static Waiting waiting[2]; /* of what serves in this call alone, and in others */
+    for (int w = 0; w < 2; w++) begin_to_wait(waiting + w, w);
+    meet(s, T, call, waiting);
+    for (int w = 0; w < 2; w++) {
+        add_over_faces(&waiting[w].faces);
+        add_beside_edges(&waiting[w].lines);
+        add_beside_vertices(&waiting[w].points);
+    }
     act(s, OVER_FACE, T, call->now);
     act(s, BESIDE_EDGE, T, call->now);
     act(s, BESIDE_VERTEX, T, call->now);
