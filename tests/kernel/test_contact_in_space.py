@@ -207,14 +207,18 @@ def test_the_potential_of_a_rugged_surface_has_the_gradient_that_it_says_everywh
         assert np.abs(np.diff(potential) - expected).max() < 0.01 * LAW.well_depth  # measured 6e-3, of the steps
 
 
-def test_pieces_that_serve_leave_forces_in_balance_and_an_energy_right_to_first_order(in_c: InC) -> None:
-    """Of two surfaces whose points move in any direction by up to 0.5, 1 and 2 nm, at gaps of 10 nm and more."""
+def near_and_moved() -> tuple:
+    """Triangles 10 nm above a rugged surface, its points and the surface, and ways for both to move."""
     x, faces = relief(0.05 * np.random.default_rng(1).standard_normal((4, 4)), 0.5)
-    rng, surface, errors = np.random.default_rng(5), Polyhedron.of(faces), []
-    T = triangles(60, [-0.5, -0.5, 0.2], [0.5, 0.5, 0.4])
+    rng, T = np.random.default_rng(5), triangles(60, [-0.5, -0.5, 0.2], [0.5, 0.5, 0.4])
     over = T[..., 2] - heights(x, faces, T.reshape(-1, 3)[:, :2]).reshape(-1, 3)
     T[..., 2] += (0.01 - over.min(axis=1))[:, None]
-    moves = rng.uniform(-1.0, 1.0, T.shape), rng.uniform(-1.0, 1.0, x.shape)
+    return T, x, Polyhedron.of(faces), (rng.uniform(-1.0, 1.0, T.shape), rng.uniform(-1.0, 1.0, x.shape))
+
+
+def test_pieces_that_serve_leave_forces_in_balance_and_an_energy_right_to_first_order(in_c: InC) -> None:
+    """Of two surfaces whose points move in any direction by up to 0.5, 1 and 2 nm, at gaps of 10 nm and more."""
+    (T, x, surface, moves), errors = near_and_moved(), []
     for move in (5e-4, 1e-3, 2e-3):
         now = [a + move * way for a, way in zip((T, x), moves, strict=True)]
         _, on_T, on_x, served = in_c(*now, surface, since=(T, x))
@@ -230,12 +234,7 @@ def test_pieces_that_serve_leave_forces_in_balance_and_an_energy_right_to_first_
 
 def test_what_acts_follows_moves_to_first_order_and_stays_in_balance(in_c: InC) -> None:
     """Of a rugged surface and triangles near it, whose points move in any direction by up to 0.05, 0.1 and 0.2 nm."""
-    x, faces = relief(0.05 * np.random.default_rng(1).standard_normal((4, 4)), 0.5)
-    rng, surface, errors = np.random.default_rng(5), Polyhedron.of(faces), []
-    T = triangles(60, [-0.5, -0.5, 0.2], [0.5, 0.5, 0.4])
-    over = T[..., 2] - heights(x, faces, T.reshape(-1, 3)[:, :2]).reshape(-1, 3)
-    T[..., 2] += (0.01 - over.min(axis=1))[:, None]
-    moves = rng.uniform(-1.0, 1.0, T.shape), rng.uniform(-1.0, 1.0, x.shape)
+    (T, x, surface, moves), errors = near_and_moved(), []
     for move in (5e-5, 1e-4, 2e-4):
         now = [a + move * way for a, way in zip((T, x), moves, strict=True)]
         _, on_T, on_x, _ = in_c(*now, surface, since=(T, x), linear=True)

@@ -1,21 +1,15 @@
 /* F_d of equation (2): push of the leading edge. */
 
-/* Of each drive of each cell that protrudes, how firmly its front half holds on to the substrate, by all of it, as
- * its middle is summed. */
-static void find_hold(const KernelData *s)
+/* Length of closed bonds under the front half of a cell along a drive, up to what holds it. */
+static double bonded_along(const KernelData *s, const Drive *drive, long m)
 {
-    for (long m = 0; m < SIDES * s->n_movers; m++) {
-        const long c = m / SIDES;
-        const Drive *drive = aim(s, c, m);
-        double bonded = 0;
-        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
-            const Facet e = facet_at(s, s->grip[k]);
-            double x = 0;
-            for (int i = 0; i < D; i++) x += along(s, drive, e.node[i]) / D;
-            bonded += protrusion_grip(s->protrusion, e.size, x - s->middle[m], e.gap[0], e.gap[1]);
-        }
-        s->hold[m] = protrusion_hold(s->protrusion, bonded);
+    const long c = m / SIDES;
+    double bonded = 0;
+    for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm; k++) {
+        const Facet e = facet_at(s, s->grip[k]);
+        bonded += protrusion_grip(s->protrusion, e.size, ahead_of_middle(s, drive, m, &e), GAPS(e.gap));
     }
+    return bonded;
 }
 
 /* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for.  push[D e]

@@ -5,10 +5,7 @@ static void find_grips(const KernelData *s, const Facet *e, const double ahead[T
 {
     int order[TOGETHER];
     double size[TOGETHER], gap[D][TOGETHER], kind[TOGETHER];
-    for (int m = 0; m < n; m++) {
-        size[m] = e[m].size;
-        for (int i = 0; i < D; i++) gap[i][m] = e[m].gap[i];
-    }
+    sizes_and_gaps(e, n, size, gap);
     for (int m = 0; m < n; m += 4)
         store(kind + m, protrusion_grip_kind(s->protrusion, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
     by_kinds(kind, n, order);
@@ -19,30 +16,23 @@ static void find_grips(const KernelData *s, const Facet *e, const double ahead[T
     }
 }
 
-/* Of each drive of each cell that protrudes, how firmly its front half holds on to the substrate, by all of it, as its
- * middle is summed. */
-static void find_hold(const KernelData *s)
+/* Area of closed bonds under the front half of a cell along a drive, up to what holds it. */
+static double bonded_along(const KernelData *s, const Drive *drive, long m)
 {
+    const long c = m / SIDES;
     Facet e[TOGETHER];
-    double ahead[TOGETHER], area[TOGETHER];
-    for (long m = 0; m < SIDES * s->n_movers; m++) {
-        const long c = m / SIDES;
-        const Drive *drive = aim(s, c, m);
-        double bonded = 0;
-        for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm;) {
-            int n = 0;
-            for (; n < TOGETHER && k < s->first_grip[c + 1]; k++) {
-                e[n] = facet_at(s, s->grip[k]);
-                double x = 0;
-                for (int i = 0; i < D; i++) x += along(s, drive, e[n].node[i]) / D;
-                ahead[n] = x - s->middle[m];
-                n += protrusion_front(s->protrusion, ahead[n]) > 0;
-            }
-            find_grips(s, e, ahead, n, area);
-            for (int i = 0; i < n; i++) bonded += area[i];
+    double ahead[TOGETHER], area[TOGETHER], bonded = 0;
+    for (long k = s->first_grip[c]; k < s->first_grip[c + 1] && bonded < s->firm;) {
+        int n = 0;
+        for (; n < TOGETHER && k < s->first_grip[c + 1]; k++) {
+            e[n] = facet_at(s, s->grip[k]);
+            ahead[n] = ahead_of_middle(s, drive, m, e + n);
+            n += protrusion_front(s->protrusion, ahead[n]) > 0;
         }
-        s->hold[m] = protrusion_hold(s->protrusion, bonded);
+        find_grips(s, e, ahead, n, area);
+        for (int i = 0; i < n; i++) bonded += area[i];
     }
+    return bonded;
 }
 
 /* A triangle that is pushed: forces on its corners, over the mean slope of the ramp. */

@@ -1,4 +1,24 @@
-/* Which facets are pushed, and the accounts of this. */
+/* How firmly cells hold on to the substrate against their push, which facets are pushed, and the accounts of this. */
+
+/* How far ahead of the middle of a cell a facet is, along drive m. */
+static inline double ahead_of_middle(const KernelData *s, const Drive *drive, long m, const Facet *e)
+{
+    double x = 0;
+    for (int i = 0; i < D; i++) x += along(s, drive, e->node[i]) / D;
+    return x - s->middle[m];
+}
+
+static double bonded_along(const KernelData *s, const Drive *drive, long m);
+
+/* Of each drive of each cell that protrudes, how firmly its front half holds on to the substrate, by all of it, as its
+ * middle is summed. */
+static void find_hold(const KernelData *s)
+{
+    for (long m = 0; m < SIDES * s->n_movers; m++) {
+        const Drive *drive = aim(s, m / SIDES, m);
+        s->hold[m] = protrusion_hold(s->protrusion, bonded_along(s, drive, m));
+    }
+}
 
 /* Whether facet e is pushed, or was at the start of the step. */
 static int is_pushed(const KernelData *s, long e)

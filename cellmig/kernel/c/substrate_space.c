@@ -7,10 +7,7 @@ static void pull_down(const KernelData *s, const Facet *e, int n, double pull[D]
 {
     int order[TOGETHER];
     double size[TOGETHER], gap[D][TOGETHER], kind[TOGETHER];
-    for (int m = 0; m < n; m++) {
-        size[m] = e[m].size;
-        for (int i = 0; i < D; i++) gap[i][m] = e[m].gap[i];
-    }
+    sizes_and_gaps(e, n, size, gap);
     for (int m = 0; m < n; m += 4)
         store(kind + m, substrate_kind(s->substrate, load(gap[0] + m), load(gap[1] + m), load(gap[2] + m)));
     by_kinds(kind, n, order);

@@ -14,6 +14,15 @@ static inline Facet facet_at(const KernelData *s, long e)
     return facet;
 }
 
+/* Sizes and gaps of n facets. */
+static inline void sizes_and_gaps(const Facet *e, int n, double size[TOGETHER], double gap[D][TOGETHER])
+{
+    for (int m = 0; m < n; m++) {
+        size[m] = e[m].size;
+        for (int i = 0; i < D; i++) gap[i][m] = e[m].gap[i];
+    }
+}
+
 static inline void add_to_corners(double *force, const long node[D], const double f[D][D])
 {
     for (int i = 0; i < D; i++)
