@@ -35,17 +35,17 @@ class Kernel:
 
     def __init__(self, materials: list, terms: Terms, fields: Sequence[Field]):
         """Compile the step of a scene with these material laws and terms; `fields` : all that its files of C name."""
-        text, vectors = c_source(materials, terms, fields)
+        units, vectors = c_source(materials, terms, fields)
         self._types = {f.name: f.ctype for f in [*fields, *parameters(materials)]}
-        members = [(name, _NUMBERS.get(kind, ctypes.c_void_p)) for name, kind in self._types.items()]
-        members += [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
+        ghosts: list[tuple[str, Any]] = [("ghost_begin", ctypes.c_void_p), ("ghost_end", ctypes.c_void_p)]
+        members = ghosts + [(name, _NUMBERS.get(kind, ctypes.c_void_p)) for name, kind in self._types.items()]
         self._dtypes: dict[str, Any] = {**_DTYPES, "coefficient *": np.float32 if terms.single else np.float64,
                                         "StepMemory *": step_memory(terms)}
         self._structure = type("KernelData", (ctypes.Structure,), {"_fields_": members})()
         self._address = ctypes.byref(self._structure)
         self._arrays: dict[str, np.ndarray] = {}
-        self.source = text
-        self.library = loaded(text)
+        self.source = "\n".join(units)
+        self.library = loaded(*units)
         for name, values in vectors.items():
             self[name] = np.array(values or [0.0])
 

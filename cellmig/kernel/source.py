@@ -13,7 +13,7 @@ import numpy as np
 from ..meshfree.terms import Terms
 from .codegen import Translator, shapes_of
 from .fields import Field, step_memory
-from .terms import PARTS, STAGES, SURFACE_TERMS, SurfaceTerm, formulas, sizes
+from .terms import PARTS, STAGES, SURFACE_TERMS, Part, SurfaceTerm, formulas, sizes
 
 FOLDER = Path(__file__).parent / "c"
 # Stresses of materials, and what networks need besides, method by method: the quantities that they may take, and the
@@ -34,29 +34,52 @@ def text_of(name: str) -> str:
 
 
 def parameters(materials: Sequence) -> list[Field]:
-    """Vectors of parameters of all laws that a scene may have."""
+    """Vectors of parameters of all laws that a scene may have, those of materials last."""
     names = [*dict.fromkeys(term.name for term in SURFACE_TERMS), "load_curves"]
     names += [f"material_{i}" for i in range(len(materials))]
     return [Field(name, "double *", doc="parameters of its laws") for name in names]
 
 
-def c_source(materials: Sequence, terms: Terms, fields: Sequence[Field] = ()) -> tuple[str, dict[str, list[float]]]:
-    """C source of a scene, and the parameter vectors of its laws.
+def c_source(materials: Sequence, terms: Terms, fields: Sequence[Field] = ()) -> tuple[list[str], dict]:
+    """C source of a scene, unit by unit, and the parameter vectors of its laws.
 
+    A unit has nothing of the scene but what it needs, so that scenes share those that are the same in them.
     Raises LawError where a law has no counterpart in C.
     """
     vectors: dict[str, list[float]] = {}
-    constants = ", ".join(f"{name} = {int(value)}" for name, value in sizes(terms).items())
+    laws = _surface_terms(terms, vectors)
+    laws["loads"] = _load_curves(terms.load_curves, vectors) + laws.get("loads", "")
+    laws["step"] = "\n".join([_structure("StepMemory", step_memory(terms)), _materials(materials, terms, vectors),
+                              _formulas(terms)])
     needed = [part for part in PARTS if part.needed(terms)]
-    source = [text_of("simd.h"), f"enum {{ {constants} }};", f"typedef {_coefficient(terms)} coefficient;",
-              _structure("StepMemory", step_memory(terms)), _kernel_data([*fields, *parameters(materials)]),
-              _materials(materials, terms, vectors), _formulas(terms, vectors),
-              _load_curves(terms.load_curves, vectors), *(text_of(part.file) for part in needed)]
+    files: dict[str, dict[str, None]] = {}  # of each unit, once
+    for part in needed:
+        files.setdefault(part.unit, {})[part.file] = None
+    common = [text_of(name) for name in files.pop("")]
+    texts = {unit: "\n".join([laws.get(unit, ""), *common, *map(text_of, names)]) for unit, names in files.items()}
+    texts["stages"] = _stages(needed, "\n".join(texts.values()))
+    stages = [f"{stage}({arguments});" for stage, arguments in STAGES.items()]
+    return ["\n".join([text_of("simd.h"), _constants(terms, text), f"typedef {_coefficient(terms)} coefficient;",
+                       _kernel_data([*fields, *parameters(materials if unit == "step" else ())]), *stages, text])
+            for unit, text in texts.items()], vectors
+
+
+def _constants(terms: Terms, text: str) -> str:
+    """Those constants that a text names."""
+    named = set(re.findall(r"\w+", text))
+    return "\n".join(f"enum {{ {name} = {int(value)} }};" for name, value in sizes(terms).items() if name in named)
+
+
+def _stages(needed: Sequence[Part], text: str) -> str:
+    """The stages of a step: they call those of the files that a scene has, whose text this is."""
+    source = []
     for stage, arguments in STAGES.items():
         kind, name = stage.split()
         calls = [part.calls[name] for part in needed if name in part.calls] + ["return 0;"] * (kind == "int")
-        source.append("\n    ".join([f"static {kind} {name}({arguments})\n{{", *calls]) + "\n}\n")
-    return "\n".join([*source, text_of("step.c"), text_of("diagnostics.c")]), vectors
+        source.append("\n    ".join([f"{stage}({arguments})\n{{", *calls]) + "\n}\n")
+    called = set(re.findall(r"\w+(?=\()", "".join(source)))
+    heads = re.findall(r"^((?:int|void) (\w+)\([^)]*\))\s*{", text, re.MULTILINE)
+    return "\n".join([*(f"{head};" for head, name in heads if name in called), *source])
 
 
 def _coefficient(terms: Terms) -> str:
@@ -67,27 +90,32 @@ def _structure(name: str, dtype: np.dtype) -> str:
     """A structure of arrays with the layout of a dtype."""
     kinds = {"f8": "double", "f4": "float"}
     members = [f"{kinds[dtype[m].base.str[1:]]} {m}[{int(np.prod(dtype[m].shape))}];" for m in dtype.names or ()]
-    return f"typedef struct {{ {' '.join(members)} }} {name};"
+    return f"struct {name} {{ {' '.join(members)} }};"
 
 
 def _kernel_data(fields: Sequence[Field]) -> str:
-    members = [f"    {f.ctype}{'' if f.ctype.endswith('*') else ' '}{f.name};" for f in fields]
-    members += [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
-    return "\n".join(["typedef struct {", *members, "} KernelData;\n"])
+    members = [f"    int (*ghost_{end})(void *, int, int);" for end in ("begin", "end")]
+    members += [f"    {f.ctype}{'' if f.ctype.endswith('*') else ' '}{f.name};" for f in fields]
+    return "\n".join(["typedef struct StepMemory StepMemory;", "typedef struct {", *members, "} KernelData;\n"])
 
 
-def _formulas(terms: Terms, vectors: dict[str, list[float]]) -> str:
-    """Functions of the surface terms that a scene has, and of formulas without parameters."""
-    functions = [Translator(formula, number, terms.dimension).function(method, name, results)
-                 for formula, number, method, name, results in formulas(terms)]
+def _formulas(terms: Terms) -> str:
+    """Functions of formulas without parameters."""
+    return "\n".join(Translator(formula, number, terms.dimension).function(method, name, results)
+                     for formula, number, method, name, results in formulas(terms))
+
+
+def _surface_terms(terms: Terms, vectors: dict[str, list[float]]) -> dict[str, str]:
+    """Functions of the surface terms that a scene has, by units."""
+    functions: dict[str, str] = {}
     for term in SURFACE_TERMS:
-        found = term.formula(terms)
+        found, unit = term.formula(terms), term.unit or term.name
         if isinstance(found, tuple):
-            functions.append(_of_laws(term, found, terms.dimension, vectors))
+            functions[unit] = functions.get(unit, "") + _of_laws(term, found, terms.dimension, vectors)
         elif found is not None:
             text, vectors[term.name] = _functions(term, found, terms.dimension)
-            functions.append(text)
-    return "\n".join(functions)
+            functions[unit] = functions.get(unit, "") + text
+    return functions
 
 
 def _functions(term: SurfaceTerm, formula: Any, dimension: int) -> tuple[str, list[float]]:

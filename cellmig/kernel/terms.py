@@ -28,6 +28,7 @@ class SurfaceTerm:
     methods : of the formula, with names of their results where these have different shapes;
     in_fours : those of them that are computed for four points at a time;
     files : of c/, by default NAME.c;
+    unit : the term with whose files these are compiled, by default its own name;
     moves : whether its force in a step differs from that at rest: c/ has add_NAME_in_motion.
     """
 
@@ -36,6 +37,7 @@ class SurfaceTerm:
     methods: Mapping[str, tuple[str, ...]]
     in_fours: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    unit: str = ""
     moves: bool = False
 
 
@@ -62,9 +64,9 @@ POLYHEDRA: dict[str, tuple[str, ...]] = {
 # In the order in which forces are added up.
 SURFACE_TERMS = (
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 2, t.substrate, lambda _, bonds: SubstrateAdhesion(bonds)),
-                {"facet": ("force", "energy", "impulse")}, moves=True),
+                {"facet": ("force", "energy", "impulse")}, files=("ligand.h", "substrate.c"), moves=True),
     SurfaceTerm("substrate", lambda t: _with_bonds(t, 3, t.substrate, lambda _, bonds: TriangleAdhesion(bonds)),
-                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("substrate_space.c",),
+                {"facet": ("force", "energy"), "kind": ()}, ("facet", "kind"), files=("ligand.h", "substrate_space.c"),
                 moves=True),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 2, lambda law: CellAdhesion(bonds_of(law))),
                 {"beside": ("along", "across"), "part": ("from", "to"), "edge": ("force", "energy"),
@@ -76,19 +78,21 @@ SURFACE_TERMS = (
                        "serving.h", "near.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: tuple(
         SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
-        if t.sliding and t.contacts else None, {"force": ("force", "power")}),
+        if t.sliding and t.contacts else None, {"force": ("force", "power")}, unit="contact"),
     SurfaceTerm("push_off", lambda t: tuple(PushOff(t.protrusion, bonds_of(bonds)) for bonds in t.contacts.laws)
-                if t.pushes_off and t.contacts and t.protrusion else None, {"grip": (), "hold": (), "force": ()}),
+                if t.pushes_off and t.contacts and t.protrusion else None, {"grip": (), "hold": (), "force": ()},
+                files=("aim.h", "push_off.c"), unit="contact"),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
         _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)
-        for law in t.friction.laws) if t.friction and t.substrate else None, {"force": ()}),
+        for law in t.friction.laws) if t.friction and t.substrate else None, {"force": ()},
+                files=("ligand.h", "friction.c")),
     SurfaceTerm("medium", lambda t: t.medium, {"force": ()}),
     SurfaceTerm("protrusion", lambda t: _with_bonds(t, 2, t.protrusion, ProtrusionForce),
-                {"grip": (), "hold": (), "force": ()}, files=("push.h", "protrusion.c")),
+                {"grip": (), "hold": (), "force": ()}, files=("aim.h", "push.h", "protrusion.c")),
     SurfaceTerm("protrusion", lambda t: _with_bonds(t, 3, t.protrusion, ProtrusionPush),
                 {"grip": (), "grip_kind": (), "hold": (), "front": (), "edge": (), "kind": ()},
-                ("grip", "grip_kind", "edge", "kind"), files=("push.h", "protrusion_space.c")),
+                ("grip", "grip_kind", "edge", "kind"), files=("aim.h", "push.h", "protrusion_space.c")),
     SurfaceTerm("loads", lambda t: None if t.load_curves is None else Pressure() if t.dimension == 2 else
                 TrianglePressure(), {"force": ()}),
 )
@@ -123,10 +127,14 @@ STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces":
 
 @dataclass(frozen=True)
 class Part:
-    """A file of C that some scenes need, and what the stages of a step call of it, by their names."""
+    """A file of C that some scenes need, and what the stages of a step call of it, by their names.
+
+    unit : the files with which it is compiled, by the name of one of them or of a term; "" for headers of all.
+    """
 
     file: str
     needed: Callable[[Terms], bool]
+    unit: str
     calls: dict[str, str] = field(default_factory=dict)
 
 
@@ -134,38 +142,41 @@ def _always(terms: Terms) -> bool:
     return True
 
 
-def _of_dimensions(file: str, needed: Callable[[Terms], bool]) -> Iterator[Part]:
+def _of_dimensions(file: str, needed: Callable[[Terms], bool], unit: str) -> Iterator[Part]:
     """The files whose names have the place where they are needed."""
-    yield Part(file.format("plane"), lambda t: t.dimension == 2 and needed(t))
-    yield Part(file.format("space"), lambda t: t.dimension == 3 and needed(t))
+    yield Part(file.format("plane"), lambda t: t.dimension == 2 and needed(t), unit)
+    yield Part(file.format("space"), lambda t: t.dimension == 3 and needed(t), unit)
 
 
 def _of_surface(term: SurfaceTerm) -> Iterator[Part]:
     *others, file = term.files or (f"{term.name}.c",)
-    yield from (Part(name, lambda t: term.formula(t) is not None) for name in others)
+    unit = term.unit or term.name
+    yield from (Part(name, lambda t: term.formula(t) is not None, unit) for name in others)
     call = f"add_{term.name}(s, s->force, 0, accounted_dt, dt);"
     moving = {"add_forces_in_motion": f"add_{term.name}_in_motion(s, dt);"} if term.moves else {}
-    yield Part(file, lambda t: term.formula(t) is not None, {"add_surface_forces": call} | moving)
+    yield Part(file, lambda t: term.formula(t) is not None, unit, {"add_surface_forces": call} | moving)
 
 
-# In the order of the C source, the stages behind them and step.c at the end.
+# In the order in which they are compiled and called.  Files of a unit call those of another once in a stage at most:
+# scenes share the units that are the same in them.
 PARTS = (
-    Part("layout.h", _always),
-    *_of_dimensions("{}.h", _always),
-    *(Part(name, _always) for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
-                                       "divergence.c", "modes.c", "surface.h", "ligand.h")),
-    Part("aim.h", lambda t: t.protrusion is not None),
+    Part("layout.h", _always, ""),
+    *_of_dimensions("{}.h", _always, ""),
+    Part("surface.h", _always, ""),
+    *(Part(name, _always, "step") for name in ("gather.h", "exchange.h", "deformation.c", "network.c", "stress.c",
+                                               "divergence.c", "modes.c")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
-    Part("rubbing.c", rubs, {"add_surface_forces": "complete_friction(s, accounted_dt, dt);"}),
-    Part("drives.c", lambda t: t.guided, {"after_forces": "turn_drives(s, dt);"}),
-    Part("boundary.c", lambda t: t.load_curves is not None, {
+    Part("rubbing.c", rubs, "rubbing", {"add_surface_forces": "complete_friction(s, accounted_dt, dt);"}),
+    Part("drives.c", lambda t: t.guided, "drives", {"after_forces": "turn_drives(s, dt);"}),
+    Part("boundary.c", lambda t: t.load_curves is not None, "loads", {
         "before_kick": "remember_boundary(s);",
         "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
         "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
-    *_of_dimensions("director_{}.c", lambda t: t.has_director),
-    *_of_dimensions("director_turns_{}.c", lambda t: t.director == "relaxing"),
-    Part("director_relaxes.c", lambda t: t.director == "relaxing", {
+    *_of_dimensions("director_{}.c", lambda t: t.has_director, "step"),
+    *_of_dimensions("director_turns_{}.c", lambda t: t.director == "relaxing", "step"),
+    Part("director_relaxes.c", lambda t: t.director == "relaxing", "step", {
         "before_stress": "if (director_ready(s)) return 1;", "after_forces": "if (director_step(s, dt)) return 1;"}),
+    *(Part(name, _always, "step") for name in ("step.c", "diagnostics.c")),
 )
 
 

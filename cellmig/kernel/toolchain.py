@@ -12,13 +12,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-FLAGS = ["-O3", "-fPIC", "-shared", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+FLAGS = ["-O3", "-fPIC", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 _SEAL = hashlib.sha256().digest_size  # bytes
 MENDS = "apt install gcc libc6-dev, or without root: pip install ziglang"
 
@@ -58,9 +59,9 @@ def compiler() -> list[str]:
     raise CompilerError(f"no C compiler found: {MENDS}; or set CC")
 
 
-def loaded(source: str) -> ctypes.CDLL:
-    """Compile and load `source`.  Raises CompilerError if that fails."""
-    path = compiled(source)
+def loaded(*units: str) -> ctypes.CDLL:
+    """Compile and load sources of C as one library.  Raises CompilerError if that fails."""
+    path = compiled(*units)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -75,27 +76,45 @@ def loaded(source: str) -> ctypes.CDLL:
                             "mounted noexec, set CELLMIG_CACHE to a directory on another") from None
 
 
-def compiled(source: str) -> Path:
-    """Shared library of `source`, cached or compiled; safe with many processes.  Raises CompilerError if that fails."""
+def compiled(*units: str) -> Path:
+    """Shared library of sources of C, cached or compiled; safe with many processes.
+
+    Several are compiled side by side and cached one by one, for other libraries that share some of them.
+    Raises CompilerError if that fails.
+    """
+    return _made(units, "-shared", ".so")
+
+
+def _made(units: Sequence[str], option: str, suffix: str) -> Path:
+    """What the compiler makes of sources: a shared library, or the object of one."""
     command = compiler()
-    command += [*FLAGS, *_architecture("ziglang" in command)]
-    key = hashlib.sha256("\0".join([source, *command]).encode()).hexdigest()[:24]
-    library = cache_directory() / f"{key}.so"
-    if _is_whole(library):
-        return library
-    with _turn(library.with_suffix(".lock")), tempfile.TemporaryDirectory() as scratch:
-        if _is_whole(library):
-            return library
-        code, made = Path(scratch) / "kernel.c", Path(scratch) / "kernel.so"
-        code.write_text(source, encoding="utf-8")
+    command += [*FLAGS, *_architecture("ziglang" in command), option]
+    key = hashlib.sha256("\0".join([*units, *command]).encode()).hexdigest()[:24]
+    found = cache_directory() / f"{key}{suffix}"
+    if _is_whole(found):
+        return found
+    with _turn(found.with_suffix(".lock")), tempfile.TemporaryDirectory() as scratch:
+        if _is_whole(found):
+            return found
+        made = Path(scratch) / f"kernel{suffix}"
+        command += [*map(str, _inputs(units, Path(scratch))), "-o", str(made), "-lm"]
         try:
-            done = subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True,
-                                  encoding="utf-8", errors="replace")
+            done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
         except OSError as error:
             raise CompilerError(f"the C compiler '{command[0]}' cannot be started: {MENDS}; or set CC") from error
         if done.returncode:
             raise CompilerError(f"the C compiler '{command[0]}' could not compile the kernel:\n{done.stderr}")
-        return _kept(made, library)
+        return _kept(made, found)
+
+
+def _inputs(units: Sequence[str], scratch: Path) -> list[Path]:
+    """Files that the compiler is given: a source, or the objects of several."""
+    if len(units) > 1:
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            return list(pool.map(lambda unit: _made([unit], "-c", ".o"), units))
+    code = scratch / "kernel.c"
+    code.write_text(units[0], encoding="utf-8")
+    return [code]
 
 
 @contextmanager
@@ -136,7 +155,7 @@ def _kept(made: Path, library: Path) -> Path:
         part.replace(library)
         return library
     except OSError:
-        with tempfile.NamedTemporaryFile(suffix=".so", delete=False) as own:
+        with tempfile.NamedTemporaryFile(suffix=library.suffix, delete=False) as own:
             own.write(content)
         atexit.register(Path(own.name).unlink, missing_ok=True)
         return Path(own.name)

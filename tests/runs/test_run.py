@@ -291,6 +291,17 @@ def test_ranks_that_need_the_same_kernel_at_once_have_it_compiled_by_one(on_rank
     assert calls.read_text() == "\n" and len([*cache.iterdir()]) == 1
 
 
+def test_what_two_kernels_share_is_compiled_once(tmp_path, monkeypatch):
+    counting, calls, shared = tmp_path / "counting", tmp_path / "calls", "int half(void) { return 22; }"
+    counting.write_text(f'#!/bin/sh\necho >>"{calls}"\nexec cc "$@"\n')
+    counting.chmod(0o755)
+    monkeypatch.setenv("CELLMIG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CC", str(counting))
+    for own, answer in {"2 * half()": 44, "half() + 23": 45, "2 * half() ": 44}.items():
+        assert compiler.loaded(shared, f"int half(void);\n{ANSWER.format(own)}").answer() == answer
+    assert len(calls.read_text()) == 1 + 3 * 2
+
+
 def test_a_kernel_on_a_disk_where_nothing_is_executed_is_loaded_from_memory_or_a_remedy_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("CELLMIG_CACHE", str(tmp_path))
     load = ctypes.CDLL

@@ -1,7 +1,7 @@
 /* Supports and plates at the time of the clock: they change positions and velocities after the kick and drift. */
 
 /* The state before the kick, where supports and plates may change it. */
-static void remember_boundary(const KernelData *s)
+void remember_boundary(const KernelData *s)
 {
     for (long k = 0; k < s->n_held; k++) {
         s->held_before[2 * k] = s->state[s->held[k]];
@@ -36,14 +36,14 @@ static void stop_at_plate(const KernelData *s, long k, long p, double kick, doub
 }
 
 /* All particles that may meet a plate, with all plates. */
-static void stop_at_plates(const KernelData *s, double kick, double dt)
+void stop_at_plates(const KernelData *s, double kick, double dt)
 {
     for (long k = 0; k < s->n_platable; k++)
         for (long p = 0; p < s->n_plates; p++) stop_at_plate(s, k, p, kick, dt);
 }
 
 /* Supports: u as prescribed at the end of the step, v the velocity that leads there; the reaction and its work. */
-static void hold(const KernelData *s, double kick, double dt)
+void hold(const KernelData *s, double kick, double dt)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k], i = d / (2 * D);
@@ -58,7 +58,7 @@ static void hold(const KernelData *s, double kick, double dt)
 }
 
 /* The end of the step: a count times dt, the same number however steps are grouped. */
-static void advance_clock(const KernelData *s, double dt) { s->clock[0] = s->clock[1] + (s->clock[2] += 1) * dt; }
+void advance_clock(const KernelData *s, double dt) { s->clock[0] = s->clock[1] + (s->clock[2] += 1) * dt; }
 
 /* Supports: u and v as prescribed at the time of the clock. */
 void prescribe(const KernelData *s)
@@ -70,7 +70,7 @@ void prescribe(const KernelData *s)
 }
 
 /* Supports: rates as prescribed, and the reactions. */
-static void hold_rate(const KernelData *s, double *out)
+void hold_rate(const KernelData *s, double *out)
 {
     for (long k = 0; k < s->n_held; k++) {
         const long d = s->held[k];
@@ -82,7 +82,7 @@ static void hold_rate(const KernelData *s, double *out)
 }
 
 /* Work of the reactions in a time dt. */
-static void account_reactions(const KernelData *s, double dt)
+void account_reactions(const KernelData *s, double dt)
 {
     for (long k = 0; k < s->n_held; k++)
         s->external_work[s->held[k] / (2 * D)] += dt * s->reaction[k] * s->state[s->held[k] + D];

@@ -16,7 +16,7 @@ static void director_fluxes(const KernelData *s)
 }
 
 /* Directors of anchors, gradients and axes, before stresses need them. */
-static int director_ready(const KernelData *s)
+int director_ready(const KernelData *s)
 {
     anchor_director(s);
     if (exchange(s, s->director_vec)) return 1;
@@ -25,7 +25,7 @@ static int director_ready(const KernelData *s)
 }
 
 /* A step of the directors; the mobility of anchors is 0. */
-static int director_step(const KernelData *s, double dt)
+int director_step(const KernelData *s, double dt)
 {
     director_fluxes(s);
     director_torque(s);

@@ -1,3 +1,3 @@
 /* The clock by which the directions of pushes change. */
 
-static void turn_drives(const KernelData *s, double dt) { s->drive_clock[0] += dt; }
+void turn_drives(const KernelData *s, double dt) { s->drive_clock[0] += dt; }

@@ -2,7 +2,7 @@
  * the mean of the speeds before and behind it: the rest is added when those are known, at the next kick. */
 
 /* The rest of the losses of the last kick, and what is too much so far of those of this one. */
-static void complete_friction(const KernelData *s, double accounted_dt, double dt)
+void complete_friction(const KernelData *s, double accounted_dt, double dt)
 {
     for (long k = 0; k < s->n_rubbing; k++) {
         const long i = s->rubbing[k];

@@ -23,7 +23,12 @@ static inline v4 splat(double a) { return (v4){a, a, a, a}; }
 #endif
 
 #ifdef __AVX2__
-#include <immintrin.h>
+/* The parts of immintrin.h that are used: reading all of it takes longer than compiling most files. */
+#define _IMMINTRIN_H_INCLUDED /* GCC's name of it, for its parts to be read alone */
+#define __IMMINTRIN_H /* Clang's */
+#include <smmintrin.h>
+#include <avxintrin.h>
+#include <fmaintrin.h>
 static inline v4 twice(const double *a) { return (v4)_mm256_broadcast_pd((const __m128d *)a); }
 static inline v4 fma4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
 static inline v4 fms4(v4 a, v4 b, v4 c) { return (v4)_mm256_fmsub_pd((__m256d)a, (__m256d)b, (__m256d)c); }
