@@ -141,18 +141,18 @@ class Progress:
         else:
             self._due = self._begin + _FIRST_LINE
 
-    def __call__(self, time: float, step: int, dt: float) -> None:
-        """Update, with simulated time [us], number of steps, step [us]."""
+    def __call__(self, time: float, step: int, dt: float, within: str = "") -> None:
+        """Update, with simulated time [us], number of steps, step [us], and what is done `within` the next step."""
         now = perf_counter()
         if now < self._due:
             return
         if self._bar is not None:
             self._due = now + _NEXT_BAR
-            self._bar.set_postfix_str(f"step {step}  dt {self._unit.step(dt)}", refresh=False)
+            self._bar.set_postfix_str(f"step {step}  dt {self._unit.step(dt)}{within and f'  {within}'}", refresh=False)
             self._bar.update(self._unit.number(time) - self._bar.n)
         else:
             self._due = now + _NEXT_LINE
-            self._log(self._line(time, step, dt, now - self._begin))
+            self._log(self._line(time, step, dt, now - self._begin) + (within and f"  {within}"))
 
     def _line(self, time: float, step: int, dt: float, wall: float) -> str:
         done = time - self._start

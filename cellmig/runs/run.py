@@ -131,6 +131,7 @@ class Run:
         progress = Progress(self.log, self.end, self.simulation.time, self.case.time_unit)
         self._integrator.report = self.log
         self._integrator.after_batch = lambda time: self._after_batch(time, progress, stop_signals)
+        self._integrator.within_step = lambda: self._within_step(progress, stop_signals)
         status, cause = DONE, ""
         try:
             for stop, sample, frame in output_times(self.case, self.end, self._integrator.whole_step):
@@ -139,8 +140,9 @@ class Run:
                 if stop > 0.0:
                     self._advance(stop)
                 status, cause = self._ended_early(stop_signals)
-                with self.timers("output"):
-                    self._write_outputs(sample or bool(cause), frame or bool(cause))
+                if self.simulation.time > self.output_time:  # not where a first step was undone
+                    with self.timers("output"):
+                        self._write_outputs(sample or bool(cause), frame or bool(cause))
                 if cause:
                     break
                 self.output_time = stop
@@ -172,6 +174,15 @@ class Run:
         if action == STOP:
             self._stop(stop_signals)
             self._integrator.halt()
+
+    def _within_step(self, progress: Progress, stop_signals: Sequence[int]) -> None:
+        """Show progress in an implicit step, which may take minutes, and undo it if the run is to stop; collective."""
+        run = self._integrator
+        progress(run.time, run.steps, run.dt, f"in its step {run.trying} of Newton's")
+        if not self.stopping and self.schedule.action(run.time, stop_signals) == STOP:
+            self._save()
+            self._stop(stop_signals)
+            run.halt()
 
     def _stop(self, stop_signals: Sequence[int]) -> None:
         stop_signals = self.comm.allreduce(len(stop_signals))

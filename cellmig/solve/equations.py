@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from petsc4py import PETSc
 
+from ..model.adhesion import GAUSS
 from ..model.tensors import cofactors, contracted, determinant
 from ..parallel.collect import Arrays
 from ..parallel.reduce import largest
@@ -18,6 +20,7 @@ from .stiffness import Stiffness, fill
 
 DIFFERENCE = 4e-7  # largest displacement in a finite difference of forces [spacings]
 MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation costs most, and factors are reused
+MOST_PARTS = 20  # in which the work of a step is added up
 DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
 STIFFER, STIFFENINGS = 4.0, 5  # least factor of 1/dt in tangents of shorter steps, and how often it is squared
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
@@ -90,6 +93,26 @@ class Equations:
         if (m.state.J_of_rows <= 0.0).any() or late:
             a[:] = np.nan  # Newton's method shortens its step, else TS cuts the time step
         return a
+
+    def work_along(self, u: np.ndarray, moved: np.ndarray, t: float, dt: float, piece: float) -> np.ndarray:
+        """Work of all forces (n_owned,) [pN], [pN µm] while particles move on a straight path; collective.
+
+        Dissipation and work of terms are added to the accounts.
+
+        Parameters
+        ----------
+        u, moved : (n_owned, d) float -- displacements at the start, and their change [µm].
+        t, dt : float -- time of the start, and of the way [µs].
+        piece : float -- length of the parts of the way, each of which has Gauss points [µm].
+        """
+        m, work = self.mechanics, np.zeros(len(u))
+        parts = int(min(max(1.0, np.ceil(largest(m.comm, moved) / piece)), MOST_PARTS))
+        for part, (at, weight) in product(range(parts), GAUSS):
+            at, share = (part + at) / parts, weight / parts
+            a = self.acceleration(t + at * dt, u + at * moved, moved / dt)
+            work += share * (self.mass * a * moved).sum(axis=1)
+            m.accounts.add(share * dt)
+        return work
 
     def residual(self, t: float, u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Residual M a - f(u, v, t) [pN/µm]; it and u, v, a [µm, µm/µs, µm/µs²] are (n_owned, d); collective."""

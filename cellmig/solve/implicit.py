@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import atexit
-from itertools import count, product
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 
 from petsc4py import PETSc
 
-from ..model.adhesion import GAUSS
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, largest
+from .at_exit import destroyed, kept
 from .equations import Equations
 from .integrate import Integrator
 from .reduction import Reduction
@@ -22,7 +19,7 @@ from .static import DEFAULTS
 from .step import widen
 
 SKIN = 4.0  # margin of the search lists [spacings]: larger lists cost nothing beside an implicit step
-FINE, MOST_PARTS = 0.04, 20  # work of a step: length of pieces, if no bonds set it [spacings], and largest number
+FINE = 0.04  # length of pieces in which the work of a step is added up, if no bonds set it [spacings]
 BALANCE = 1e-8  # root mean square residual of a particle, over largest modulus × spacing [-]
 LOOSE = 1e-6  # the same if PETSc chooses the steps, whose error is far larger
 FORCING = "1e-2"  # relative tolerance of Krylov methods in a Newton step
@@ -30,21 +27,12 @@ LONGEST = 0.14  # largest displacement of a Newton step [spacings]
 HALVINGS = 6  # number of times that a Newton step is halved where surfaces cross
 RELAXING = 0.5  # parts of a step in which directors relax, over the stable one
 CUTS = 20  # number of times that a step may be cut
+MANY, OFTEN = 10, 0.1  # solves that failed, and their share of the steps, above which the log says what is cheaper
 START = 10.0  # first step over the stable one of explicit schemes, if PETSc chooses the steps [-]
 STEPS = {"snes_max_it": "14", "snes_max_linear_solve_fail": "1000000"}  # those of Newton's method may be inexact
 DIVERGED = 1e8  # a solve fails where its residual has grown by this factor
 ACCURACY = {"ts_adapt_type": "basic", "ts_atol": "1e-2", "ts_rtol": "0"}  # error of a step: 10 nm and 10 nm/µs
 STIFF = 1e-6  # smallest shear modulus in the scale of residuals, over the modulus of sound: far above rounding errors
-
-_NUMBERS = count()
-_ALIVE: WeakValueDictionary[int, Any] = WeakValueDictionary()
-
-
-@atexit.register
-def _destroy_all() -> None:
-    """Destroy what PETSc refers to before Python ends: PETSc finalises later, and would call Python."""
-    for number in sorted(_ALIVE):
-        _ALIVE[number].destroy()
 
 
 class Implicit(Integrator):
@@ -55,10 +43,15 @@ class Implicit(Integrator):
     Attributes
     ----------
     newton, failures : int -- Newton steps, and solves that failed, each of which cut its step.
+    trying : int -- iterations of Newton's method in the step that is being taken, of all lengths that were tried.
+    advice : str -- said once where many solves fail, if there is any.
     scheme_loss : (n_owned,) float -- energy that the scheme dissipated: work of all forces less kinetic energy [pN].
 
     Source: ALPHA2 by Chung & Hulbert (1993), BDF, THETA, CN and BEULER as in PETSc's manual.
     """
+
+    advice = ("surfaces that snap to each other want steps of ns, which cost less with time.integrator = \"leapfrog\"; "
+              "'cellmig validate' tells what both take")
 
     def _connect(self) -> None:
         """Give TS the equations, and SNES its solvers."""
@@ -67,9 +60,9 @@ class Implicit(Integrator):
         m.segments.skin *= SKIN / EXPLICIT_SKIN
         m.renew_lists()
         self.equations = self._equations()
-        self.newton = self.failures = 0
+        self.newton = self.failures = self.trying = 0
         self.scheme_loss = np.zeros(m.n_owned)
-        _ALIVE[next(_NUMBERS)] = self
+        kept(self)
         eps = self.control.eps[self.control.eps > 0.0]
         self._piece = float(eps.min()) if len(eps) else FINE * self.equations.spacing
         self.reduction: Any = None  # of types of first order
@@ -180,6 +173,10 @@ class Implicit(Integrator):
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """Reason to end Newton's method, else 0; one step at least is taken, else slow motion would not begin."""
         reason, (_, _, norm) = PETSc.SNES.ConvergedReason, norms
+        self.trying += 1
+        self.within_step()
+        if self.halted:  # all lengths of the step fail at once, and it is undone
+            return reason.DIVERGED_FUNCTION_DOMAIN
         rtol, atol, _, _ = snes.getTolerances()
         if iteration == 0:
             self._first = norm
@@ -301,9 +298,13 @@ class Implicit(Integrator):
         ts, m, failed = self.ts, self.mechanics, self.ts.getSNESFailures()
         before, start = m.state.owned.copy(), ts.getTime()
         self.equations.begin(start)
+        self.trying = 0
         ts.step()
         failed = ts.getSNESFailures() - failed
         dt = ts.getTime() - start
+        if self.halted and not dt > 0.0:
+            self._undo(before)
+            return False
         if ts.getConvergedReason() < 0 or not dt > 0.0:
             m.state.owned[:] = before
             m.rate(0.0)
@@ -315,14 +316,21 @@ class Implicit(Integrator):
             return True
         self.redone += 1
         ts.rollBack()
-        m.state.owned[:] = before
-        m.state.exchange()
+        self._undo(before)
         return False
+
+    def _undo(self, before: np.ndarray) -> None:
+        """Take back the state (n_owned, 2 d) of before a step; collective."""
+        self.mechanics.state.owned[:] = before
+        self.mechanics.state.exchange()
 
     def _cut(self, failed: int, start: float, dt: float) -> None:
         """Note that so many solves have failed before the step from `start` was short enough, dt [µs]; collective."""
         self.failures, self.dt, unit = self.failures + failed, dt, self.mechanics.scene.time_unit
         self.report(f"no solution at {unit.text(start)}: the step is cut to {unit.text(dt, 3)}")
+        if self.advice and self.failures > max(MANY, OFTEN * self.steps):
+            self.report(f"{self.failures} solves failed in {self.steps} steps: {self.advice}")
+            self.advice = ""
 
     def _accept(self, before: np.ndarray, dt: float) -> bool:
         """Whether a step of dt [µs] from the state `before` is accurate, which PETSc's error control sees to."""
@@ -374,17 +382,9 @@ class Implicit(Integrator):
 
         The work of all forces exceeds the gain of kinetic energy by the dissipation of the scheme.
         """
-        m = self.mechanics
-        after, mass, work = m.state.owned.copy(), self.equations.mass, np.zeros(m.n_owned)
+        m, after, mass = self.mechanics, self.mechanics.state.owned.copy(), self.equations.mass
         (u, v_before), (u_after, v) = (np.split(state, 2, axis=1) for state in (before, after))
-        moved = u_after - u
-        longest = largest(m.comm, moved)
-        parts = int(min(max(1.0, np.ceil(longest / self._piece)), MOST_PARTS))
-        for part, (at, weight) in product(range(parts), GAUSS):
-            at, share = (part + at) / parts, weight / parts
-            a = self.equations.acceleration(start + at * dt, u + at * moved, moved / dt)
-            work += share * (mass * a * moved).sum(axis=1)
-            m.accounts.add(share * dt)
+        work = self.equations.work_along(u, u_after - u, start, dt, self._piece)
         m.set_clock(start + dt)
         m.state.owned[:] = after
         m.rate(dt)
@@ -394,7 +394,6 @@ class Implicit(Integrator):
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        for number in [n for n, other in _ALIVE.items() if other is self]:
-            del _ALIVE[number]
+        if destroyed(self):
             self.ts.destroy()
             self._close_equations()

@@ -60,6 +60,7 @@ class Integrator:
         self.count: dict[str, int] = {}
         self.extremes = dict(NO_EXTREMES)
         self.after_batch: Callable[[float], None] = lambda time: None
+        self.within_step: Callable[[], None] = lambda: None  # called in each Newton step of implicit types
         self.report: Callable[[str], None] = lambda text: None
         self.fixed_step = requested_step(fixed_step)
         self.whole_step = self.fixed_step  # output times are rounded to whole numbers of it

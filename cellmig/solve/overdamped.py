@@ -105,6 +105,7 @@ class Overdamped(Implicit):
         return max(law.density * law.sound_speed**2 for law in self.mechanics.scene.materials)
 
     reduced = False  # u is the only unknown
+    advice = ""
 
     def _defaults(self) -> dict[str, str]:
         """Default options; steps are chosen here."""

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from ..meshfree.contact import ContactLists
 from .mechanics import Mechanics
@@ -102,13 +103,15 @@ class Push:
         by_all = (of_bonds[0] @ by_x[self.ends].mean(axis=0),
                   sum(by_gap @ unit[end] for by_gap, end in zip(of_bonds[1:], self.ends, strict=True)))
         row, at = np.unique(self.ends, return_inverse=True)
-        blocks = np.zeros((len(row), k, d, d))
+        of_x, of_gap = sums = np.zeros((2, len(row), k))
         for on, (bonded, *by) in zip(at.reshape(self.ends.shape), of_forces[..., None], strict=True):
-            of_x, of_gap = (bonded * mean + sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
-                            for mean, part, place in zip(by_all, (by[:d], by[d:]), (by_x, unit), strict=True))
-            both = self.direction[:, None] * self.direction
-            np.subtract.at(blocks[..., :-1, :-1], on, by_u * of_x[..., None, None] * both)
-            np.subtract.at(blocks[..., :-1, -1], on, by_u * of_gap[..., None] * self.direction)
+            onto = sparse.csr_matrix((np.ones(len(on)), (on, np.arange(len(on)))), (len(row), len(on)))
+            for out, mean, part, place in zip(sums, by_all, (by[:d], by[d:]), (by_x, unit), strict=True):
+                near = sum(slope * place[end] for slope, end in zip(part, self.ends, strict=True))
+                out += onto @ (bonded * mean + near)
+        blocks = np.zeros((len(row), k, d, d))
+        blocks[..., :-1, :-1] = -by_u * of_x[..., None, None] * (self.direction[:, None] * self.direction)
+        blocks[..., :-1, -1] = -by_u * of_gap[..., None] * self.direction
         return np.repeat(self.nodes[row], k), np.tile(self.nodes, len(row)), blocks.reshape(-1, d, d)
 
 

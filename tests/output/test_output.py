@@ -402,6 +402,9 @@ def test_progress_is_a_line_after_5_s_and_then_every_30_s_of_wall_time(monkeypat
     assert len(lines) == (3 if COMM.rank == 0 else 0)  # after 5, 35 and 65 s
     if COMM.rank == 0:
         assert lines[1].split() == "70 µs 17.5 % step 35 dt 1.1 ns wall 35 s left 2:45".split()
+    now[0] += 30.0
+    progress(160.0, 80, 1.1e-3, "in its step 7 of Newton's")  # a step that takes long
+    assert capsys.readouterr().out.endswith("left     2:45  in its step 7 of Newton's\n") == (COMM.rank == 0)
 
 
 def test_progress_is_a_bar_on_a_terminal_and_the_lines_of_the_log_step_around_it(monkeypatch, capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,10 @@ from petsc4py import PETSc
 
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
+from cellmig.output.manifest import read_manifest
+from cellmig.output.tables import read_table
 from cellmig.parallel.options import IMPLICIT
+from cellmig.runs.run import Run
 from cellmig.runs.trial import choose
 from cellmig.simulation import Simulation
 from cellmig.solve.implicit import LONGEST
@@ -144,6 +148,36 @@ def test_a_step_without_solution_is_cut_and_the_run_goes_on() -> None:
         assert sim.go(8.0) == 8.0
         assert sim.integrator.failures >= sum("the step is cut" in line for line in said) > 0
         assert sim.sample()[1]["energy_error"] < 0.01
+
+
+@pytest.mark.parametrize("integrator", ["beuler", "alpha2", "overdamped"])
+def test_a_run_that_is_to_stop_within_a_step_has_the_state_before_it(integrator: str) -> None:
+    sets = ['medium.viscosity="1 Pa s"'] if integrator == "overdamped" else []
+    with built(stepped("three_balls", integrator, "auto", *sets, per_cell=60)) as sim:
+        run, state, seen = sim.integrator, sim.mechanics.state, []
+        sim.go(1e-3)
+        before = state.owned.copy()
+
+        def note() -> None:
+            seen.append(run.trying)
+            if len(seen) == 2:
+                run.halt()
+
+        run.within_step = note
+        assert sim.go(10.0) == 1e-3 and run.finished
+        assert seen[:2] == [1, 2]  # the iterations of the first solve
+        assert np.array_equal(state.owned, before)
+
+
+def test_a_run_asked_to_stop_in_the_first_step_after_a_sample_ends_with_that_sample(shared_tmp: Path) -> None:
+    given = stepped("three_balls", "beuler", "auto", 'time.end="1 us"', "time.samples=100", per_cell=60)
+    run, signals = Run(given, shared_tmp / "run", MPI.COMM_WORLD, quiet=True), []
+    ts = run.simulation.integrator.ts
+    ts.getSNES().setMonitor(lambda snes, iteration, norm: signals.extend([15] * (ts.getTime() == 0.02)))
+    assert run.go(signals) == 75
+    manifest = read_manifest(run.directory)
+    assert (manifest["time_us"], manifest["cause"]) == (0.02, "asked to stop")
+    assert read_table(run.directory / "ledger.csv")["time_us"].tolist() == [0.0, 0.01, 0.02]
 
 
 def thrown(integrator: str, speed: float) -> Case:
