@@ -260,9 +260,7 @@ def _rubs(source: Source, found: dict[str, Any]) -> None:
     for pair, path in found["pairs"]:
         if pair.friction is None:
             continue
-        if found["dimension"] == 3:
-            source.reject((*path, "friction"), "bonds between bodies drag in two dimensions only, so far; leave it out")
-        elif pair.itself:
+        if pair.itself:
             source.reject((*path, "friction"), "a body has no bonds to itself that could drag")
         elif not pair.law.work:
             source.reject((*path, "friction"), "these bodies have no bonds that could drag: give bond_density and "

@@ -13,7 +13,7 @@ from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Anchor, Couple, numbers
 from ..model.friction import FrictionForce, SurfaceFriction
-from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, TriangleAdhesion
+from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, SurfaceSliding, TriangleAdhesion
 from ..model.polyhedra import PolyhedronAdhesion
 from ..model.pressure import Pressure, TrianglePressure
 from ..model.protrusion import ProtrusionForce, PushOff
@@ -43,6 +43,12 @@ class SurfaceTerm:
 
 def _of_contacts(t: Terms, dimension: int, formula: Callable[[Any], Any]) -> Any:
     return tuple(map(formula, t.contacts.laws)) if t.contacts and t.dimension == dimension else None
+
+
+def _of_frictions(t: Terms, dimension: int, formula: Callable[[Any, Any], Any]) -> Any:
+    if not t.sliding or not t.contacts or t.dimension != dimension:
+        return None
+    return tuple(formula(law, bonds) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
 
 
 def _of_cortex(t: Terms) -> Any:
@@ -76,9 +82,10 @@ SURFACE_TERMS = (
                 POLYHEDRA, tuple(POLYHEDRA),
                 files=("pieces.h", "polyhedra.h", "wedges.h", "cones.h", "actions.h", "faces.h", "lines.h", "points.h",
                        "serving.h", "near.h", "contact_space.c", "contact_blocks.c")),
-    SurfaceTerm("sliding", lambda t: tuple(
-        SurfaceFriction(law, bonds_of(bonds)) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
-        if t.sliding and t.contacts else None, {"force": ("force", "power")}, unit="contact"),
+    SurfaceTerm("sliding", lambda t: _of_frictions(t, 2, lambda law, bonds: SurfaceFriction(law, bonds_of(bonds))),
+                {"force": ("force", "power")}, unit="contact"),
+    SurfaceTerm("sliding", lambda t: _of_frictions(t, 3, lambda law, bonds: SurfaceSliding(law, TriangleBonds(bonds))),
+                {"drag": ()}, files=("sliding_space.c", "sliding_blocks.c"), unit="contact"),
     SurfaceTerm("push_off", lambda t: tuple(PushOff(t.protrusion, bonds_of(bonds)) for bonds in t.contacts.laws)
                 if t.pushes_off and t.contacts and t.protrusion else None, {"grip": (), "hold": (), "force": ()},
                 files=("aim.h", "push_off.c"), unit="contact"),

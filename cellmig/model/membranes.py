@@ -102,6 +102,41 @@ class SlidingFriction:
 
 
 @dataclass(frozen=True)
+class SurfaceSliding:
+    r"""Drag of the closed bonds between a triangle T and the faces of another surface, half of them from either side.
+
+    A point x of T is over a face with corners a_k, at its shares s_k of these and at the gap g.  It slides at the
+    velocity w = Σ a_k ds_k/dt, at which its closest point moves through the material of the face, so that bodies that
+    move as one do not slide: w = P (v - Σ s_k v_k) + g Σ (n·v_k) ∇s_k, with P = 1 - n nᵀ.  The traction T(w) has the
+    power T·w = Σ f·v, with f = T on x and f_k = -s_k T + g (T·∇s_k) n on the corners of the face, so that forces and
+    moments are in balance to rounding.  The part of T over a face drags as a whole, at its centre.  Bonds beside edges
+    and vertices do not drag: their area is the gap times the turn of the surface there.
+
+    Source: derived here.
+
+    law : of friction, as BondFriction is;  bonds : TriangleBonds of the two bodies.
+    """
+
+    law: Friction
+    bonds: TriangleBonds
+
+    def drag(self, area, stored, velocity: Vector3):
+        """Force on a part of T [pN], of a reference area [µm²], for its velocity w [µm/µs].
+
+        stored : the energy of its bonds, half of them [pN µm].
+        """
+        share = minimum(maximum(-stored / (0.5 * area * self.whole), 0.0), 1.0)
+        speed = sqrt(dot(velocity, velocity) + TINY)
+        drag = -(0.5 * area * self.law.drag(share, speed) / speed)
+        return tuple(drag * part for part in velocity)
+
+    @property
+    def whole(self) -> float:
+        """Energy of closed bonds per reference area [pN/µm]; infinite where there are none, so that none is closed."""
+        return self.bonds.law.work or float("inf")
+
+
+@dataclass(frozen=True)
 class ProtrusionPush:
     """Push of a cell on a triangle of its surface along one direction, which is x in what follows.
 

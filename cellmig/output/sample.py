@@ -191,7 +191,8 @@ class Sampler:
     def _add_strains(self, rows: list[dict[str, float]]) -> None:
         """Add what bodies do to each other that rub or push off each other, to the rows of all; collective.
 
-        It is the energy of their strain [pN], and the dipole Σ (x - x̄) f of drag and push by others along x [pN].
+        It is the energy of their strain, and the dipole Σ (x - x̄) f of drag and push by others along x [pN, in space
+        pN µm].
         """
         m = self.mechanics
         if not m.terms.on_gels:
@@ -205,7 +206,7 @@ class Sampler:
         energy, force, moment, place = sums.T
         dipole = moment - place / self.cell_mass * force
         for row, *values in zip(rows, [energy.sum(), *energy], [dipole.sum(), *dipole], strict=True):
-            row |= dict(zip(ON_GELS, map(float, values), strict=True))
+            row |= dict(zip(ON_GELS[m.scene.dimension], map(float, values), strict=True))
 
     def _add_probes(self, rows: list[dict[str, float]]) -> None:
         """Add positions and displacements of probes to the rows of their cells and of the aggregate; collective."""

@@ -24,12 +24,12 @@ MEASURES = {2: ("substrate_contact_um", "cell_contact_um", "area_um2", "perimete
 FORM = {2: (), 3: ("height_um", "sphericity")}  # height of the top over the substrate; that of Wadell (1935)
 HISTORY = {d: ("time_us", "cell", *(f"{axis}_um" for axis in "xyz"[:d]), *(f"u{axis}_um" for axis in "xyz"[:d]),
                *MEASURES[d], *FORM[d], "effective_stress_pa", "sigma11_lower_centre_pa") for d in (2, 3)}
-ON_GELS = ("strain_energy_pn", "dipole_pn")  # of bodies that drag each other
 MOTION = {d: (*(f"v{axis}_um_per_us" for axis in "xyz"[:d]), "speed_um_per_us") for d in (2, 3)}  # means
 ENERGIES = ("kinetic", "elastic", "compression", "director", "adhesion_substrate", "adhesion_cells",
             "external_work", "viscous_loss", "network_loss", "friction_loss", "medium_loss", "artificial_dissipation",
             "renewal_loss")
 ENERGY = {2: "pn", 3: "pn_um"}  # unit of energies: in two dimensions per µm of thickness
+ON_GELS = {d: (f"strain_energy_{unit}", f"dipole_{unit}") for d, unit in ENERGY.items()}  # of bodies that drag others
 IMPULSE = {2: "pN_us_per_um", 3: "pN_us"}  # units of momentum, as in names of keys
 LEDGER = {d: ("time_us", *(f"{name}_{unit}" for name in ENERGIES), "energy_error") for d, unit in ENERGY.items()}
 
@@ -64,7 +64,7 @@ def further_columns(probes: Iterable[str], holders: Iterable[str], dimension: in
     """Columns of history.csv besides HISTORY: velocities, probes, supports and plates, name of the cell; with `gels`
     what bodies do to each other that rub or push off each other; with `touching` the number of neighbours.
     """
-    return (*MOTION[dimension], *("neighbours",) * touching, *(ON_GELS if gels else ()),
+    return (*MOTION[dimension], *("neighbours",) * touching, *(ON_GELS[dimension] if gels else ()),
             *(f"{name}_{what}_um" for name in probes for what in PROBED[dimension]),
             *(f"{name}_force_{c}" for name in holders for c in HELD[dimension]), "name")
 

@@ -18,29 +18,31 @@ class ContactDifferences:
     The force of a pair depends on the particles of a triangle and of a face, an edge or a vertex near it alone, which
     are moved one by one, so that the cost is that of about fifty evaluations, whatever the number of contacts.
 
-    name : of the term;  nodes : (k,) int -- local numbers of the particles near another cell.
+    name : of the term, "contact" or "sliding";  nodes : (k,) int -- local numbers of the particles near another cell;
+    secant : whether the ratio of a drag to the speed is a constant.
 
     Source: derived here.  Particles that only limit the pieces are moved too: what one feature loses, another gains.
     """
 
     name: str
     nodes: np.ndarray
+    secant: bool = False
 
     def tangent(self, m: Mechanics, by_u: float, by_v: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local rows and columns (b,) int, and blocks (b, d, d) [pN/µm], of -by_u ∂f/∂u; velocities do not matter."""
+        """Local rows and columns (b,) int, and blocks (b, d, d) [pN/µm], of -(by_u ∂f/∂u + by_v ∂f/∂v)."""
         kernel, d = m.kernel, m.state.dimension
         contacts = m.terms.contacts
         assert contacts is not None
-        h = STEP * contacts.thinnest
         extremes = [kernel[name].copy() for name in EXTREMES]
         m.surface_force("contact")  # which pairs act
         for name, values in zip(EXTREMES, extremes, strict=True):
             kernel[name][:] = values
-        n = kernel("contact_blocks", h, None, None, None)
+        given = STEP * contacts.thinnest, float(by_u), float(by_v), int(self.secant)
+        n = kernel(f"{self.name}_blocks", *given, None, None, None)
         rows, columns = np.zeros((2, n), np.int64)
         blocks = np.zeros((n, d, d))
-        kernel("contact_blocks", h, rows, columns, blocks)
-        return rows, columns, by_u * blocks
+        kernel(f"{self.name}_blocks", *given, rows, columns, blocks)
+        return rows, columns, blocks
 
 
 EXTREMES = ("stiffest_contact", "deepest_contact")

@@ -185,9 +185,11 @@ def _contact(m: Mechanics, formulas: tuple) -> Iterator[Stencil | ContactDiffere
         yield Stencil("contact", nodes[[0, 1, 3]][:, on], partial(_beside_vertex, formula, limits))
 
 
-def _sliding(m: Mechanics, formulas: tuple) -> Iterator[Stencil]:
+def _sliding(m: Mechanics, formulas: tuple) -> Iterator[Stencil | ContactDifferences]:
     """Pieces of segments beside edges, by the laws of both bodies; the limits of pieces move with their ends."""
     k, lists = m.kernel, m.segments.lists
+    if isinstance(lists, TriangleLists) and len(lists.source):
+        yield ContactDifferences("sliding", k["contact_node"], any(isinstance(one.law, Secant) for one in formulas))
     if not isinstance(lists, ContactLists) or not len(lists.edge):
         return
     source = np.repeat(np.arange(len(lists.segment)), np.diff(lists.first))

@@ -192,6 +192,9 @@ LOOKED_AT = {
     "friction in space": lambda: stepped("three_balls", 0.3, 'friction.coefficient="1 kPa us/um"', per_cell=100),
     "friction between cells": lambda: stepped("two_three", 1.0, "adhesion.pairs=[{cells=[['Cell-1', 'Cell-3'], "
                                               "'Cell-2'], friction={coefficient='10 Pa us/um'}}]"),
+    "friction between cells in space": lambda: stepped(
+        "three_balls", 0.3, "adhesion.pairs=[{cells=[['Cell-1', 'Cell-3'], 'Cell-2'], friction={coefficient="
+        "'1 kPa us/um'}}]", per_cell=100),
     "medium": lambda: stepped("all_protrude", 1.0, 'medium.viscosity="50 mPa s"'),
     "director": lambda: stepped("director_radial", 1.0),
     "ringing": lambda: stepped("nucleus", 1.0),

@@ -130,6 +130,19 @@ static inline int act_over_face(const OverFace *r, const Triangle *T, const Face
     return most > r->gap[3];
 }
 
+/* The energy over a face, to second order. */
+static inline double stored_over_face(const OverFace *r, const Triangle *T, const Face *f)
+{
+    const Four four = planes_on(T, &f->planes);
+    const v4 at[3] = {four.at, four.at + four.by[0], four.at + four.by[1]};
+    v4 loads = r->load + r->load, by = {0};
+    for (int k = 0; k < 3; k++) {
+        by[k] = at[k][3] - r->gap[k];
+        loads = fma4(splat(by[k]), r->tangent[k], loads);
+    }
+    return r->load[3] + 0.5 * dot4(by, loads);
+}
+
 /* What acts on the corners of T by vectors to them from an edge or a vertex, with what is opposite to it there. */
 static inline int act_by_vectors(const Beside *r, const Triangle *T, const Corners *c, v4 opposite[4])
 {

@@ -20,45 +20,61 @@ static void set_pair(const KernelData *s, Pair *p, int kind, long k, const int32
     for (int i = 0; i < p->n; i++) memcpy(p->x[i], contact_place(s, p->node[i]), sizeof p->x[i]);
 }
 
-/* Sets what acts in a pair; whether anything does. */
-static int act_in_pair(const KernelData *s, Pair *p)
+/* Pieces of a pair, and what acts there. */
+static Pieces in_pair, acts_in_pair;
+
+/* The triangle of a pair, whose pieces are to be found, and places of the feature with what acts on them: nothing yet. */
+static Triangle triangle_in_pair(const KernelData *s, Pair *p, const double *x[MOST_IN_PAIR], double *force[MOST_MOVED])
 {
     Triangle T = triangle_at(s, p->triangle, 0);
-    const double *x[MOST_IN_PAIR];
-    double *force[MOST_MOVED], pierced = 0;
-    static Pieces found, acting; /* of this pair alone */
-    found.used = 0;
-    acting.action = enough(acting.action, 0, 1, acting.room + 2, sizeof(Beside));
+    in_pair.used = 0;
+    acts_in_pair.action = enough(acts_in_pair.action, 0, 1, acts_in_pair.room + 2, sizeof(Beside));
     memset(p->force, 0, sizeof p->force);
     for (int i = 3; i < p->n; i++) x[i - 3] = p->x[i];
     for (int i = 3; i < p->moved; i++) force[i - 3] = p->force[i];
     for (int i = 0; i < 3; i++) T.x[i] = p->x[i], T.force[i] = p->force[i];
     set_sides(&T);
+    return T;
+}
+
+/* Finds the pieces of T over a face, and what acts there. */
+static const OverFace *find_in_pair(const Triangle *T, const Face *f)
+{
+    FacePieces waiting = {.of = &acts_in_pair};
+    double pierced = 0;
+    over_face(T, f, &in_pair, &pierced);
+    wait_over_face(T, f, in_pair.on, in_pair.used, 0, &waiting);
+    add_over_faces(&waiting);
+    return over_face_of(&acts_in_pair, 0);
+}
+
+/* Sets what acts in a pair; whether anything does. */
+static int act_in_pair(const KernelData *s, Pair *p)
+{
+    const double *x[MOST_IN_PAIR];
+    double *force[MOST_MOVED];
+    Triangle T = triangle_in_pair(s, p, x, force);
     if (p->kind == OVER_FACE) {
-        FacePieces waiting = {.of = &acting};
         Face f;
         set_face(&f, x);
-        over_face(&T, &f, &found, &pierced);
-        wait_over_face(&T, &f, found.on, found.used, 0, &waiting);
-        add_over_faces(&waiting);
-        act_over_face(over_face_of(&acting, 0), &T, &f, force);
+        act_over_face(find_in_pair(&T, &f), &T, &f, force);
     } else if (p->kind == BESIDE_EDGE) {
-        Lines waiting = {.of = &acting};
+        Lines waiting = {.of = &acts_in_pair};
         Edge3 e;
         set_edge(&e, x);
-        beside_edge3(&T, &e, &found);
-        wait_beside_edge(&T, x, found.on, found.used, 0, &waiting);
+        beside_edge3(&T, &e, &in_pair);
+        wait_beside_edge(&T, x, in_pair.on, in_pair.used, 0, &waiting);
         add_beside_edges(&waiting);
-        act_beside_edge(beside_of(&acting, 0), &T, x, force);
+        act_beside_edge(beside_of(&acts_in_pair, 0), &T, x, force);
     } else {
-        Points waiting = {.of = &acting};
+        Points waiting = {.of = &acts_in_pair};
         Vertex v;
         const Ball ball = ball_around(&T);
         set_vertex(&v, x[0], x + 1, p->n - 4);
-        beside_vertex3(&T, &ball, &v, &found);
-        wait_beside_vertex(&T, x[0], found.on, found.used, 0, &waiting);
+        beside_vertex3(&T, &ball, &v, &in_pair);
+        wait_beside_vertex(&T, x[0], in_pair.on, in_pair.used, 0, &waiting);
         add_beside_vertices(&waiting);
-        act_beside_vertex(beside_of(&acting, 0), &T, x[0], force[0]);
+        act_beside_vertex(beside_of(&acts_in_pair, 0), &T, x[0], force[0]);
     }
     int any = 0;
     for (int i = 0; i < p->moved; i++)
@@ -66,8 +82,9 @@ static int act_in_pair(const KernelData *s, Pair *p)
     return any;
 }
 
-/* Where blocks are stored: rows and columns, numbers of particles; their number so far. */
-typedef struct { double h; long *row, *column, n; double *block; } Blocks;
+/* Where blocks are stored: the change of a place, the factor of blocks, rows and columns, numbers of particles; their
+ * number so far. */
+typedef struct { double h, factor; long *row, *column, n; double *block; } Blocks;
 
 /* Adds the blocks -∂f/∂u of a pair that acts, or without memory their number alone. */
 static void add_pair(const KernelData *s, Pair *p, Blocks *out)
@@ -88,17 +105,19 @@ static void add_pair(const KernelData *s, Pair *p, Blocks *out)
                 out->row[b] = s->contact_node[p->node[i]];
                 out->column[b] = s->contact_node[p->node[j]];
                 for (int r = 0; r < D; r++)
-                    out->block[D * (D * b + r) + c] = (before[i][r] - p->force[i][r]) / (2 * out->h);
+                    out->block[D * (D * b + r) + c] = out->factor * (before[i][r] - p->force[i][r]) / (2 * out->h);
             }
         }
     out->n += (long)p->n * p->moved;
 }
 
-/* Number of blocks -∂f/∂u of the pairs that acted when forces were last added; without `row` that alone, else also the
- * blocks (D, D) with their rows and columns, local numbers.  h : by how much places change. */
-int contact_blocks(const KernelData *s, double h, long *row, long *column, double *block)
+/* Number of blocks -by_u ∂f/∂u - by_v ∂f/∂v of the pairs that acted when forces were last added; without `row` that
+ * alone, else also the blocks (D, D) with their rows and columns, local numbers.  h : by how much places change.  What
+ * acts does not depend on velocities. */
+int contact_blocks(const KernelData *s, double h, double by_u, double by_v, long secant, long *row, long *column,
+                   double *block)
 {
-    Blocks out = {h, row, column, 0, block};
+    Blocks out = {h, by_u, row, column, 0, block};
     const Near faces = near_of(s, OVER_FACE), edges = near_of(s, BESIDE_EDGE), vertices = near_of(s, BESIDE_VERTEX);
     Pair p;
     for (long k = 0; k < s->n_contact_segments; k++) {

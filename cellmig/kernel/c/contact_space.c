@@ -202,28 +202,31 @@ static void act_on_all(const KernelData *s, const Triangle *T, Call *call)
     act(s, BESIDE_VERTEX, T, call->now);
 }
 
-/* Forces; energies by the first corners of the triangles, if asked for; the impulses of a time dt on a particle by the
- * other cell, which gets the opposite.  A feature that cannot act on a triangle rests until nodes have gone far enough:
- * it would add no bit. */
-void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+/* What acts on the nodes now, by meetings that are those of now; energies by the first corners of the triangles, if
+ * asked for.  A feature that cannot act on a triangle rests until nodes have gone far enough: it would add no bit.  How
+ * far any triangle goes through a face. */
+static double contact_now(const KernelData *s, double *energy, double dt)
 {
-    memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
-    for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
     Call call = {.now = ++*s->contact_call, .serve = pieces_serve(s), .dt = dt};
+    forget_loads(s);
     if (call.serve) keep_velocities(s);
     if (follow_nodes(s) || kept.calls % SERVE == 0) list_what_may_act(s, call.serve ? SERVE : 0);
     act_on_all(s, triangles_now(s, energy), &call);
-    if (call.pierced > 0) *s->stiffest_contact = INFINITY;
-    *s->deepest_contact = d_maximum(*s->deepest_contact, call.pierced);
+    return call.pierced;
+}
+
+/* Forces; energies, if asked for; the impulses of a time dt on a particle by the other cell, which gets the opposite. */
+void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
+{
+    const double pierced = contact_now(s, energy, dt);
+    if (pierced > 0) *s->stiffest_contact = INFINITY;
+    *s->deepest_contact = d_maximum(*s->deepest_contact, pierced);
+    give_loads(s, force, dt);
+    for (long m = 0; m < s->n_contact_nodes; m++) s->stiffness_of_contact[s->contact_node[m]] = 0;
     for (long m = 0; m < s->n_contact_nodes; m++) {
         const long i = s->contact_node[m];
-        const double *f = contact_load(s, m);
-        for (int c = 0; c < D; c++) {
-            force[D * i + c] += f[c];
-            s->contact_impulse[D * s->contact_slot[m] + c] += dt * f[c];
-        }
         if (i >= s->n_owned) continue;
-        const double k = s->stiffness_of_contact[i] += f[D] * s->inverse_mass[i];
+        const double k = s->stiffness_of_contact[i] += contact_load(s, m)[D] * s->inverse_mass[i];
         if (k > *s->stiffest_contact) *s->stiffest_contact = k;
     }
 }

@@ -5,6 +5,24 @@ static const double FASTER = 3; /* how much faster nodes may become until lists 
 static inline const double *contact_place(const KernelData *s, long m) { return s->contact_x + D * m; }
 static inline double *contact_load(const KernelData *s, long m) { return s->contact_force + (D + 1) * m; }
 
+/* Nothing acts on the nodes. */
+static void forget_loads(const KernelData *s)
+{
+    memset(s->contact_force, 0, sizeof(double) * (D + 1) * (size_t)s->n_contact_nodes);
+}
+
+/* What acts on nodes goes to their particles; the impulses of a time dt on a particle by the other cell, which gets the
+ * opposite. */
+static void give_loads(const KernelData *s, double *force, double dt)
+{
+    for (long m = 0; m < s->n_contact_nodes; m++)
+        for (int c = 0; c < D; c++) {
+            const double f = contact_load(s, m)[c];
+            force[D * s->contact_node[m] + c] += f;
+            s->contact_impulse[D * s->contact_slot[m] + c] += dt * f;
+        }
+}
+
 /* Places of the nodes, and how far they go, beside their mean; whether any goes faster than lists allow. */
 static int follow_nodes(const KernelData *s)
 {

@@ -1,0 +1,111 @@
+"""Boxes on a gel in space: drag against load, work, ranks."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import built, everywhere, mean_energy_error, set_motion
+from test_overdamped import BELL, at
+from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID
+
+from mpi4py import MPI
+
+from cellmig.case.load import from_dict
+from cellmig.case.schema import Case
+from cellmig.simulation import Simulation
+
+
+def box(name: str, material: str, sides: tuple[float, float, float], bottom: float, **more: Any) -> dict[str, Any]:
+    """A box with three sides [µm] that stands at a height [µm]."""
+    centre = ["0 um", "0 um", f"{bottom + sides[2] / 2} um"]
+    return {"name": name, "shape": "box", "material": material, "centre": centre,
+            **{key: f"{side} um" for key, side in zip("abc", sides, strict=True)}} | more
+
+
+def on_a_slab(pull: float = 0.5, friction: dict | None = None, time: dict | None = None, spacing: float = 1.0,
+              **more: Any) -> Case:
+    """A box of 4 x 4 x 2 µm on a slab that is held below and on two sides; a force `pull` [Pa/µm] along x on it."""
+    clock = {"end": "100 s", "samples": 10, "frames": 1, "integrator": "overdamped"} | (time or {})
+    gel = SOLID | {"C1": "1 kPa", "volumetric_modulus": "1 kPa"}
+    pulled = {"name": "pull", "cells": ["Box"], "body": [f"{pull} Pa/um", "0 Pa/um", "0 Pa/um"],
+              "load_curve": {"law": "ramp", "duration": "1 s"}}
+    return from_dict({
+        "dimension": 3, "time": clock, "particles": {"spacing": f"{spacing} um"},
+        "materials": {"slab": gel, "box": SOLID},
+        "cells": [box("Gel", "slab", (8.0, 8.0, 3.0), -3.0), box("Box", "box", (4.0, 4.0, 2.0), 0.05) | more],
+        "adhesion": {"cells": BONDS | {"bond_density": "0 /um^2"}, "pairs": [
+            BONDS | {"cells": ["Box", "Gel"], "friction": friction or FRICTION}]},
+        "supports": [{"name": "held", "cells": ["Gel"], "parts": ["bottom", "left", "right"]}],
+        **({"loads": [pulled]} if pull else {})})
+
+
+def dragged(sim: Simulation, speed: float) -> np.ndarray:
+    """Force on the gel [pN] if the box moves along x at a speed [µm/µs]."""
+    u, on_gel = everywhere(sim, sim.mechanics.state.u), sim.scene.cell == 0
+    set_motion(sim, u, speed * np.outer(~on_gel, [1.0, 0.0, 0.0]))
+    return everywhere(sim, sim.mechanics.surface_force("sliding")[0])[on_gel].sum(axis=0)
+
+
+def test_a_box_slides_on_a_gel_with_force_over_drag_and_the_gel_bears_the_force() -> None:
+    force = 0.5 * 32.0
+    with built(on_a_slab()) as sim:
+        at(sim, 20.0)
+        v = 1e6 * everywhere(sim, sim.mechanics.state.v)[:, 0]
+        rows, entries = sim.sample()
+        held = [rows[1][f"held_force_{axis}_pn"] for axis in "xyz"]
+        assert held == pytest.approx([-force, 0.0, 0.0], abs=1e-8 * force)  # measured 1e-11, of the balance
+        assert entries["energy_error"] < 1e-6  # measured 6e-9
+        assert rows[1]["strain_energy_pn_um"] > 0.0
+        area = dragged(sim, 1e-9)[0] / (1e-3 * DRAG)
+        assert area == pytest.approx(16.0, rel=0.05)  # measured 16.4 µm²: its rim is bonded, too
+        assert v[sim.scene.cell == 1].mean() == pytest.approx(force / (DRAG * area), rel=1e-2)  # measured 3e-3
+
+
+def test_bells_bonds_drag_a_box_along_a_gel_as_they_drag_it_along_a_substrate() -> None:
+    """Traction times area, at speeds from far below to beyond that of the largest traction."""
+    with built(on_a_slab(friction=BELL)) as sim:
+        law, areas = sim.case.pairs[0].friction, []
+        for speed in law.largest[1] * np.array([1e-6, 0.3, 1.0, 10.0]):
+            force = dragged(sim, speed)
+            areas.append(force[0] / law.drag(1.0, speed))
+            assert np.abs(force[1:]).max() < 1e-10 * force[0]
+        # measured 1e-9 at the least speed, which has 1e-15 µm/µs added to its square
+        assert areas == pytest.approx(areas[:1] * 4, rel=1e-8)
+        assert 15.5 < areas[0] < 17.0
+
+
+def thrown(law: dict) -> Case:
+    """A box that is thrown along a gel, with inertia."""
+    velocity = ["0.1 um/us", "0.03 um/us", "0 um/us"]
+    return on_a_slab(0.0, law, {"integrator": "leapfrog", "end": "4 us"}, velocity=velocity)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["bonds", "bell"])
+def test_explicit_steps_of_bodies_that_drag_each_other_have_the_same_bits_on_any_ranks(law: dict) -> None:
+    found = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        with built(thrown(law), comm) as sim:
+            sim.sample()
+            sim.go(4.0)
+            found.append((everywhere(sim, sim.mechanics.state.owned), sim.sample()[1]))
+    assert np.array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("strong", [30.0, 1000.0])
+def test_a_box_that_is_thrown_loses_what_the_ledger_says_to_second_order(strong: float) -> None:
+    """Also where a drag stops surfaces within a few steps."""
+    def energy_error(factor: float) -> float:
+        scene = thrown({"coefficient": f"{strong} Pa us/um"})
+        with built(dataclasses.replace(scene, time=dataclasses.replace(scene.time, step_factor=factor))) as sim:
+            error, entries = mean_energy_error(sim, np.linspace(0.2, 4.0, 20)), sim.sample()[1]
+            assert entries["friction_loss_pn_um"] > 0.05 * entries["kinetic_pn_um"]
+            return error
+
+    coarse, fine = energy_error(0.8), energy_error(0.2)
+    assert 0.5 * np.log2(coarse / fine) > 1.8, (coarse, fine)  # measured 2.2 and 2.0
+    assert fine < 1e-5  # measured 3e-7 and 4.4e-6
