@@ -178,9 +178,7 @@ def _pushes_off(source: Source, found: dict[str, Any]) -> None:
         names = {*pair.cells[0], *pair.cells[1]}
         if not pair.push:
             continue
-        if found["dimension"] == 3:
-            source.reject((*path, "push"), "cells push off other bodies in two dimensions only, so far; leave it out")
-        elif pair.itself:
+        if pair.itself:
             source.reject((*path, "push"), "a body cannot push off itself")
         elif not pair.law.work:
             source.reject((*path, "push"), "there are no bonds to push off by: give bond_density and well_depth")

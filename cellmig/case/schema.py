@@ -116,10 +116,10 @@ class Pair:
     cells: tuple = parameter("which cells with which, each a name or a list of names", items="pair")
     law: Any = parameter("law of kind adhesion; what is not given is as in adhesion.cells", kind="adhesion",
                          inline=True)
-    friction: Any = parameter("friction of the bonds between them, such as { coefficient = \"3 kPa s/um\" }; in two "
-                              "dimensions", None, kind="friction", default_law="bonds", optional=True)
+    friction: Any = parameter("friction of the bonds between them, such as { coefficient = \"3 kPa s/um\" }", None,
+                              kind="friction", default_law="bonds", optional=True)
     push: bool = parameter("whether the cells of [protrusion] push off the others by the bonds between them, as off "
-                           "the substrate, such as a gel; in two dimensions", False)
+                           "the substrate, such as a gel", False)
 
     @property
     def itself(self) -> bool:

@@ -13,7 +13,14 @@ from ..model.continuum import Continuum
 from ..model.cortex import CortexForce
 from ..model.director import Anchor, Couple, numbers
 from ..model.friction import FrictionForce, SurfaceFriction
-from ..model.membranes import CortexTension, ProtrusionPush, SlidingFriction, SurfaceSliding, TriangleAdhesion
+from ..model.membranes import (
+    CortexTension,
+    ProtrusionPush,
+    SlidingFriction,
+    SurfacePush,
+    SurfaceSliding,
+    TriangleAdhesion,
+)
 from ..model.polyhedra import PolyhedronAdhesion
 from ..model.pressure import Pressure, TrianglePressure
 from ..model.protrusion import ProtrusionForce, PushOff
@@ -51,6 +58,11 @@ def _of_frictions(t: Terms, dimension: int, formula: Callable[[Any, Any], Any]) 
     return tuple(formula(law, bonds) for law, bonds in zip(t.sliding, t.contacts.laws, strict=True))
 
 
+def _of_pushes(t: Terms, dimension: int, formula: Callable[[Any, Any], Any]) -> Any:
+    push = t.protrusion
+    return _of_contacts(t, dimension, lambda bonds: formula(push, bonds)) if t.pushes_off and push else None
+
+
 def _of_cortex(t: Terms) -> Any:
     law: Any = t.cortex
     return CortexForce(law) if t.dimension == 2 else CortexTension(law)
@@ -80,15 +92,17 @@ SURFACE_TERMS = (
                  "vertex_stiffness": (), "foot": ("foot", "away"), "short": ()}, ("vertex_force", "vertex_energy")),
     SurfaceTerm("contact", lambda t: _of_contacts(t, 3, lambda law: PolyhedronAdhesion(TriangleBonds(law))),
                 POLYHEDRA, tuple(POLYHEDRA),
-                files=("pieces.h", "polyhedra.h", "wedges.h", "cones.h", "actions.h", "faces.h", "lines.h", "points.h",
-                       "serving.h", "near.h", "contact_space.c", "contact_blocks.c")),
+                files=("pieces.h", "polyhedra.h", "wedges.h", "cones.h", "actions.h", "overlaps.h", "faces.h",
+                       "lines.h", "points.h", "serving.h", "near.h", "contact_space.c", "contact_blocks.c")),
     SurfaceTerm("sliding", lambda t: _of_frictions(t, 2, lambda law, bonds: SurfaceFriction(law, bonds_of(bonds))),
                 {"force": ("force", "power")}, unit="contact"),
     SurfaceTerm("sliding", lambda t: _of_frictions(t, 3, lambda law, bonds: SurfaceSliding(law, TriangleBonds(bonds))),
                 {"drag": ()}, files=("sliding_space.c", "sliding_blocks.c"), unit="contact"),
-    SurfaceTerm("push_off", lambda t: tuple(PushOff(t.protrusion, bonds_of(bonds)) for bonds in t.contacts.laws)
-                if t.pushes_off and t.contacts and t.protrusion else None, {"grip": (), "hold": (), "force": ()},
-                files=("aim.h", "push_off.c"), unit="contact"),
+    SurfaceTerm("push_off", lambda t: _of_pushes(t, 2, lambda law, bonds: PushOff(law, bonds_of(bonds))),
+                {"grip": (), "hold": (), "force": ()}, files=("aim.h", "push_off.h", "push_off.c"), unit="contact"),
+    SurfaceTerm("push_off", lambda t: _of_pushes(t, 3, lambda law, bonds: SurfacePush(law, TriangleBonds(bonds))),
+                {"grip": (), "hold": (), "edge": (), "force": ()},
+                files=("aim.h", "push_off.h", "push_off_space.c", "push_off_blocks.c"), unit="contact"),
     SurfaceTerm("cortex", lambda t: t.cortex and _of_cortex(t), {"force": (), "energy": ()}),
     SurfaceTerm("friction", lambda t: tuple(
         _with_bonds(t, t.dimension, law, FrictionForce if t.dimension == 2 else SlidingFriction)

@@ -130,10 +130,13 @@ def near_boxes(x: np.ndarray, cell: np.ndarray, reach: float) -> np.ndarray:
     return near
 
 
-def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray) -> Pairs:
-    """All `pairs` of triangles that exert forces on particles in `own` (m,) bool in one of them, in the same order."""
+def acting_triangles(surfaces: Surfaces, features: Features, pairs: Pairs, own: np.ndarray,
+                     holding: np.ndarray) -> Pairs:
+    """All `pairs` of triangles that are in `holding` (f,) bool, or exert forces on particles in `own` (m,) bool in one
+    of them, in the same order.
+    """
     corners = {"face": features.faces, "edge": features.edges[:, :2], "vertex": np.arange(len(own))[:, None]}
-    acting = own[surfaces.facets].any(axis=1)
+    acting = own[surfaces.facets].any(axis=1) | holding
     for kind, of in pairs.items():
         acting[of[own[corners[kind][of[:, 1]]].any(axis=1), 0]] = True
     return {kind: of[acting[of[:, 0]]] for kind, of in pairs.items()}

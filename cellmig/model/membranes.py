@@ -125,15 +125,51 @@ class SurfaceSliding:
 
         stored : the energy of its bonds, half of them [pN µm].
         """
-        share = minimum(maximum(-stored / (0.5 * area * self.whole), 0.0), 1.0)
+        share = self.bonds.share(area, stored)
         speed = sqrt(dot(velocity, velocity) + TINY)
         drag = -(0.5 * area * self.law.drag(share, speed) / speed)
         return tuple(drag * part for part in velocity)
 
-    @property
-    def whole(self) -> float:
-        """Energy of closed bonds per reference area [pN/µm]; infinite where there are none, so that none is closed."""
-        return self.bonds.law.work or float("inf")
+
+@dataclass(frozen=True)
+class SurfacePush:
+    """Push of a cell off another body, such as a gel: of a triangle T of its surface over the faces of that.
+
+    It is the push off the substrate, with the gap to the face as the height, and the bonds between both bodies.  On the
+    cell it acts along the face, as much as that is along p̂; on the face it is opposite, with a couple, as of
+    SurfaceSliding.  The part of T over a face pushes as a whole, at its centre; membrane beside edges and vertices does
+    not.
+
+    Source: derived here.
+
+    law : of protrusion, as EdgeProtrusion is;  bonds : TriangleBonds of the two bodies.
+    """
+
+    law: ProtrusionLaw
+    bonds: TriangleBonds
+
+    def grip(self, area, stored, ahead):
+        """Area of closed bonds [µm²] of a part of T, of a reference area [µm²], that counts to the front half.
+
+        stored : the energy of its bonds, half of them [pN µm];  ahead : of the middle of the cell, along p̂ [µm].
+        """
+        return area * self.bonds.share(area, stored) * self.law.front(ahead)
+
+    def hold(self, bonded):
+        """Share of the push [-] for an area of closed bonds [µm²] under the front half, full from that of ℓ² on."""
+        return self.law.hold(bonded / self.law.height)
+
+    def edge(self, gap1, gap2, gap3):
+        """Mean slope of the ramp [1/µm]."""
+        return RampSlope(self.law).average(gap1, gap2, gap3)
+
+    def force(self, size, hold, edge, ahead):
+        """Push of a part of T along the face, over the share of p̂ along that [pN].
+
+        size : β α N σ [pN/µm];  hold : see there;  edge : the area times the mean slope of the ramp [µm];
+        ahead : of the middle of the cell, along p̂ [µm].
+        """
+        return size * hold * edge * self.law.front(ahead)
 
 
 @dataclass(frozen=True)

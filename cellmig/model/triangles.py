@@ -294,6 +294,10 @@ class TriangleBonds(TriangleMean):
         """Energy of a closed bond [pN µm]; infinite where there are none, so that none is closed."""
         return SegmentBonds(self.law).depth
 
+    def share(self, area, stored):
+        """Share of closed bonds [-] over an area [µm²] where half of them have the energy `stored` [pN µm]."""
+        return minimum(maximum(-stored / (0.5 * area * self.law.bond_density * self.depth), 0.0), 1.0)
+
 
 @dataclass(frozen=True)
 class RampSlope(TriangleMean):

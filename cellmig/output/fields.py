@@ -112,7 +112,8 @@ Units are in the names of the columns; that of times is the one in which the cas
 - `history.csv`: `neighbours` is the number of cells that touch it, of the aggregate their mean.
 - `history.csv` where bodies drag on each other, or push off each other, such as cells and a gel: `strain_energy_pn` is
   the energy of the strain of a body, `dipole_pn` is ∫ (x - x̄) T dx, T the drag and push of others on it along x, at the
-  sample; that of a gel is below zero where cells contract it. A rigid substrate is not displaced: it has none of both.
+  sample, in space both in pN µm; that of a gel is below zero where cells contract it. A rigid substrate is not
+  displaced: it has none of both.
 - `history.csv` in three dimensions: `height_um` is that of a cell's top over the substrate, of the aggregate the
   largest; `sphericity` is the surface of a ball of the same volume over that of the cell, 1 for a ball (Wadell 1935).
 - `ledger.csv` is in pN, energy per µm of thickness: `external_work` is that of the protrusion, loads, plates, supports,

@@ -69,11 +69,11 @@ class Protrusion:
         # off other bodies
         Field("hold_off", "double *", "(n_movers, sides)", "-", "the same for bonds to these"),
         Field("contact_mover", "int32_t *", "(n_contact_segments,)", "", "protruding cells of the segments, or -1"),
-        Field("contact_push", "double *", "(n_contact_segments, 2)", "pN/µm", "β α N σ/2 at their ends"),
+        Field("contact_push", "double *", "(n_contact_segments, d)", "pN/µm", "β α N σ/2 at ends, in space β α N σ"),
         Field("n_own_surface", "long", doc="surface particles of this rank"),
         Field("own_surface", "int32_t *", "(n_own_surface,)", "", "these"),
         Field("contact_own", "int32_t *", "(n_contact_nodes,)", "", "nodes among these, or -1"),
-        Field("pushed_off", "double *", "(n_own_surface, 2)", "pN/µm", "forces of the last kick on these"),
+        Field("pushed_off", "double *", "(n_own_surface, d)", "pN/µm", "forces of the last kick on these"),
     )
 
     def __init__(self, part: Subdomain, kernel: Kernel, segments: Segments, protruding: Protruding):
@@ -144,13 +144,14 @@ class Protrusion:
         self._renew_off()
 
     def _renew_off(self) -> None:
-        """Select the segments that push off other bodies, from the current search lists, and their pushes."""
+        """Select the facets that push off other bodies, from the current search lists, and their pushes."""
         k, part, lists, law = self._kernel, self._part, self._segments.lists, self._part.terms.protrusion
         if part.terms.pushes_off is None or lists is None:
             return
         assert law is not None and part.terms.contacts is not None
         at = self._segments.pushing()
-        size = np.array([0.5 * law.push(bonds.work) for bonds in part.terms.contacts.laws])[k["contact_law"]]
+        share = 0.5 if part.scene.dimension == 2 else 1.0
+        size = np.array([share * law.push(bonds.work) for bonds in part.terms.contacts.laws])[k["contact_law"]]
         ends = self._segments.ends[at]
         k["contact_push"] = size[:, None] * self._alpha[at] * self._factor_at(ends)
         k["contact_mover"] = np.where(at < 0, -1, k["mover_of"][at])
@@ -161,6 +162,6 @@ class Protrusion:
     @property
     def changing(self) -> dict[str, np.ndarray]:
         """Arrays that steps change: the pushes of the last kick [pN/µm], off the substrate (n_facets, d, d - 1) and off
-        other bodies (k, 2), and the clock (1,) [µs].
+        other bodies (k, d), and the clock (1,) [µs].
         """
         return {name: self._kernel[name] for name in ("pushed", "pushed_off", "drive_clock")}

@@ -11,6 +11,8 @@ import numpy as np
 from scipy import sparse
 
 from ..meshfree.contact import ContactLists
+from ..meshfree.contact_space import TriangleLists
+from .contact_tangent import PushOffDifferences
 from .mechanics import Mechanics
 from .tangent import derivative
 
@@ -33,9 +35,11 @@ def pushes(m: Mechanics, formula: Any) -> Iterator[Pushes]:
         yield Pushes("protrusion", tuple(found))
 
 
-def pushes_off(m: Mechanics, formulas: tuple) -> Iterator[PushesOff]:
+def pushes_off(m: Mechanics, formulas: tuple) -> Iterator[PushesOff | PushOffDifferences]:
     """Pushes off other bodies of all cells, in each of their directions."""
     k, lists = m.kernel, m.segments.lists
+    if m.protrusion is not None and isinstance(lists, TriangleLists) and len(lists.source):
+        yield PushOffDifferences("push_off", k["contact_node"], formula=formulas[0], vectors=m.protrusion.now())
     if m.protrusion is None or not isinstance(lists, ContactLists) or not len(lists.edge):
         return
     vectors = m.protrusion.now()[..., 0]

@@ -224,7 +224,7 @@ class Segments:
             else:
                 features = self._features_of(around)
                 near = triangle_pairs(around, features, x, farthest, self._within)
-                near = acting_triangles(around, features, near, own)
+                near = acting_triangles(around, features, near, own, self._holding(around, near["face"]))
                 self._set_triangles(TriangleLists.of(around, features, near))
 
     def _features_of(self, around: Surfaces) -> Features:
@@ -244,21 +244,32 @@ class Segments:
         """
         if self._part.terms.pushes_off is None:
             return acting(around, pairs, own)
-        return pairs[(own[pairs] | own[around.after[pairs]]).any(axis=1) | self._push_off(*pairs.T)]
+        pushes = self._push_off(pairs[:, 0], around.cell[pairs[:, 1]])
+        return pairs[(own[pairs] | own[around.after[pairs]]).any(axis=1) | pushes]
 
-    def _push_off(self, source: np.ndarray, edge: np.ndarray) -> np.ndarray:
-        """Whether segments push off edges, both by their first ends (k,) int; (k,) bool."""
+    def _holding(self, around: Surfaces, faces: np.ndarray) -> np.ndarray:
+        """Whether triangles of surfaces `around` push off `faces` near them (p, 2) int, by which their cells hold (f,)
+        bool.
+        """
+        holding = np.zeros(len(around.facets), bool)
+        if self._part.terms.pushes_off is not None:
+            other = around.cell[around.facets[faces[:, 1], 0]]
+            holding[faces[self._push_off(faces[:, 0], other), 0]] = True
+        return holding
+
+    def _push_off(self, facets: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Whether facets push off other cells (k,) int each; (k,) bool."""
         s = self._part.surfaces  # all are there in such a scene
-        pushes = np.array(self._part.terms.pushes_off)[self._contacts.of_pair(s.cell[source], s.cell[edge])]
-        return pushes & np.isin(source, self._part.pushed)
+        corner = s.facets[facets, 0]
+        pushes = np.array(self._part.terms.pushes_off)[self._contacts.of_pair(s.cell[corner], others)]
+        return pushes & np.isin(corner, self._part.pushed)
 
     def pushing(self) -> np.ndarray:
-        """The segments near other cells that push off them, as places in `number`; -1 for the others (s,) int."""
+        """The facets near other cells that push off them, as places in `number`; -1 for the others (s,) int."""
         lists = self.lists
-        assert isinstance(lists, ContactLists)
-        first = lists.node[lists.edge[lists.first[:-1], 0]]
+        assert lists is not None
         found = np.searchsorted(self.number, lists.source)
-        return np.where(self._push_off(lists.source, first), found, -1)
+        return np.where(self._push_off(lists.source, lists.other[lists.segment[:, 0]]), found, -1)
 
     def _set_nodes(self, lists: NodeLists) -> None:
         """Set the kernel's nodes and sources of contact, and the ghosts that they need; collective."""

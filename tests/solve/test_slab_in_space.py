@@ -1,4 +1,4 @@
-"""Boxes on a gel in space: drag against load, work, ranks."""
+"""Boxes on a gel in space, which are pulled along, thrown or push: drag against load, balance, work, ranks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import built, everywhere, mean_energy_error, set_motion
-from test_overdamped import BELL, at
+from test_overdamped import BELL, GEL, at
+from test_push_off import PUSH
 from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID
 
 from mpi4py import MPI
@@ -75,6 +76,24 @@ def test_bells_bonds_drag_a_box_along_a_gel_as_they_drag_it_along_a_substrate() 
         # measured 1e-9 at the least speed, which has 1e-15 µm/µs added to its square
         assert areas == pytest.approx(areas[:1] * 4, rel=1e-8)
         assert 15.5 < areas[0] < 17.0
+
+
+def test_a_cell_crawls_on_a_gel_and_what_holds_the_gel_bears_nothing() -> None:
+    tree = on_a_slab(0.0).resolved()
+    tree["materials"]["box"] = GEL
+    tree["adhesion"]["pairs"][0]["push"] = True
+    with built(from_dict(tree | {"protrusion": PUSH | {"cells": ["Box"], "direction": [1.0, 0.0]}})) as sim:
+        at(sim, 40.0)
+        rows, entries = sim.sample()
+        push, v = sim.sampler.push(), 1e6 * everywhere(sim, sim.mechanics.state.v)[sim.scene.cell == 1].mean(axis=0)
+        assert push[1, 0] > 150.0 and push[0, 0] == 0.0  # measured 185 pN
+        held = [rows[1][f"held_force_{axis}_pn"] for axis in "xyz"]
+        assert held == pytest.approx([0.0] * 3, abs=1e-8 * push[1, 0])  # measured 3e-11, of the balance
+        assert rows[1]["dipole_pn_um"] < -100.0  # measured -210 pN µm
+        assert entries["energy_error"] < 1e-5  # measured 6e-7
+        assert entries["friction_loss_pn_um"] > 0.7 * entries["external_work_pn_um"] > 0.0
+        drag = 1e3 * dragged(sim, 1e-9)[0]  # pN s/µm
+        assert v[0] == pytest.approx(push[1, 0] / drag, rel=0.03)  # measured 1.5 %: it still settles
 
 
 def thrown(law: dict) -> Case:

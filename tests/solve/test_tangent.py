@@ -260,8 +260,8 @@ def test_a_rank_without_anchors_has_no_part_of_their_tangent(name: str) -> None:
 KINDS = {"substrate": "adhesion", "contact": "adhesion", "sliding": "friction", "push_off": "protrusion"}
 KIND_OF = {term.name: KINDS.get(term.name, term.name) for term in SURFACE_TERMS if term.name != "loads"}
 SURFACE_LAWS = [(scene, part, name) for scene in ("all_protrude", "three_balls") for part, kind in KIND_OF.items()
-                for name in laws(kind) if (scene, part) != ("three_balls", "push_off")]  # in two dimensions only
-BY_DIFFERENCES = {("three_balls", "contact"), ("three_balls", "sliding")}  # tangents
+                for name in laws(kind)]
+BY_DIFFERENCES = {("three_balls", part) for part in ("contact", "sliding", "push_off")}  # tangents
 
 
 def three_cells(scene: str, part: str, name: str) -> Any:

@@ -23,6 +23,8 @@ static inline int positive(const Source *S, double a, double b, double range[2])
     return range[0] < range[1];
 }
 
+static inline const double *contact_load(const KernelData *s, long m) { return s->contact_force + D * m; }
+
 /* Adds a force on a node, and to the sum of its row of the tangent. */
 static inline void act(const KernelData *s, long m, const double f[D], double stiffness)
 {

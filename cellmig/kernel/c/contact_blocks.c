@@ -23,7 +23,7 @@ static void set_pair(const KernelData *s, Pair *p, int kind, long k, const int32
 /* Pieces of a pair, and what acts there. */
 static Pieces in_pair, acts_in_pair;
 
-/* The triangle of a pair, whose pieces are to be found, and places of the feature with what acts on them: nothing yet. */
+/* The triangle of a pair, and places of the feature with what acts on them: nothing yet, as no pieces are found. */
 static Triangle triangle_in_pair(const KernelData *s, Pair *p, const double *x[MOST_IN_PAIR], double *force[MOST_MOVED])
 {
     Triangle T = triangle_at(s, p->triangle, 0);

@@ -215,7 +215,7 @@ static double contact_now(const KernelData *s, double *energy, double dt)
     return call.pierced;
 }
 
-/* Forces; energies, if asked for; the impulses of a time dt on a particle by the other cell, which gets the opposite. */
+/* Forces; energies, if asked for; the impulses of a time dt on a particle by the other cell, the opposite on that. */
 void add_contact(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     const double pierced = contact_now(s, energy, dt);

@@ -26,10 +26,7 @@ static void set_ahead(const KernelData *s, const PushedPiece *p, long m, double 
 static void find_hold_off(const KernelData *s)
 {
     PushedPiece p;
-    for (long m = 0; m < SIDES * s->n_movers; m++) {
-        aim(s, m / SIDES, m);
-        s->hold_off[m] = 0;
-    }
+    aim_all(s);
     for (long k = 0; k < s->n_contact_segments; k++) {
         const long c = s->contact_mover[k];
         for (long n = s->first_listed[k]; c >= 0 && n < s->first_listed[k + 1]; n++) {
@@ -42,7 +39,7 @@ static void find_hold_off(const KernelData *s)
             }
         }
     }
-    for (long m = 0; m < SIDES * s->n_movers; m++) s->hold_off[m] = push_off_hold(s->push_off + 1, s->hold_off[m]);
+    hold_all(s);
 }
 
 /* Adds what a piece exerts on the nodes of S and of the edge. */
@@ -53,27 +50,10 @@ static void push_piece(const KernelData *s, const PushedPiece *p, long k)
         const Drive *drive = drive_at(s, m);
         double f[4][D], ahead[2];
         set_ahead(s, p, m, ahead);
-        push_off_force(p->law, s->contact_push + 2 * k, s->hold_off[m], drive->strength * drive->direction[0],
+        push_off_force(p->law, s->contact_push + D * k, s->hold_off[m], drive->strength * drive->direction[0],
                        p->S.length, p->range[0], p->range[1], ahead, p->S.end[0], p->S.end[1], p->a, p->b, f);
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < D; j++) s->contact_force[D * node[i] + j] += f[i][j];
-    }
-}
-
-/* Trapezoidal work of the steps on both bodies; `pushed_off` are the forces of the last kick. */
-static void account_push_off(const KernelData *s, double accounted_dt, double dt)
-{
-    for (long k = 0; k < D * s->n_own_surface; k++) {
-        const long i = s->own_surface[k / D];
-        s->external_work[i] += 0.5 * accounted_dt * s->pushed_off[k] * velocity(s, i, k % D);
-        s->pushed_off[k] = 0;
-    }
-    for (long k = 0; k < D * s->n_contact_nodes; k++) {
-        const long on = s->contact_own[k / D];
-        if (on < 0) continue;
-        const long i = s->own_surface[on];
-        s->pushed_off[D * on + k % D] += s->contact_force[k];
-        s->external_work[i] += 0.5 * dt * s->contact_force[k] * velocity(s, i, k % D);
     }
 }
 

@@ -2,7 +2,7 @@
 
 static const double SLOWEST = 1e-16; /* speed of which the ratio is taken [µm/µs] */
 
-/* A pair of a triangle and a face that slide: velocities of their corners, and the drag over the speed if that stays. */
+/* A pair of a triangle and a face that slide: velocities of their corners, law, drag over speed if that stays. */
 typedef struct { Pair pair; v4 v[6]; const double *law; double fixed; } SlidingPair;
 
 /* Sets what acts in a pair; drag over speed, 0 if none acts. */
@@ -56,8 +56,8 @@ static void add_sliding_pair(const KernelData *s, SlidingPair *p, double by_v, i
     out->n += 36;
 }
 
-/* As contact_blocks.  h : by how much places change where by_u is 1, and velocities where by_v is; `secant` : whether the
- * drag over the speed stays. */
+/* As contact_blocks.  h : by how much places change where by_u is 1, and velocities where by_v is; `secant` : whether
+ * drag over speed stays. */
 int sliding_blocks(const KernelData *s, double h, double by_u, double by_v, long secant, long *row, long *column,
                    double *block)
 {

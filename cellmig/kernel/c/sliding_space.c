@@ -1,28 +1,7 @@
-/* Drag of the closed bonds between surfaces that slide along each other in space, over the pieces of contact_space.c. */
+/* Drag of the closed bonds between surfaces that slide along each other in space, over pieces of contact_space.c. */
 
-/* The part of a triangle over a face: its reference area, at its centre the shares of the corners of both, and the gap
- * between them in the fourth place of those of the face. */
-typedef struct { double area; v4 on, at; } Overlap;
-
-/* The part in a meeting, which has pieces. */
-static Overlap overlap_of(const Triangle *T, const Face *f, const v4 *on, long n)
-{
-    const Four four = planes_on(T, &f->planes);
-    Overlap o = {0};
-    for (int k = 0; k + 2 < n; k++) {
-        const double area = fan(on, k);
-        o.on += area / 3 * (on[0] + on[k + 1] + on[k + 2]);
-        o.area += area;
-    }
-    o.on /= o.area;
-    o.at = value_at(&four, o.on);
-    for (int i = 0; i < 3; i++) o.at += SKEW[i] * f->planes.slope[i]; /* else bodies that move as one would slide */
-    o.area *= T->area;
-    return o;
-}
-
-/* Velocity of T along a face at their overlap, at which its closest point moves through the material of the face: bodies
- * that move as one do not slide.  v : of the corners of T and of the face. */
+/* Velocity of T along a face at their overlap, at which its closest point moves through the material of the face.
+ * Bodies that move as one do not slide.  v : of the corners of T and of the face. */
 static v4 velocity_along(const Face *f, const Overlap *o, const v4 v[6])
 {
     v4 along = {0};
@@ -33,17 +12,6 @@ static v4 velocity_along(const Face *f, const Overlap *o, const v4 v[6])
         for (int i = 0; i < 3; i++) tilt[i] += o->at[3] * out * f->planes.slope[i][k];
     }
     return along - dot4(along, f->normal) * f->normal + (v4){tilt[0], tilt[1], tilt[2], 0};
-}
-
-/* Adds a force on T along a face at their overlap, and the opposite on the face, with a couple. */
-static void drag_along(const Triangle *T, const Face *f, const Overlap *o, v4 drag, double *const force[3])
-{
-    for (int k = 0; k < 3; k++) {
-        double couple = 0;
-        for (int i = 0; i < 3; i++) couple += o->at[3] * f->planes.slope[i][k] * drag[i];
-        add4(T->force[k], o->on[k] * drag);
-        add4(force[k], couple * f->normal - o->at[k] * drag);
-    }
 }
 
 /* Adds what acts where T slides over a face, by a law; the power that is lost [pN µm/µs]. */
