@@ -66,8 +66,7 @@ def c_source(materials: Sequence, terms: Terms, fields: Sequence[Field] = ()) ->
 
 def _constants(terms: Terms, text: str) -> str:
     """Those constants that a text names."""
-    named = set(re.findall(r"\w+", text))
-    return "\n".join(f"enum {{ {name} = {int(value)} }};" for name, value in sizes(terms).items() if name in named)
+    return "\n".join(f"enum {{ {name} = {int(value)} }};" for name, value in sizes(terms).items() if name in text)
 
 
 def _stages(needed: Sequence[Part], text: str) -> str:
