@@ -25,7 +25,8 @@ CHANGE = 0.3, 1.0  # largest change of a distance from the first to the last lin
 SIZE = 0.8, 3.0  # largest side of a triangle of a cone, over its distance from the vertex [-]
 LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
-PARTS = 10  # most halvings of a strip
+EVEN = 0.35  # most that the widths of the three lines of a strip bend, over their sum [-]
+PARTS = 16  # most halvings of a strip
 HALVINGS = 40  # most of a triangle of a cone
 
 
@@ -193,8 +194,9 @@ class Wedge:
                     first, last = (start + share * (end - start) for share in (GAUSS[0][0], GAUSS[-1][0]))
                     lines = [self.line(start + share * (end - start), weight * (end - start), sides)
                              for share, weight in GAUSS]
-                    little = sum(abs(sum(line.widths)) for line in lines) < 2.0 * LITTLE
-                    if self.short(first, last, sides, smooth, CHANGE[little]):
+                    width = [abs(sum(line.widths)) for line in lines]
+                    little = sum(width) < 2.0 * LITTLE
+                    if self.even(width) and self.short(first, last, sides, smooth, CHANGE[little]):
                         break
                     end = 0.5 * (start + end)
                 for share, weight in GAUSS:
@@ -202,6 +204,14 @@ class Wedge:
                     if min(line.distances) < within:
                         yield line
                 start = end
+
+    @staticmethod
+    def even(width: list[float]) -> bool:
+        """Whether the widths of three lines [-], times their weights, are nearly linear: else most of a strip may be
+        between the last line and the end, as of a triangle whose foot is at the side of a sharp edge.
+        """
+        first, middle, last = (w / weight for w, (_, weight) in zip(width, GAUSS, strict=True))
+        return abs(first - 2.0 * middle + last) <= EVEN * (first + middle + last)
 
     def short(self, start: float, end: float, sides: list, smooth: float, most: float) -> bool:
         """Whether distances change at `most` so [-] between two directions [-], beside a distance `smooth` [µm]."""

@@ -1,7 +1,8 @@
 /* The part of a triangle T in the wedge over an edge of another surface, as lines. */
 
-enum { HALVINGS = 10, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
+enum { HALVINGS = 16, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
 static const double CHANGE[2] = {0.3, 1.0}, LITTLE = 3e-3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
+static const double EVEN = 0.35; /* most that widths of three lines bend, beside their sum */
 static const v4 LINE_AT = {0.11270166537925831, 0.5, 0.8872983346207417, 0.5};
 static const v4 LINE_WEIGHT = {5.0 / 18, 8.0 / 18, 5.0 / 18, 0};
 
@@ -137,10 +138,23 @@ static inline double share_in(const Strip *strip, double range)
     return range * width;
 }
 
+/* Whether widths of the lines of a strip are nearly linear: else most of it may be between the last line and the end,
+ * as of a triangle whose foot is at the side of a sharp edge. */
+static inline int is_even(const Strip *strip)
+{
+    double width[POINTS_OF_LINE] = {0};
+    for (int j = 0; j < POINTS_OF_LINE; j++) {
+        const int i = strip->corner[j];
+        if (i >= 0) width[j] = strip->c[i].width[0][j] + strip->c[i].width[1][j];
+    }
+    return fabs(width[0] - 2 * width[1] + width[2]) <= EVEN * (width[0] + width[1] + width[2]);
+}
+
 /* Whether distances and directions change little from the first line of a strip to the last; where there is little of T
  * in it, they may change more. */
 static inline int is_short(const Wedge *w, const Strip *strip, double range)
 {
+    if (!is_even(strip)) return 0;
     const Across *a = strip->c + strip->corner[0], *b = strip->c + strip->corner[2];
     const double most = CHANGE[share_in(strip, range) < LITTLE];
     for (int k = 0; k < 2 && strip->corner[0] >= 0 && strip->corner[2] >= 0; k++) {
