@@ -208,7 +208,7 @@ class Wedge:
     @staticmethod
     def even(width: list[float]) -> bool:
         """Whether the widths of three lines [-], times their weights, are nearly linear: else most of a strip may be
-        between the last line and the end, as of a triangle whose foot is at the side of a sharp edge.
+        between the last line and the end, as of a triangle with one side along a sharp edge.
         """
         first, middle, last = (w / weight for w, (_, weight) in zip(width, GAUSS, strict=True))
         return abs(first - 2.0 * middle + last) <= EVEN * (first + middle + last)

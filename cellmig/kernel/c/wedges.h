@@ -139,7 +139,7 @@ static inline double share_in(const Strip *strip, double range)
 }
 
 /* Whether widths of the lines of a strip are nearly linear: else most of it may be between the last line and the end,
- * as of a triangle whose foot is at the side of a sharp edge. */
+ * as of a triangle with one side along a sharp edge. */
 static inline int is_even(const Strip *strip)
 {
     double width[POINTS_OF_LINE] = {0};
