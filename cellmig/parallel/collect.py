@@ -237,12 +237,11 @@ def _room(size: int) -> tuple[str | None, memoryview]:
 
 def collected(comm: MPI.Comm, thing: Any) -> list[Any] | None:
     """A `thing` of each rank, in their order, on rank 0, None on others; collective."""
-    if comm.size == 1:
-        return [thing]
     text = io.BytesIO()
-    _Pickler(text, 5).dump(thing)
+    if comm.rank > 0:
+        _Pickler(text, 5).dump(thing)
     parts = comm.gather(text.getvalue())
-    return None if parts is None else [pickle.loads(part) for part in parts]
+    return None if parts is None else [thing, *map(pickle.loads, parts[1:])]
 
 
 class _Pickler(pickle.Pickler):

@@ -69,7 +69,11 @@ def discretise(case: Case, made: Sequence[Template | CaseError] | None = None) -
 def templates(case: Case, comm: MPI.Intracomm) -> list[Template | CaseError] | None:
     """Templates of the kinds of cells of a case, each made by one rank, or why one cannot be; on rank 0; collective."""
     kinds = list(_kinds(case))
-    parts = collected(comm, [_template(case, kind) for kind in kinds[comm.rank :: comm.size]])
+    made = [_template(case, kind) for kind in kinds[comm.rank :: comm.size]]
+    for one in made:
+        if isinstance(one, Template) and not case.static:
+            _ = one.rates  # goes with it: the automatic step takes those of all
+    parts = collected(comm, made)
     return None if parts is None else [parts[k % comm.size][k // comm.size] for k in range(len(kinds))]
 
 

@@ -27,6 +27,7 @@ def row(sim: Simulation) -> dict[str, float]:
     return sim.sample()[0][1]
 
 
+@pytest.mark.serial
 def test_a_bar_comes_to_rest_where_its_modulus_says() -> None:
     """Smooth walls at two sides let it become thinner: the stretch is the same everywhere, traction over modulus."""
     walls = ('supports=[{name="left", parts=["left"], displacement=["0 um", "free", "free"]},'
@@ -47,6 +48,7 @@ def test_a_bar_comes_to_rest_where_its_modulus_says() -> None:
         assert np.abs(u[:, 0] - right * along / 10.0).max() < 1e-4 * right  # measured 1e-5
 
 
+@pytest.mark.serial
 def test_a_surface_that_is_moved_linearly_stretches_all_of_the_inside() -> None:
     value = ", ".join(f'"{a}*x + {b}*y + {c}*z um"' for a, b, c in STRETCH)
     hold = f'supports=[{{name="all", displacement=[{value}], load_curve={{law="smooth", duration="20 us"}}}}]'
@@ -57,6 +59,7 @@ def test_a_surface_that_is_moved_linearly_stretches_all_of_the_inside() -> None:
         assert sum(abs(row(sim)[f"all_force_{c}_pn"]) for c in "xyz") < 1e-4  # pN; measured 2e-7
 
 
+@pytest.mark.serial
 def test_a_pressure_all_around_has_no_resultant_and_compresses(comm: MPI.Comm) -> None:
     free = ("supports=[]", "probes=[]", "materials.gel.viscosity=50 mPa s",
             'loads=[{name="p", pressure="2 kPa", load_curve={law="smooth", duration="4 us"}}]')

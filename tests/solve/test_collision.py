@@ -52,6 +52,7 @@ def test_a_batch_whose_last_step_leads_surfaces_into_each_other_is_undone(per_ce
         assert not sim.comm.allreduce(sim.mechanics.segments.cross, MPI.LOR)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("gap", [0.0, 1.0, 2.0, 4.0, 6.0, 8.0])
 @pytest.mark.parametrize(("shape", "size", "per_cell"), [(SQUARE, 2.0, 100), (DISC, 4.0, 331)])
 def test_cells_that_start_pressed_together_lose_little_energy(
@@ -60,6 +61,7 @@ def test_cells_that_start_pressed_together_lose_little_energy(
         assert max(errors(sim, 0.25, 2)) < 0.03  # measured 0.022, for squares at 8 nm
 
 
+@pytest.mark.serial
 def test_a_flat_contact_is_as_stiff_as_its_gap_says() -> None:
     with built(two(SQUARE, 2.006)) as sim:
         m = sim.mechanics
@@ -80,6 +82,7 @@ def test_a_type_of_petsc_expects_the_gaps_at_its_start() -> None:
         assert max(errors(sim, 0.05, 2)) < 0.2  # measured 0.12; a particle lost its volume within two steps
 
 
+@pytest.mark.serial
 def test_stiffness_counts_up_to_where_the_bonds_of_any_law_grow_softer() -> None:
     seifert = two(SQUARE, 2.1).contact
     assert SegmentBonds(seifert).soft == pytest.approx(np.sqrt(5.0 / 3.0) * seifert.equilibrium_distance, rel=5e-3)

@@ -133,6 +133,7 @@ def test_the_moment_of_inner_forces_is_that_of_anchors_on_directors_that_are_not
 # ------------------------------------------------------------------------------------------------------- relaxation
 
 
+@pytest.mark.serial
 def test_a_uniform_director_stays_as_it_is(comm: MPI.Comm) -> None:
     law = RELAXING(start="uniform", direction=(1.0, -2.0, 0.5))
     with Space(ball(), with_director(STILL, law), comm, smooth(ball().X, 0.2)) as space:
@@ -143,6 +144,7 @@ def test_a_uniform_director_stays_as_it_is(comm: MPI.Comm) -> None:
         assert np.abs(m.director.values - before).max() < 1e-14  # measured 2e-16
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("turn", [0.01, 1.0])
 def test_a_twist_between_free_ends_decays_as_heat_does(comm: MPI.Comm, turn: float) -> None:
     """h = (0, cos φ, sin φ) with φ = a cos(k x): φ obeys the heat equation for any a, and decays with γ k²."""
@@ -182,6 +184,7 @@ def test_relaxation_loses_what_the_director_stored(comm: MPI.Comm) -> None:
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)  # measured 2.006
 
 
+@pytest.mark.serial
 def test_a_hedgehog_has_its_energy_and_stays_smooth(comm: MPI.Comm) -> None:
     """4π η R, less that of a core of the spacing.  Without the energy that nodal integrals miss, short waves would grow
     until the field is rough: they lower the energy of curved fields.
@@ -205,6 +208,7 @@ def test_a_hedgehog_has_its_energy_and_stays_smooth(comm: MPI.Comm) -> None:
 # -------------------------------------------------------------------------------------------------- as bodies move
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_activity_stretches_a_gel_along_the_director(comm: MPI.Comm, sign: float) -> None:
     """At rest the Cauchy stress is zero everywhere: G J^(-5/3) (λ² - 1/λ) = ζ for a stretch λ at constant volume."""

@@ -29,6 +29,7 @@ def push(found: Case) -> float:
         return sim.mechanics.accounts.protrusion_impulse()
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("response", "stiffness", "factor"), [
     (HALF, "10 kPa", 0.5), (HALF, "30 kPa", 0.75), (OPTIMUM, "10 kPa", 1.0), (OPTIMUM, "20 kPa", 0.8),
     (OPTIMUM, "5 kPa", 0.8)])

@@ -56,6 +56,7 @@ def test_knots_and_samples_that_differ_by_rounding_are_at_one_time(name: str, pe
         assert sim.integrator.extremes["dt_min"] > 1e-4 * interval
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", ["all_protrude", "three_balls"])
 def test_a_polarity_that_stays_is_the_push_along_x(name: str) -> None:
     """To the bit, but for where steps end."""
@@ -109,6 +110,7 @@ def test_in_space_the_push_is_along_the_polarity() -> None:
         assert np.abs(found @ [0.6, 0.8, 0.0] - size).max() < 1e-12 * size.max()  # measured 2e-16
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", ["one_cell", "ball"])
 def test_a_basal_push_spreads_a_cell_and_leaves_it_where_it_is(name: str) -> None:
     body = case(name).cells[0].name
@@ -122,6 +124,7 @@ def test_a_basal_push_spreads_a_cell_and_leaves_it_where_it_is(name: str) -> Non
         assert along > 0.0  # outwards
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("sets", "key"), [
     (['polarity.start=[1, 0]'], "polarity.start"), (["protrusion.direction=[0]"], "protrusion.direction"),
     (["protrusion.direction=[-1]"], "protrusion.direction: cells with a polarity push along that"),
@@ -144,13 +147,13 @@ def test_what_is_not_finite_is_told_by_its_name_and_time(sets: list[str], part: 
         sim.go(0.5)
 
 
+@pytest.mark.serial
 def test_cells_whose_push_is_zero_may_have_a_polarity(tmp_path: Path) -> None:
     idle = case("all_protrude", *POLAR, "protrusion.protrusion_ratio=0", "protrusion.basal=0.5", 'time.end="0.01 us"')
     with built(idle) as sim:
         assert sim.guidance is None and not sim.polar and sim.mechanics.terms.sides == 1
-    if MPI.COMM_WORLD.size == 1:
-        assert Run(idle, tmp_path / "run", MPI.COMM_SELF, quiet=True).go() == 0
-        assert not (tmp_path / "run" / "cues.csv").exists()
+    assert Run(idle, tmp_path / "run", MPI.COMM_SELF, quiet=True).go() == 0
+    assert not (tmp_path / "run" / "cues.csv").exists()
 
 
 def test_without_polarity_nothing_is_compiled_or_stored() -> None:

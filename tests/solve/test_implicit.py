@@ -114,6 +114,7 @@ def test_any_number_of_ranks_finds_the_same(name: str, integrator: str) -> None:
     assert np.abs(ours - alone).max() < 1e-8 * np.abs(alone).max()
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("name", "time", "integrator"), [
     *((*scene, kind) for scene in (("all_protrude", 0.1), ("director_radial", 0.2)) for kind in IMPLICIT),
     ("ball_nucleus", 0.1, "bdf")])
@@ -258,6 +259,7 @@ def test_newton_steps_are_short_and_let_no_surfaces_cross(integrator: str) -> No
         assert np.isfinite(run.equations.acceleration(run.time, u, m.state.v.copy())).all()
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("integrator", ["bdf", "alpha2"])
 def test_tangents_applied_by_differences_lead_to_the_same(integrator: str) -> None:
     scene = stepped("all_protrude", integrator, 5, per_cell=93)
@@ -274,6 +276,7 @@ def test_tangents_applied_by_differences_lead_to_the_same(integrator: str) -> No
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
 
 
+@pytest.mark.serial
 def test_adaptive_steps_grow_beyond_the_stable_one() -> None:
     with built(stepped("one_cell", "bdf", "auto", per_cell=93)) as sim:
         sim.go(8.0)

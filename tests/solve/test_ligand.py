@@ -174,6 +174,7 @@ def test_the_substrate_takes_the_reaction(scene: str) -> None:
 # -------------------------------------------------------------------------------------------------------- in motion
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("ligand", ["0.5 + 0*x", STEEP["all_protrude"]])
 def test_energy_closes_with_the_order_of_the_steps(ligand: str) -> None:
     """Measured 5.5e-5 and 1.5e-5 on ligands that are alike, 4.1e-5 and 1.3e-5 on those that change; with bonds as at
@@ -187,6 +188,7 @@ def test_energy_closes_with_the_order_of_the_steps(ligand: str) -> None:
     assert errors[0] / errors[1] > 2.8 and errors[0] < 1e-4
 
 
+@pytest.mark.serial
 def test_a_drop_goes_to_where_ligands_are() -> None:
     with built(case("one_cell", 'substrate.ligand="0.5 + 0.04*x"', "protrusion.cells=[]")) as sim:
         before = sim.sample()[0][0]["x_um"]

@@ -60,6 +60,7 @@ def thinning(strip: Case, begin: float, end: float) -> float:
         return (thickness(begin) - thickness(end)) / (end - begin)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("spacing", "tension", "viscosity"), [
     (0.1, 0.0, MU), (0.1, 3.0, MU), (0.1, 6.0, MU), (0.1, 9.0, MU), (0.1, 0.0, 2 * MU), (0.075, 0.0, MU)])
 def test_a_lip_thins_at_the_speed_that_bonds_and_tension_give(
@@ -72,6 +73,7 @@ def test_a_lip_thins_at_the_speed_that_bonds_and_tension_give(
     assert abs(thinning(strip, 2.0, 4.0) - exact) < 3e-5  # µm/µs, measured 1.1e-5 with the tension of 6 pN/µm
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("tables", "pull"), [
     ({}, 12.0), ({"tension": 3.0}, 6.0), ({"tension": 6.0}, 0.0),
     ({"cortex": {"law": "elastic", "line_tension": "1 pN/um", "area_modulus": "5 pN/um"}}, 0.0)])

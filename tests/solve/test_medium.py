@@ -42,6 +42,7 @@ def test_a_medium_drags_every_surface_particle_by_its_share_of_the_surface(name:
         assert not drag[inside].any() and (drag[sim.scene.surface(0)] @ v < 0.0).all()
 
 
+@pytest.mark.serial
 def test_a_ball_in_a_medium_has_the_drag_of_stokes_and_a_disc_that_of_the_page() -> None:
     for name, whole, within in (("one_cell", lambda eta, R: 3.0 * np.pi * eta, 2e-3),  # measured 1.3e-3
                                 ("ball", lambda eta, R: 6.0 * np.pi * eta * R, 1e-2)):  # a polyhedron; measured 7.1e-3
@@ -66,6 +67,7 @@ def test_a_medium_alone_changes_the_momentum_of_a_free_cell_and_takes_its_power(
         assert (lost >= 0.0).all()
 
 
+@pytest.mark.serial
 @BOTH
 def test_the_loss_to_a_medium_closes_the_ledger_to_second_order(name: str) -> None:
     def error(factor: float) -> float:

@@ -70,6 +70,7 @@ def test_forces_are_in_balance_at_every_step() -> None:
         assert entries["energy_error"] < 1e-4  # measured 2e-6
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("stiff", [1.0, 3.0])
 def test_a_loaded_box_slides_with_force_over_drag(stiff: float) -> None:
     """v = F / (c L) with the length L of closed bonds, whatever viscosity and stiffness."""
@@ -85,6 +86,7 @@ def test_a_loaded_box_slides_with_force_over_drag(stiff: float) -> None:
 BELL = {"law": "bell", "bonds": "500 /um^2", "stiffness": "0.5 pN/nm", "on": "1 /s", "off": "5 /s", "force": "2 pN"}
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("share", [0.3, 0.75])
 def test_a_loaded_box_slides_at_the_speed_at_which_bonds_bear_the_load(share: float) -> None:
     """Bell's bonds bear 55 Pa at most, 334 pN/µm on 6 µm; a `share` of that is the load."""
@@ -98,6 +100,7 @@ def test_a_loaded_box_slides_at_the_speed_at_which_bonds_bear_the_load(share: fl
         assert sim.sample()[1]["energy_error"] < 1e-6  # measured 1e-14
 
 
+@pytest.mark.serial
 def test_a_cell_spreads_on_bonds_that_yield_far_below_its_speed() -> None:
     """They bear 1 kPa at 0.03 µm/s, the contact line advances at 1 µm/s: in the speed friction is nearly a kink."""
     sharp = {"law": "bell", "bonds": "700 /um^2", "stiffness": "0.16 pN/nm", "on": "1 /s", "off": "0.25 /s",
@@ -109,6 +112,7 @@ def test_a_cell_spreads_on_bonds_that_yield_far_below_its_speed() -> None:
         assert sim.sample()[1]["energy_error"] < 1e-3  # measured 8e-5
 
 
+@pytest.mark.serial
 def test_a_cell_begins_to_push_on_bonds_that_yield_at_once() -> None:
     """Its membrane goes from rest to a hundred times the speed at which bonds yield, part by part."""
     sharp = BELL | {"bonds": "300 /um^2", "stiffness": "0.2 pN/nm", "off": "0.25 /s"}
@@ -188,6 +192,7 @@ def test_a_surface_that_tension_has_gathered_is_named_with_its_remedy(share: flo
             sim.integrator.fail("nothing", remedy=sim.integrator.remedy)
 
 
+@pytest.mark.serial
 def test_a_medium_alone_holds_a_cell_without_a_substrate() -> None:
     """A body force f moves a disc at f A/(3πη), whatever the disc is of."""
     force, eta = 1e-4, 0.7e-3  # pN/µm³, Pa s
@@ -220,6 +225,7 @@ def test_all_viscosities_and_times_together_scale_time_alone() -> None:
     assert np.abs(slow - fast).max() < 1e-9 * np.abs(fast).max()  # measured 1e-13
 
 
+@pytest.mark.serial
 def test_a_body_force_moves_a_heavier_body_faster() -> None:
     """The force is ρ times the acceleration, though the density counts nowhere else."""
     force = {"acceleration": ["300 m/s^2", "0 m/s^2"]}
@@ -229,6 +235,7 @@ def test_a_body_force_moves_a_heavier_body_faster() -> None:
     assert x[1] == pytest.approx(2.0 * x[0], rel=0.01)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("kind", OVERDAMPED)
 def test_steps_converge_with_the_order_of_their_type(kind: str) -> None:
     """A bar that is held on the left and pulled on the right."""
@@ -270,6 +277,7 @@ def test_a_resumed_run_goes_on_with_the_same_bits(name: str) -> None:
         assert np.array_equal(at(sim, halves[1]), expected)
 
 
+@pytest.mark.serial
 def test_errors_of_steps_follow_the_tolerance() -> None:
     def moved(tolerance: float) -> np.ndarray:
         with default_options({"ts_atol": str(tolerance)}):
@@ -288,6 +296,7 @@ def test_large_scenes_reuse_factors_of_earlier_tangents() -> None:
         assert sim.integrator.equations.assembled < 0.5 * sim.integrator.newton
     assert np.abs(u - positions(steps, 4.0)).max() < 1e-6 * np.abs(u).max()
 
+@pytest.mark.serial
 def test_directors_that_have_come_to_rest_cost_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = crawler(material={"eta": "100 pN"}, director={"law": "relaxing", "start": "radial"}, time={"end": "1 ms"})
 
@@ -303,6 +312,7 @@ def test_directors_that_have_come_to_rest_cost_no_more(monkeypatch: pytest.Monke
     assert few < 0.8 * all_parts
 
 
+@pytest.mark.serial
 def test_what_directors_lose_as_they_relax_is_what_their_energy_falls_by() -> None:
     """Their parts are half as long as stability allows: torques at the start of each would lose up to twice of it."""
     field = {"law": "relaxing", "start": "uniform", "direction": [1, "0.5*x"]}

@@ -66,6 +66,7 @@ def test_the_push_off_other_bodies_has_no_sum_and_no_moment_and_the_work_that_th
         assert total == pytest.approx(((f + on_plane) * v).sum(), rel=1e-12)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_cell_crawls_on_a_gel_and_what_holds_the_gel_bears_nothing(way: float) -> None:
     with built(crawling(way=way)) as sim:
@@ -89,6 +90,7 @@ def speed_and_push(scene: Case) -> np.ndarray:
         return np.array([1e6 * v, sim.sampler.push()[-1, 0]])
 
 
+@pytest.mark.serial
 def test_a_stiff_gel_is_the_rigid_substrate() -> None:
     """Forces go to both ends of each piece, and on the substrate to both ends of each segment."""
     rigid = speed_and_push(on_the_plane())
@@ -106,6 +108,7 @@ def resting_on_a_gel() -> Case:
                              "cues": [{"law": "neighbours"}, {"law": "contact"}]})
 
 
+@pytest.mark.serial
 def test_a_gel_is_no_neighbour() -> None:
     """It neither turns cells nor gates their push, and a polarity drives them on it."""
     with built(resting_on_a_gel()) as sim:

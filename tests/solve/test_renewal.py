@@ -56,6 +56,7 @@ def state(sim: Simulation) -> dict[str, np.ndarray]:
 A = np.array([[1.5, 0.8], [-0.1, 0.62]])  # det 1.01
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("law", ["nematic", "gel"])
 def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: MPI.Comm, law: str) -> None:
     tree = drop(150).resolved()
@@ -168,6 +169,7 @@ def test_a_drop_squeezed_flat_conserves_and_has_the_same_bits_on_any_ranks(comm:
     assert bits == alone[-1] and np.array_equal(size, alone[0]) and np.array_equal(error, alone[2])
 
 
+@pytest.mark.serial
 def test_a_drop_that_turns_and_is_stretched_keeps_its_moment_of_momentum(comm: MPI.Comm) -> None:
     gradient = [["0.15 /us", "0.5 /us"], ["-0.1 /us", "-0.15 /us"]]
     scene = drop(150, cell={"velocity_gradient": gradient}, cortex={"law": "line-tension", "line_tension": "500 pN/um"})
@@ -237,6 +239,7 @@ def test_a_run_goes_on_with_the_same_bits_after_neighbours_were_found_anew(name:
     assert expected[1][0][1]["energy_error"] < 1e-3  # measured 4e-6, of the cell 3e-5
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", FLOWS)
 def test_terms_that_a_case_lacks_change_no_bit_of_surfaces_that_are_divided_anew(name: str, comm: MPI.Comm) -> None:
     found = []
@@ -353,6 +356,7 @@ def slow_drop() -> Case:
     return renewing(from_dict(tree), 1.2)
 
 
+@pytest.mark.serial
 def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_stress(comm: MPI.Comm) -> None:
     with built(slow_drop(), comm) as sim:
         m = sim.mechanics
@@ -369,6 +373,7 @@ def test_a_maxwell_fluid_without_inertia_finds_neighbours_anew_and_keeps_its_str
     assert np.abs(size - 2.0 * RADIUS).max() < 0.1  # µm: round again; measured 0.02
 
 
+@pytest.mark.serial
 def test_steps_that_are_repeated_begin_with_the_neighbours_of_before(
         comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """A step that was too long may have stretched the fluid so far that neighbours would be due, but it is undone."""

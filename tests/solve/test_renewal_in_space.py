@@ -55,6 +55,7 @@ NETWORK = {"law": "maxwell", "shear_modulus": "100 Pa", "relaxation_time": "1 s"
 LAWS = {"nematic": {}, "gel": {"law": "gel", "shear_modulus": "100 Pa"}, "maxwell": NETWORK}
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("law", LAWS)
 def test_a_uniform_deformation_is_the_same_when_neighbours_are_found_anew(comm: MPI.Comm, law: str) -> None:
     with built(renewing(ball(200, LAWS[law])), comm) as sim:
@@ -168,6 +169,7 @@ def test_a_ball_squeezed_flat_has_the_same_bits_on_any_ranks(comm: MPI.Comm) -> 
     assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
 
 
+@pytest.mark.serial
 def test_a_ball_that_turns_and_is_stretched_keeps_momentum_and_its_moment(comm: MPI.Comm) -> None:
     gradient = [[0.15, 0.4, 0.1], [-0.1, -0.05, 0.2], [0.2, -0.1, -0.1]]
     with built(renewing(ball(200, cell=moving(gradient), cortex=TENSION), 1.2), comm) as sim:
@@ -281,6 +283,7 @@ def slow_ball(per_cell: int = 100) -> Case:
     return renewing(from_dict(tree), 1.2)
 
 
+@pytest.mark.serial
 def test_a_maxwell_fluid_without_inertia_keeps_its_stress(comm: MPI.Comm) -> None:
     with built(slow_ball(), comm) as sim:
         m = sim.mechanics

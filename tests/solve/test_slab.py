@@ -77,6 +77,7 @@ def test_drag_between_bodies_has_no_sum_and_no_moment_and_takes_what_the_ledger_
         assert taken.sum() == pytest.approx(-(f * v).sum(), rel=1e-12)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("law", LAWS, ids=["bonds", "bell"])
 def test_bodies_that_move_as_one_do_not_drag_each_other(law: dict, scene: str) -> None:
@@ -99,6 +100,7 @@ def bonded(sim: Simulation) -> float:
     return float(everywhere(sim, sim.mechanics.surface_force("sliding")[0])[on_gel, 0].sum()) / (1e-3 * DRAG)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("stiff", [1.0, 10.0])
 def test_a_box_slides_on_a_gel_with_force_over_drag_and_the_gel_bears_the_force(stiff: float) -> None:
     """v = F/(c L), whatever the stiffness of the gel; what holds the gel bears all of F."""
@@ -116,6 +118,7 @@ def test_a_box_slides_on_a_gel_with_force_over_drag_and_the_gel_bears_the_force(
         assert v[sim.scene.cell == 1].mean() == pytest.approx(force / (DRAG * bonded(sim)), rel=1e-2)
 
 
+@pytest.mark.serial
 def test_bells_bonds_drag_a_box_along_a_gel_as_they_drag_it_along_a_substrate() -> None:
     """Traction times length, at speeds from far below to beyond that of the largest traction."""
     with built(on_a_slab(friction=BELL)) as sim:
@@ -186,6 +189,7 @@ def positions_of(scene: Case) -> float:
         return float(u[sim.scene.cell == 2, 0].mean())
 
 
+@pytest.mark.serial
 def test_a_cell_feels_another_through_the_gel_as_far_as_the_gel_is_thick() -> None:
     found = [carried(thick, far) for thick, far in ((4.0, 9.0), (8.0, 9.0), (4.0, 14.0))]
     for moved, exact in found:
@@ -194,6 +198,7 @@ def test_a_cell_feels_another_through_the_gel_as_far_as_the_gel_is_thick() -> No
     assert thick > 1.9 * near > 0.0 and far < 0.4 * near
 
 
+@pytest.mark.serial
 def test_half_of_the_traction_times_the_displacement_of_a_gel_is_that_of_the_exact_layer() -> None:
     """By the pull of a box; the strain energy is more, as bonds at rest deform the gel from particle to particle."""
     half, found, energy = 3.0, [], []
@@ -278,6 +283,7 @@ def test_a_body_that_rubs_on_one_that_is_held_is_held_and_one_above_it_is_not() 
         on_a_slab({"centre": ["0 um", "3.55 um"]})
 
 
+@pytest.mark.serial
 def test_a_body_without_a_cortex_has_no_tension() -> None:
     tree = on_a_slab().resolved() | {"cortex": {"line_tension": "100 pN/um"}}
     tree["cells"][0]["cortex"] = False
@@ -286,6 +292,7 @@ def test_a_body_without_a_cortex_has_no_tension() -> None:
         assert np.abs(f[sim.scene.cell == 1]).max() > 10.0 and not f[sim.scene.cell == 0].any()
 
 
+@pytest.mark.serial
 def test_a_layer_whose_stiffness_varies_with_the_height_shears_as_it_should() -> None:
     """G = g G0 with g = (3 + y)/2 from y = -1 µm on, under a shear stress τ: u = 2 τ/G0 ln((3 + y)/2)."""
     pull = {"name": "pull", "parts": ["top"], "traction": ["0.2 Pa", "0 Pa"], "load_curve": RAMP}
@@ -302,6 +309,7 @@ def test_a_layer_whose_stiffness_varies_with_the_height_shears_as_it_should() ->
         assert sim.sample()[1]["elastic_pn"] == pytest.approx(0.5 * 0.2 * 4.0 * right.max(), rel=1e-2)
 
 
+@pytest.mark.serial
 def test_one_relative_stiffness_everywhere_is_that_of_the_law() -> None:
     """In forces, to rounding, and in the tangent."""
     twice = {name: value.replace("1 k", "2 k") for name, value in SOLID.items()}

@@ -52,6 +52,7 @@ def test_newton_converges_quadratically(d: int) -> None:
         assert drop[-1] / drop[-2] > 1.8, norms  # measured 3.6, 2.1
 
 
+@pytest.mark.serial
 @IN_BOTH
 def test_the_ledger_closes_to_second_order_in_the_load_step(d: int) -> None:
     errors = []
@@ -185,6 +186,7 @@ def test_a_static_case_leaves_no_options_of_petsc_behind() -> None:
     assert PETSc.Options().getAll() == before
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("pull", [100.0, 1500.0])
 def test_a_bar_between_smooth_walls_is_stretched_as_its_law_says(pull: float) -> None:
     """Uniaxial tension in finite strain, which linear shape functions hold exactly: Rivlin's (1948), compressible."""
