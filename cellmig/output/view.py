@@ -68,6 +68,9 @@ class SegmentsView(Protocol):
     def touching(self, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Segments near other cells (s,) int: local first ends, these cells, lengths [µm] nearer than `most` ε [-]."""
 
+    def sharpest(self) -> tuple[float, int]:
+        """In space, the least cosine [-] of normals of faces at an edge near another cell, and a particle of it."""
+
 
 class LoadsView(Protocol):
     """Supports, loads and plates."""

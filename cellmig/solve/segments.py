@@ -337,6 +337,20 @@ class Segments:
         """How far surfaces of this rank reached into others since contacts were forgotten [µm], 0 if none did."""
         return float(self._kernel["deepest_contact"][0])
 
+    def sharpest(self) -> tuple[float, int]:
+        """In space, the least cosine [-] between the normals of both faces at an edge near another cell, and the id of
+        a particle of that edge; 1 and -1 if there is none.
+        """
+        lists = self.lists
+        if not isinstance(lists, TriangleLists) or not len(lists.edge):
+            return 1.0, -1
+        p, q, left, right = self._state.x(self._kernel["contact_node"][lists.edge]).transpose(1, 0, 2)
+        one, other = np.cross(q - p, left - p), np.cross(right - p, q - p)
+        product = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+        cosine = (one * other).sum(axis=1) / np.maximum(product, 1e-300)
+        at = int(cosine.argmin())
+        return float(cosine[at]), int(self._state.numbering.ids[self._kernel["contact_node"][lists.edge[at, 0]]])
+
     def displaced(self) -> float:
         """Largest displacement of this rank's surface particles since the lists were made [µm]."""
         moved = self._state.u[self._part.at_surface] - self.renewed_at

@@ -13,6 +13,7 @@ from ..parallel.reduce import largest
 # In shear flow between cylinders, with a thousand particles, the torque has grown by 5 % at this stretch, by 14 % at
 # 3.9 (docs/fluid.md).
 STRETCH_LIMIT = 3.0
+FOLDED = -0.99  # cosine of the angle between the normals at an edge below which a surface is folded [-]
 LONG = 4.0  # length of a segment of the surface of a fluid beyond which a run warns [spacings]
 
 
@@ -52,7 +53,8 @@ class StrainWatch:
     The stretch is that since the neighbours were found.
 
     largest : stretch [-], None without a fluid;  crossed_at : when it exceeded the limit [µs], None if it did not;
-    longest : segment of a surface where neighbours are found anew, which its segments are not [spacings].
+    longest : segment of a surface where neighbours are found anew, which its segments are not [spacings];
+    folded : whether a surface in space was folded where it is near another cell.
 
     Source: derived here, from the error of shear flow between cylinders.
     """
@@ -64,13 +66,26 @@ class StrainWatch:
         self._fluid = viscous[mechanics.part.owned.material]
         self.largest: float | None = 1.0 if viscous.any() else None
         self.crossed_at: float | None = None
-        self.longest = 1.0
+        self.longest, self.folded = 1.0, False
 
     def check(self, time: float) -> str:
         """Warning, or an empty string, at the time [µs] of a sample, when F is up to date; collective."""
-        if self.largest is None:
+        stretched = "" if self.largest is None else self._stretched(time) or self._coarse(time)
+        return "\n".join(filter(None, [stretched, self._folded(time)]))
+
+    def _folded(self, time: float) -> str:
+        """Warning where a surface in space is folded at another cell, as it may then go through itself; collective."""
+        m = self.mechanics
+        if self.folded or m.scene.dimension == 2 or m.terms.contacts is None:
             return ""
-        return self._stretched(time) or self._coarse(time)
+        cosine, particle = min(m.comm.allgather(m.segments.sharpest()))
+        self.folded = cosine < FOLDED
+        if not self.folded:
+            return ""
+        cell = int(m.scene.cell_of(particle)) + 1
+        return (f"WARNING at {m.scene.time_unit.text(time)}: the surface of cell {cell} is folded at particle "
+                f"{particle}: in space a cell does not feel itself, so that it may go through itself there, where the "
+                "energy of its contact jumps; weaker bonds or finer particles may keep it smooth")
 
     def _coarse(self, time: float) -> str:
         """Warning where a surface has become coarse by flow; collective."""

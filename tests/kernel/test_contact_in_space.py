@@ -174,7 +174,7 @@ def test_a_long_triangle_has_the_energy_of_its_parts(in_c: InC) -> None:
     for _ in range(60):
         near, tip = rng.uniform(-0.03, 0.03), rng.uniform(1.3, 1.9)  # angles from the normal of its upper face
         r = [length * np.array([0.0, -np.sin(angle), np.cos(angle)]) for length, angle in ((0.015, near), (0.45, tip))]
-        T.append(np.array([r[0], r[0], r[1]]) + [[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.4, 0.0, 0.0]])
+        T.append(np.add([r[0], r[0], r[1]], [[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.4, 0.0, 0.0]]))
     for t in np.array(T):
         middle = 0.5 * (t + np.roll(t, -1, axis=0))
         parts = np.array([[t[0], middle[0], middle[2]], [middle[0], t[1], middle[1]], [middle[2], middle[1], t[2]],

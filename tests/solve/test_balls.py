@@ -23,6 +23,7 @@ from cellmig.model.seifert import BetweenCells
 from cellmig.parallel.collect import Whole
 from cellmig.solve.protrusion_noise import random_factor
 from cellmig.solve.restart import restore, saved
+from cellmig.solve.strain import StrainWatch
 
 SEED = 5
 SUBSTRATE = example("adhesion", "seifert")
@@ -324,3 +325,19 @@ def test_breathing_of_an_elastic_ball_has_the_frequency_of_lamb(comm: MPI.Comm) 
             swing.append(float(mass @ (space.everywhere(space.mechanics.state.u) * shape).sum(axis=1)))
     turn = -np.polyfit(times, swing, 2)[1] / (2.0 * np.polyfit(times, swing, 2)[0])  # farthest on the other side
     assert turn == pytest.approx(0.5 * period, rel=0.02)  # measured 0.007
+
+
+def test_a_surface_that_is_folded_at_another_cell_is_told_once() -> None:
+    with built(case("three_balls", per_cell=100)) as sim:
+        m = sim.mechanics
+        watch, (cosine, particle) = StrainWatch(m), min(m.comm.allgather(m.segments.sharpest()))
+        assert cosine > 0.7 and watch.check(0.0) == ""  # measured 0.90
+        x, facets = sim.scene.particles(np.arange(sim.scene.size)).X, m.segments.around()[0]
+        corners = next(f for f in facets.ids[facets.facets].tolist() if f[0] == particle)
+        p, q, r = x[corners]
+        along = (r - q) / np.linalg.norm(r - q)
+        m.state.u[m.ids == particle] = 1.9 * (q - p + ((p - q) @ along) * along)  # nearly mirrored at the other side
+        m.state.exchange()
+        told = [watch.check(1.0), watch.check(2.0)]
+        assert f"surface of cell {int(sim.scene.cell_of(particle)) + 1} is folded at particle" in told[0]
+        assert told[1] == ""
