@@ -7,14 +7,23 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from .triangles import area_vectors, cross, dot, edges_of, lengths, on_triangles, ranks, unit, volume
 
+FLAT = 1e-3  # depth of a hollow over the size of a body up to which it is convex [-]
 NEAREST = 12  # samples nearest to a point, on whose triangles its closest point is looked for
 BLOCK = 2_000_000  # pairs that are looked at together
 # Rays run along the last of these directions, which is that of no edge of common shapes.
 RAYS = np.array([[0.9363, 0.2896, -0.1987], [-0.2751, 0.9564, 0.0976], [0.2183, -0.0367, 0.9752]])
+
+
+def on_hull(points: np.ndarray) -> bool:
+    """Whether all `points` (n, 3) of a surface, in one unit, are on their convex hull, to 1e-3 of its size."""
+    hull = ConvexHull(points)
+    others, faces = np.delete(points, hull.vertices, axis=0), hull.equations
+    depth = -(others @ faces[:, :3].T + faces[:, 3]).max(axis=1)
+    return bool(depth.max(initial=0.0) < FLAT * np.ptp(points, axis=0).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +173,15 @@ class ClosedSurface:
         return np.column_stack([normal, dot(normal, a)])
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """Whether each of the `points` (n, 3) [µm] is inside (n,) bool.
+        """Whether each of the `points` (n, 3) [µm] is inside (n,) bool."""
+        return self.winding(points) > 0
 
-        Source: the winding number, from the signed crossings of a ray with the triangles; the side of an edge is
-        computed once for both of its triangles, so that no ray passes between them.
+    def winding(self, points: np.ndarray) -> np.ndarray:
+        """How often the surface goes around each of the `points` (n, 3) [µm]: 1 inside, 0 outside, 2 where it overlaps
+        itself, -1 where it is turned inside out (n,) int.
+
+        Source: the signed crossings of a ray with the triangles; the side of an edge is computed once for both of its
+        triangles, so that no ray passes between them.
         """
         p = _turned(points)
         winding = np.zeros(len(points), int)
@@ -180,7 +194,7 @@ class ClosedSurface:
             normal, height = self._planes[other, :3], self._planes[other, 3]
             above = height > dot(normal, p[one])
             winding += np.bincount(one[above], sign[above], len(points)).astype(int)
-        return winding > 0
+        return winding
 
 
 class _Cells:

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from ..geometry.triangles import on_triangles
+from ..geometry.surfaces import ClosedSurface
+from ..geometry.triangles import area_vectors, dot, on_triangles
 from .contact import NodeLists, Surfaces
 from .scene import Scene, joined
 
@@ -56,12 +57,14 @@ class Features:
 
 
 KINDS = ("face", "edge", "vertex")
+TURNED = 0.5  # cosine of the least angle between the normals of triangles of a fold [-]
 Pairs = dict[str, np.ndarray]  # by kind of feature, triangles and features (p, 2) int, sorted
 
 
 def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthest: float,
                    within: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Pairs:
-    """Pairs of a triangle and a feature of another cell that may be near each other, by their bounding spheres.
+    """Pairs of a triangle and a feature of another cell that may be near each other, by their bounding spheres; of the
+    same cell where that can meet itself, if they face each other across its outside.
 
     Parameters
     ----------
@@ -74,14 +77,18 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
     middle = x[surfaces.facets[on]].mean(axis=1)
     radius = length(x[surfaces.facets[on]] - middle[:, None]).max(axis=1, initial=0.0)
     reach = (farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9)
-    some = near_boxes(middle, surfaces.cell[surfaces.facets[on, 0]], reach)
-    on, middle, radius = on[some], middle[some], radius[some]
-    i, j = cKDTree(middle).query_pairs(reach, output_type="ndarray").T
     cell = surfaces.cell[surfaces.facets[on, 0]]
-    other = cell[i] != cell[j]
-    i, j = i[other], j[other]
+    itself = within(cell, cell) >= 0.0
+    some = near_boxes(middle, cell, reach) | itself
+    on, middle, radius, cell = on[some], middle[some], radius[some], cell[some]
+    i, j = cKDTree(middle).query_pairs(reach, output_type="ndarray").T
+    if not itself.any():
+        other = cell[i] != cell[j]
+        i, j = i[other], j[other]
     most = within(cell[i], cell[j])
     near = (most >= 0.0) & (length(middle[i] - middle[j]) <= most + radius[i] + radius[j])
+    own = np.flatnonzero(near & (cell[i] == cell[j]))
+    near[own] = face_outside(surfaces, x, on[i[own]], on[j[own]])
     i, j, most = np.append(i[near], j[near]), np.append(j[near], i[near]), np.tile(most[near], 2)
     limit = np.zeros(len(on))
     order = np.argsort(i, kind="stable")
@@ -102,6 +109,34 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
         k, feature = number[pairs[:, 0]], pairs[:, 1]
         found[kind] = pairs[length(middle[k] - centre[feature]) <= limit[k] + radius[k] + size[feature]]
     return found
+
+
+def face_outside(surfaces: Surfaces, x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether two triangles of a cell, a and b (k,) int, are in a fold of it, for particles at x (m, 3) [µm]: its
+    outside is between them, or between neighbours of each; (k,) bool.  Triangles with a common corner are not.
+
+    Across a lip so thin that its sides have passed through each other they face each other, too, but the surface there
+    goes -1 times around what is between: a force on its outside would make that more.
+    """
+    apart = (surfaces.facets[a][:, :, None] != surfaces.facets[b][:, None]).all(axis=(1, 2))
+    middle, normal = x[surfaces.facets].mean(axis=1), area_vectors(x[surfaces.facets])
+    way, turned = middle[b] - middle[a], dot(normal[a], normal[b]) < TURNED * length(normal[a]) * length(normal[b])
+    facing = np.flatnonzero(apart & turned & (dot(normal[a], way) > 0.0) & (dot(normal[b], way) < 0.0))
+    cell = surfaces.cell[surfaces.facets[:, 0]]
+    outside = np.zeros(len(facing), bool)
+    for c in np.unique(cell[a[facing]]):
+        mine = np.flatnonzero(cell[a[facing]] == c)
+        on, between = np.flatnonzero(surfaces.cell == c), middle[a[facing[mine]]] + 0.5 * way[facing[mine]]
+        triangles = surfaces.facets[(cell == c) & surfaces.outer] - on[0]
+        outside[mine] = ClosedSurface(x[on], triangles, np.zeros(len(triangles), int)).winding(between) == 0
+    i, j = a[facing[outside]], b[facing[outside]]
+    if not len(i):
+        return np.zeros(len(a), bool)
+    n, size = len(cell), surfaces.facets.size
+    at = sparse.csr_array((np.ones(size, np.int32), surfaces.facets.ravel(), np.arange(0, size + 1, 3)), (n, len(x)))
+    pairs = sparse.csr_array((np.ones(2 * len(i), np.int32), (np.append(i, j), np.append(j, i))), (n, n))
+    corners = at.T @ pairs @ at  # of triangles that face each other
+    return apart & ((at[a] @ corners).multiply(at[b]).sum(axis=1) > 0)
 
 
 def length(v: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from ..case.pairs import Pairing, paired
 from ..case.registry import laws
 from ..case.schema import Case, particle_count
 from ..geometry.polygons import convex
+from ..geometry.surfaces import on_hull
 from ..model.ground import fields_of
 from ..model.protocols import Adhesion, Cortex, DirectorLaw, Field, Friction, LoadCurve, Medium, ProtrusionLaw
 from ..model.seifert import WALL, BetweenCells, solid
@@ -229,10 +230,10 @@ def _bonds(case: Case, choice: _Choice) -> dict[str, Any]:
         "adhesion between cells", nothing if alone or case.static else BetweenCells.of(solid(between)))
     # Lips on a substrate become so thin that their sides pass through each other, which walls outside make violent.
     lips = case.substrate is not None and case.substrate.work > 0.0
-    never = why((case.static, "not in a static case"), (case.dimension > 2, "in two dimensions only"),
-                (case.dimension == 2 and not _meet_themselves(case), "solids of convex outline"),
+    never = why((case.static, "not in a static case"),
+                (not case.static and not _meet_themselves(case), "solids of convex outline"),
                 (lips and not any(pair.itself for pair in case.pairs), "on a substrate only if a pair names it"))
-    own = choice.unless(never, "contact of a cell with itself", case.dimension == 2, False)
+    own = choice.unless(never, "contact of a cell with itself", True, False)
     repels = [never is None and (not lips or pair.itself) for pair in case.pairs] + [never is None and not lips]
     contacts = _contacts(case, contact, between, own, repels) if contact or own else None
     return {"substrate": substrate, "contact": contact, "contacts": contacts}
@@ -372,7 +373,8 @@ def _meet_themselves(case: Case) -> bool:
     """Whether a cell can meet itself: fluids and what is not convex can."""
     bodies = {(c.shape, c.displacement, c.material) for c in case.cells}
     return any(case.materials[name].viscosity or not case.materials[name].shear_modulus
-               or not convex(outline(shape, displacement)) for shape, displacement, name in bodies)
+               or not (convex if case.dimension == 2 else on_hull)(outline(shape, displacement))
+               for shape, displacement, name in bodies)
 
 
 def _thin(case: Case) -> float:

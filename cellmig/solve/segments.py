@@ -181,7 +181,8 @@ class Segments:
             x = self._state.x(node)
             distance = np.array([law.equilibrium_distance for law in self._contacts.laws])[self._kernel["contact_law"]]
             share = share_below(lists.distances(x) - (most * distance)[:, None], 0.0)
-            return corner, near_to, share * facet_sizes(x[lists.segment])
+            other = lists.surfaces.cell[lists.surfaces.facets[lists.source, 0]] != near_to
+            return corner, near_to, np.where(other, share, 0.0) * facet_sizes(x[lists.segment])
         assert isinstance(lists, ContactLists)
         distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
         x, height = self._state.x(node), most * distance[self._kernel["contact_law"]]
