@@ -54,7 +54,7 @@ class StrainWatch:
 
     largest : stretch [-], None without a fluid;  crossed_at : when it exceeded the limit [µs], None if it did not;
     longest : segment of a surface where neighbours are found anew, which its segments are not [spacings];
-    folded : whether a surface in space, of a cell that does not meet itself, was folded where it is near another cell.
+    folded : whether a surface in space was folded where it is near another cell.
 
     Source: derived here, from the error of shear flow between cylinders.
     """
@@ -76,7 +76,7 @@ class StrainWatch:
     def _folded(self, time: float) -> str:
         """Warning where a surface in space is folded at another cell, as it may then go through itself; collective."""
         m = self.mechanics
-        if self.folded or m.scene.dimension == 2 or m.terms.contacts is None or m.terms.contacts.own:
+        if self.folded or m.scene.dimension == 2 or m.terms.contacts is None:
             return ""
         cosine, particle = min(m.comm.allgather(m.segments.sharpest()))
         self.folded = cosine < FOLDED
@@ -84,8 +84,8 @@ class StrainWatch:
             return ""
         cell = int(m.scene.cell_of(particle)) + 1
         return (f"WARNING at {m.scene.time_unit.text(time)}: the surface of cell {cell} is folded at particle "
-                f"{particle}: no pair names this cell with itself, so that it may go through itself there, where the "
-                "energy of its contact jumps; weaker bonds or finer particles may keep it smooth")
+                f"{particle}: if that edge goes on through the fold, the energy of its contact jumps, and the cell may go "
+                "through itself; weaker bonds or finer particles may keep it smooth")
 
     def _coarse(self, time: float) -> str:
         """Warning where a surface has become coarse by flow; collective."""
