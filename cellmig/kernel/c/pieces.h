@@ -40,6 +40,7 @@ static void *enough(void *of, long used, long n, long *room, size_t size)
 /* Adds n places on T. */
 static inline void keep(Pieces *p, const v4 *on, long n)
 {
+    if (!n) return; /* there may be no memory yet */
     p->on = enough(p->on, p->used, n, p->room + 1, sizeof *p->on);
     memcpy(p->on + p->used, on, (size_t)n * sizeof *on);
     p->used += n;
