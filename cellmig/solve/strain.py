@@ -84,8 +84,8 @@ class StrainWatch:
             return ""
         cell = int(m.scene.cell_of(particle)) + 1
         return (f"WARNING at {m.scene.time_unit.text(time)}: the surface of cell {cell} is folded at particle "
-                f"{particle}: if that edge goes on through the fold, the energy of its contact jumps, and the cell may go "
-                "through itself; weaker bonds or finer particles may keep it smooth")
+                f"{particle}: if that edge goes on through the fold, the energy of its contact jumps, and the cell may "
+                "go through itself; weaker bonds or finer particles may keep it smooth")
 
     def _coarse(self, time: float) -> str:
         """Warning where a surface has become coarse by flow; collective."""
