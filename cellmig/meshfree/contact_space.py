@@ -204,10 +204,16 @@ class TriangleLists(NodeLists):
         """Distances (s, 3) [µm] of the triangles' corners from the faces near them, for nodes at x (n, 3) [µm]."""
         first, out = self.first["face"], np.full((len(self.source), 3), np.inf)
         source = np.repeat(np.arange(len(self.source)), np.diff(first))
-        faces = x[self.face[self.number["face"]]]
+        face = self.number["face"]
+        middle = x[self.face].mean(axis=1)
+        radius = length(x[self.face] - middle[:, None]).max(axis=1, initial=0.0)
         for k in range(3):
             p = x[self.segment[source, k]]
-            np.minimum.at(out[:, k], source, np.linalg.norm(p - on_triangles(p, faces), axis=1))
+            away, nearest = length(p - middle[face]), np.full(len(out), np.inf)
+            np.minimum.at(nearest, source, away)
+            near = away - radius[face] <= (1.0 + 1e-9) * nearest[source]  # one of these is the nearest
+            p = p[near]
+            np.minimum.at(out[:, k], source[near], length(p - on_triangles(p, x[self.face[face[near]]])))
         return out
 
     @classmethod
