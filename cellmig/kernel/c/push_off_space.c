@@ -29,9 +29,9 @@ static double ahead_of(const KernelData *s, const PushedPart *p, const Triangle 
     return ahead;
 }
 
-/* Adds the push of drive m on T and the face; its value for a full hold. */
-static double push_part(const KernelData *s, const PushedPart *p, const Triangle *T, const Face *f, long m,
-                        double *const force[3])
+/* Adds the push of drive m on T and the face. */
+static void push_part(const KernelData *s, const PushedPart *p, const Triangle *T, const Face *f, long m,
+                      double *const force[3])
 {
     const Drive *drive = drive_at(s, m);
     const double size = p->o.on[0] * p->push[0] + p->o.on[1] * p->push[1] + p->o.on[2] * p->push[2];
@@ -39,7 +39,6 @@ static double push_part(const KernelData *s, const PushedPart *p, const Triangle
     v4 way = {0};
     for (int c = 0; c < PLANE; c++) way[TANGENT + c] = drive->direction[c];
     drag_along(T, f, &p->o, along * (way - dot4(way, f->normal) * f->normal), force);
-    return along;
 }
 
 /* The part in a meeting over a face; whether it pushes. */
