@@ -155,7 +155,8 @@ static inline void by_kinds(const double *kind, int n, int order[TOGETHER])
     for (int k = 0; k < n; k++) at[(int)kind[k] + 1]++;
     for (int k = 1; k < KINDS; k++) at[k] += at[k - 1];
     for (int k = 0; k < n; k++) order[at[(int)kind[k]]++] = k;
-    for (int k = n; k % 4; k++) order[k] = order[k - 1];
+    const int last = order[n - 1]; /* Clang 22 ends a loop of order[k] = order[k - 1] after its first turn */
+    for (int k = n; k % 4; k++) order[k] = last;
 }
 
 /* The numbers of four. */
