@@ -100,7 +100,7 @@ def _history_rows(path: Path) -> Rows:
         dimension = 3 if "z_um" in table else 2
         numbers = [f"{text} {_number(table[name][row])} {'µm²' if name.endswith('um2') else 'µm'}" for text, name in
                    zip(("moved", "on the substrate", "on cells"), ("ux_um", *MEASURES[dimension][:2]), strict=True)
-                   if np.isfinite(table[name][row])]
+                   if np.isfinite(table[name][row]) and (text == "moved" or np.any(table[name] > 0.0))]
         yield names[int(cell)] if cell else "aggregate", "  ".join(numbers)
 
 
