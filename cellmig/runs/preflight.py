@@ -307,7 +307,8 @@ def _modulus(case: Case) -> list[tuple[str, str]]:
 def _resolved(case: Case, c: Cost) -> list[tuple[str, str]]:
     """Rows about lengths of the model relative to the spacing."""
     terms, rows = find_terms(case), []
-    between = terms.contacts.laws if terms.contact is not None and terms.contacts is not None else ()
+    named = terms.contact is not None or any(pair.itself for pair in case.pairs)
+    between = terms.contacts.laws if named and terms.contacts is not None else ()
     for name, laws in (("substrate", filter(None, [terms.substrate])), ("between cells", between)):
         if distances := sorted({law.equilibrium_distance for law in laws}):
             told = describe_contacts(case, terms) if name == "between cells" else []

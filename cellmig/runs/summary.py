@@ -294,16 +294,17 @@ def _polarities(case: Case) -> list[tuple[str, str]]:
 
 def describe_contacts(case: Case, terms: Terms) -> list[tuple[str, str]]:
     """Rows of the laws between cells: that of all pairs, and exceptions."""
-    rows = [("between cells", text) for text in _law_text(terms.contact)]
-    for pair in case.pairs if rows else ():
+    texts, own = _law_text(terms.contact), terms.contacts is not None and terms.contacts.own
+    meet = bool(texts)
+    for pair in case.pairs:
         left, right = map(_named, pair.cells)
         names = f"{left} with itself" if pair.itself else f"{left} with {right}"
-        if not pair.itself or (terms.contacts is not None and terms.contacts.own):
+        if own if pair.itself else meet:
             law = dataclasses.replace(pair.law, bond_density=0.0) if pair.itself else pair.law
-            rows += [("", f"{names}: {text}") for text in _law_text(solid(law))]
-        if pair.friction is not None:
-            rows.append(("", f"{names}: {_friction_text(pair.friction, case.time_unit)}"))
-    return rows
+            texts += [f"{names}: {text}" for text in _law_text(solid(law))]
+        if meet and pair.friction is not None:
+            texts.append(f"{names}: {_friction_text(pair.friction, case.time_unit)}")
+    return [("" if number else "between cells", text) for number, text in enumerate(texts)]
 
 
 def _law_text(law: Adhesion | None) -> list[str]:

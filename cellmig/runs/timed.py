@@ -23,7 +23,7 @@ from .by_rank import kinds_of, size_of, standing_for
 PROBE, FEWER = {2: 200_000, 3: 40_000}, 20_000
 KIND = 5_000  # largest number of particles of a cell in a timed scene
 COPIES = 20  # of cells of KIND particles, that are timed side by side for larger ones
-STEPS, FEWEST = 2e6, 5  # particle-steps that are timed, and steps at least
+STEPS, FEWEST, LONGEST = 2e6, 5, 1.0  # particle-steps that are timed, steps at least, and seconds at most
 
 
 def part_of(case: Case, most: int) -> tuple[Case, float]:
@@ -92,9 +92,10 @@ def timed(case: Case, scene: Scene, single: bool, largest: int) -> tuple[float, 
     terms = dataclasses.replace(find_terms(case), single=single)
     with Simulation(case, MPI.COMM_SELF, parts=(scene, terms)) as s:
         m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-        n = max(FEWEST, round(STEPS / s.scene.size))
         gap = s.control.typical[1]
         m.advance(3, dt, gap)
+        one = _seconds(m, FEWEST, dt, gap) / FEWEST
+        n = max(FEWEST, round(min(STEPS / s.scene.size, LONGEST / max(one, 1e-9))))
         spent = min(_seconds(m, n, dt, gap) for _ in range(3))
         return spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
 
