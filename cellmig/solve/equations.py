@@ -23,6 +23,7 @@ MATRIX_FREE_FROM = 1_000  # particles of a scene: in larger ones factorisation c
 MOST_PARTS = 20  # in which the work of a step is added up
 DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
 STIFFER, STIFFENINGS = 4.0, 5  # least factor of 1/dt in tangents of shorter steps, and how often it is squared
+STIFFEST = STIFFER ** 2.0 ** (STIFFENINGS - 1)  # the largest
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
@@ -220,7 +221,8 @@ class Equations:
         t, u, v, by_v, by_a, _ = self.at
         exact, self.exact = self.exact, max(self.exact, 1)
         operators, given = ksp.getOperators(), step.copy()
-        for factor in (*([1.0] if self.slips else []), *self._stiffer ** np.exp2(np.arange(STIFFENINGS))):
+        stiffer = np.unique(np.minimum(self._stiffer ** np.exp2(np.arange(STIFFENINGS)), STIFFEST))
+        for factor in (*([1.0] if self.slips else []), *stiffer):
             self.acceleration(t, u, v)
             self._assemble(factor * by_v, by_a, ksp.getPC(), secant=True)
             ksp.setOperators(*operators)  # new contacts have reset the preconditioner
