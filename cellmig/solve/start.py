@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +21,6 @@ from ..parallel.direct import solve_positive
 from .accounts import ACCOUNTS
 
 LARGE = 5_000  # particles of a cell from which MUMPS is faster than SuperLU in the setup
-KEPT = 64  # kinds of smaller cells whose templates are kept
 
 
 def at_start(case: Case, scene: Scene, cells: np.ndarray) -> dict[str, np.ndarray]:
@@ -90,23 +87,16 @@ def kind_of(cell: Cell) -> tuple:
     return cell.shape, cell.material, cell.nucleus, cell.relative_stiffness
 
 
-@lru_cache(KEPT)
-def _small(*given: Any) -> Template:
-    """A template, kept: estimates, the choice of an integrator and sweeps discretise the same cells again."""
-    return template(*given)
-
-
 def _template(case: Case, kind: tuple) -> Template | CaseError:
     """The template of a kind of cell, or why the particles do not suit its shape."""
     shape, body, nucleus, grade = kind
     pair = (case.materials[body], case.materials[nucleus] if nucleus else None)
     try:
         count = particle_count(case, shape)
-        make: Any = template if count > LARGE else _small
         solve = solve_positive if count > LARGE else factorised
         dilation = case.particles.dilation if case.dimension == 2 else 0.0  # averages of finite elements in space
-        return make(shape, count, dilation, pair, case.numerics.bulk_viscosity, case.particles.surface_refinement,
-                    solve, grade)
+        return template(shape, count, dilation, pair, case.numerics.bulk_viscosity,
+                        case.particles.surface_refinement, solve, grade)
     except ValueError as error:
         name = next(c.name for c in case.cells if c.shape == shape)
         told = f"'{name}': {error}{getattr(shape, 'hint', '')}"
