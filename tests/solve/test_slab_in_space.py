@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
-from scenes import built, everywhere, mean_energy_error, set_motion
+from scenes import built, everywhere, set_motion
 from test_overdamped import BELL, GEL, at
 from test_push_off import PUSH
-from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID
-
-from mpi4py import MPI
+from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID, error_of_drag, on_any_ranks
 
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
@@ -104,27 +101,15 @@ def thrown(law: dict) -> Case:
 
 @pytest.mark.parametrize("law", LAWS, ids=["bonds", "bell"])
 def test_explicit_steps_of_bodies_that_drag_each_other_have_the_same_bits_on_any_ranks(law: dict) -> None:
-    found = []
-    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        with built(thrown(law), comm) as sim:
-            sim.sample()
-            sim.go(4.0)
-            found.append((everywhere(sim, sim.mechanics.state.owned), sim.sample()[1]))
-    assert np.array_equal(found[0][0], found[1][0])
-    assert found[0][1] == found[1][1]
+    ours, alone = on_any_ranks(thrown(law), 4.0)
+    assert np.array_equal(ours[0], alone[0])
+    assert ours[1] == alone[1]
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize("strong", [30.0, 1000.0])
 def test_a_box_that_is_thrown_loses_what_the_ledger_says_to_second_order(strong: float) -> None:
     """Also where a drag stops surfaces within a few steps."""
-    def energy_error(factor: float) -> float:
-        scene = thrown({"coefficient": f"{strong} Pa us/um"})
-        with built(dataclasses.replace(scene, time=dataclasses.replace(scene.time, step_factor=factor))) as sim:
-            error, entries = mean_energy_error(sim, np.linspace(0.2, 4.0, 20)), sim.sample()[1]
-            assert entries["friction_loss_pn_um"] > 0.05 * entries["kinetic_pn_um"]
-            return error
-
-    coarse, fine = energy_error(0.8), energy_error(0.2)
+    coarse, fine = (error_of_drag(thrown({"coefficient": f"{strong} Pa us/um"}), factor) for factor in (0.8, 0.2))
     assert 0.5 * np.log2(coarse / fine) > 1.8, (coarse, fine)  # measured 2.2 and 2.0
     assert fine < 1e-5  # measured 3e-7 and 4.4e-6
