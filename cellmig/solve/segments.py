@@ -177,11 +177,11 @@ class Segments:
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         node = self._kernel["contact_node"]
         corner, near_to = node[lists.segment[:, 0]], lists.other[lists.segment[:, 0]]
+        other = lists.surfaces.cell[lists.surfaces.facets[lists.source, 0]] != near_to  # a cell does not touch itself
         if isinstance(lists, TriangleLists):
             x = self._state.x(node)
             distance = np.array([law.equilibrium_distance for law in self._contacts.laws])[self._kernel["contact_law"]]
             share = share_below(lists.distances(x) - (most * distance)[:, None], 0.0)
-            other = lists.surfaces.cell[lists.surfaces.facets[lists.source, 0]] != near_to
             return corner, near_to, np.where(other, share, 0.0) * facet_sizes(x[lists.segment])
         assert isinstance(lists, ContactLists)
         distance = np.array([law.equilibrium_distance for law in self._contacts.laws])
@@ -192,7 +192,6 @@ class Segments:
         low, high, first, last, sign = Pieces().pieces(tuple(pairs.transpose(1, 2, 0)), height)
         near = np.maximum(high - low, 0.0) + sign * np.maximum(last - first, 0.0)
         share = np.minimum(np.add.reduceat(near, lists.first[:-1]), 1.0)
-        other = lists.surfaces.cell[lists.source] != near_to
         return corner, near_to, np.where(other, share, 0.0) * polygons.sides(ends)
 
     # ------------------------------------------------------------ search lists
