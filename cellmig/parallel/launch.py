@@ -33,8 +33,9 @@ _OF_RANKS = re.compile(r"OMPI_(?!MCA_|ALLOW_)|OPAL_|PMIX_|PRTE_(?!MCA_)|ORTE_|PM
                        r"|mpi_oversubscribe|shmem_RUNTIME|PREFIXES|cpu_type|mca_base_component_path"
                        r"|num_procs)|CELLMIG_TERMINAL")
 _RULE = b"-" * 40  # a message of Open MPI begins and ends with it
-# In messages about the end of the program and about our signals, which the program reports itself.
-_REDUNDANT = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal")
+_MESSAGE = re.compile(b"^" + _RULE + b"-*\n.+?\n" + _RULE + b"-*\n", re.DOTALL | re.MULTILINE)
+# In messages about the end of the program and about our signals, which the program reports itself, and about messages.
+_REDUNDANT = (b"non-zero", b"MPI_ABORT was invoked", b"Forwarding signal", b"show_help.c")
 _OURS = {DONE, INVALID_INPUT, ENVIRONMENT, FAILED, INPUT_OUTPUT, STOPPED}
 _PATIENCE = 60.0  # time within which ranks have to start [s]
 
@@ -90,7 +91,6 @@ def launch(ranks: int, command: Sequence[str]) -> int:
     """
     if not (launcher := mpiexec()):
         return _failed("there is no mpiexec: apt install openmpi-bin")
-    start = [launcher, "-n", str(ranks)]
     stop_signals: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -100,7 +100,7 @@ def launch(ranks: int, command: Sequence[str]) -> int:
 
     requests = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
     signal.pthread_sigmask(signal.SIG_BLOCK, requests)
-    process = subprocess.Popen([*start, *command], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    process = subprocess.Popen([launcher, "-n", str(ranks), *command], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE,
                                env=outside_mpi() | _terminal(), process_group=0,
                                preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_UNBLOCK, requests))
     for number in requests:
@@ -114,7 +114,7 @@ def launch(ranks: int, command: Sequence[str]) -> int:
     code = 128 - code if code < 0 else code
     if code in _OURS or messages.told or 128 < code <= 128 + signal.SIGRTMAX or stop_signals:
         return code
-    return _examined(code, ranks, start, messages)
+    return _examined(code, ranks, launcher, messages.reasons)
 
 
 def _terminal() -> dict[str, str]:
@@ -126,7 +126,8 @@ class _Messages(threading.Thread):
 
     def __init__(self, stream: IO[bytes]):
         super().__init__(daemon=True)
-        self.stream, self.reason, self.told = stream, False, False
+        self.stream, self.told = stream, False
+        self.reasons: set[bytes] = set()
         self.start()
 
     def run(self) -> None:
@@ -146,8 +147,10 @@ class _Messages(threading.Thread):
 
     def _message(self, lines: list[bytes]) -> bool:
         """Handle a message of Open MPI's; returns whether it was printed."""
-        passed = self._print(b"".join(lines))
-        self.reason |= passed
+        message = b"".join(lines)
+        passed = self._print(message)
+        if passed:
+            self.reasons.add(message)
         return passed
 
     def _print(self, text: bytes) -> bool:
@@ -159,17 +162,24 @@ class _Messages(threading.Thread):
         return wanted and bool(text.strip())
 
 
-def _examined(code: int, ranks: int, start: Sequence[str], messages: _Messages) -> int:
+def _examined(code: int, ranks: int, launcher: str, reasons: set[bytes]) -> int:
     """The exit code after an unusual one: 3 if ranks that only import MPI fail as well."""
-    try:
-        tried = subprocess.run([*start, *PYTHON, "-c", "from mpi4py import MPI"], stdin=subprocess.DEVNULL,
-                               env=outside_mpi(), capture_output=True, timeout=_PATIENCE)
-    except subprocess.TimeoutExpired:
-        return _failed(f"mpiexec has not started {ranks} ranks within {_PATIENCE:g} s")
-    if not tried.returncode:
+    trial = [*PYTHON, "-c", "from mpi4py import MPI"]
+    # Where several ranks send messages at once, Open MPI 4 loses some: what one rank alone tells is printed, too.
+    for size in (ranks, 1):
+        try:
+            tried = subprocess.run([launcher, "-n", str(size), *trial], stdin=subprocess.DEVNULL, env=outside_mpi(),
+                                   capture_output=True, timeout=_PATIENCE)
+        except subprocess.TimeoutExpired:
+            return _failed(f"mpiexec has not started {size} ranks within {_PATIENCE:g} s")
+        if not tried.returncode:
+            break
+        told = set(_MESSAGE.findall(tried.stderr)) if reasons else {tried.stderr.strip() + b"\n"} - {b"\n"}
+        for reason in sorted(told - reasons):
+            sys.stderr.buffer.write(reason)
+        reasons |= told
+    if size == ranks and not tried.returncode:
         return code
-    if not messages.reason and tried.stderr.strip():
-        print(tried.stderr.decode(errors="replace").strip(), file=sys.stderr)
     return _failed(f"mpiexec could not start {ranks} ranks (its exit code was {code}); 'cellmig doctor' tells what is "
                    "here")
 
