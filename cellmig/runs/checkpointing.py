@@ -29,7 +29,7 @@ from cellmig.simulation import Simulation
 from cellmig.solve.restart import same_places
 from cellmig.version import __version__
 
-FORMAT = 10  # version of names and contents of checkpoints
+FORMAT = 11  # version of names and contents of checkpoints
 GO_ON, SAVE, STOP = 0, 1, 2
 INTERVAL = 300.0  # default interval of checkpoints in wall time [s]
 SHARE = 0.02  # largest share of the wall time for checkpoints at the default interval

@@ -218,7 +218,7 @@ class Guidance:
         pushing = self._mechanics.protrusion
         clutches = {} if self._modules is None else {"guidance clutches": self._modules.forces.copy()}
         return ({"knot": self.knot, "at": self._at, "p": self.p.tolist(), "then": self.then.tolist(), "parts": parts,
-                 "pull": self._pull.tolist(), "clock": pushing.clock if pushing is not None else 0.0},
+                 "pull": self._pull.tolist(), "clock": None if pushing is None else pushing.clock},
                 {"guidance factor": self._factor, "guidance centre": self._centre} | clutches)
 
     def restore(self, about: dict[str, Any], arrays: Arrays) -> None:

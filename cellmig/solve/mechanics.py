@@ -178,7 +178,7 @@ class Mechanics:
         """Set the time [µs] of pushes, supports, loads and plates, `steps` equal steps after an `origin` [µs]."""
         self.loads.set_clock(time, origin, steps)
         if self.protrusion is not None:
-            self.protrusion.set_clock(time)
+            self.protrusion.set_clock(time, origin, steps)
 
     @property
     def protruding(self) -> np.ndarray:

@@ -46,6 +46,15 @@ def test_polarities_do_not_depend_on_where_runs_stop() -> None:
         assert np.array_equal(often.guidance.then, once.guidance.then)
 
 
+def test_fixed_steps_have_the_same_bits_however_often_one_looks() -> None:
+    fixed = case("all_protrude", *POLAR, 'time.step="2 ns"')
+    with built(fixed) as often, built(fixed) as once:
+        for time in np.linspace(0.026, 0.52, 20):
+            often.go(time)
+        once.go(0.52)
+        assert often.state_hash() == once.state_hash()
+
+
 @pytest.mark.parametrize(("name", "persistence"), [("all_protrude", "2 us"), ("crawl_row", "20 s")])
 def test_knots_and_samples_that_differ_by_rounding_are_at_one_time(name: str, persistence: str) -> None:
     with built(case(name, f'polarity.persistence="{persistence}"', per_cell=60)) as sim:
