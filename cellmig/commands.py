@@ -149,9 +149,9 @@ def bench(options: argparse.Namespace) -> int:
     """Measure the cost of steps, or run time against error."""
     if options.problem and not options.error:
         raise UsageError("--problem belongs to --error")
-    if options.dimension == 3 and (options.error or options.modulus or options.scaling or options.cues):
-        raise UsageError("--dimension is for the cost of a step alone; of --error, the problems twist, turn and ball "
-                         "are in space")
+    if options.dimension == 3 and (options.error or options.modulus or options.cues):
+        raise UsageError("--dimension is for the cost of a step, also with --scaling; of --error, the problems twist, "
+                         "turn and ball are in space")
     if options.modulus:
         if options.out:
             raise UsageError("--modulus writes nothing and knows no --out")
@@ -175,7 +175,7 @@ def bench(options: argparse.Namespace) -> int:
     if options.scaling:
         from .bench.scaling import bench_scaling
 
-        return bench_scaling(out)
+        return bench_scaling(out, options.dimension)
     from .bench.speed import bench_speed
 
     return bench_speed(out, options.quick, options.dimension)

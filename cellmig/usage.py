@@ -234,7 +234,8 @@ def _checks(commands: Any) -> None:
     what.add_argument("--cues", action="store_true", help="cost of polarity, fields and cues, three minutes")
     bench.add_argument("--problem", action="append", default=[], metavar="NAME", help="with --error: this problem only "
                        "(disc, drop, cell, scene, tension, twist, turn, ball); several times for several problems")
-    bench.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="3: the cost of a step in space")
+    bench.add_argument("--dimension", type=int, choices=(2, 3), default=2, help="3: the cost of a step in space, also "
+                       "with --scaling")
     bench.add_argument("--quick", action="store_true", help="half a minute; with --error four minutes")
     bench.add_argument("--out", type=Path, metavar="DIR", help="directory (default: output/bench, in space "
                        "output/bench-3d, with --quick followed by -quick)")

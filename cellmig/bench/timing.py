@@ -37,10 +37,10 @@ ANEW = "contact anew"  # in space, where its pieces are found in each step
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """A row of the paper's cells, or of balls, in contact, which all protrude.
+    """A row of the paper's cells, or rows of balls, in contact, which all protrude.
 
-    bodies : cells;  per_body : particles of each;  single : of coefficients in single precision, None as in runs;
-    dimension : 2 or 3;  begin : time to which the scene is run before it is timed [µs].
+    bodies : cells, in `rows` of the same length;  per_body : particles of each;  single : of coefficients in single
+    precision, None as in runs;  dimension : 2 or 3;  begin : time to which the scene is run before it is timed [µs].
     """
 
     bodies: int
@@ -48,6 +48,7 @@ class Scene:
     single: bool | None = None
     dimension: int = 2
     begin: float = 0.0
+    rows: int = 1
 
     @property
     def particles(self) -> int:
@@ -59,8 +60,9 @@ class Scene:
         register()
         name = {2: "paper.toml", 3: "three_balls.toml"}[self.dimension]
         tree = load(FOLDER / name, (f"particles.per_cell={self.per_body}",)).resolved()
-        pitch = ["-10.01 um", *["0 um"] * (self.dimension - 1)]
-        cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": [self.bodies], "pitch": [pitch]}
+        repeat = [self.bodies] if self.rows == 1 else [self.bodies // self.rows, self.rows]
+        pitch = [["-10.01 um" if c == n else "0 um" for c in range(self.dimension)] for n in range(len(repeat))]
+        cell = tree["cells"][0] | {"name": "Cell-{}", "repeat": repeat, "pitch": pitch}
         tree["cells"] = [cell]
         tree["protrusion"]["cells"] = [f"Cell-{i + 1}" for i in range(self.bodies)]
         return from_dict(tree, "bench")

@@ -24,7 +24,9 @@ OF_SUBSTRATE = ("stiffness", "ligand")  # names under which cues find what is gi
 def amounts(source: Source, found: dict[str, Any]) -> None:
     """Note mistakes in the fields and the substrate of a case of which the parts are `found`."""
     fields, ground, cells = found["fields"], found["ground"], [cell for cell, _ in found["cells"]]
-    points = np.concatenate([np.array(cell.centre) + cell.shape.outline(OUTLINE) for cell in cells]) if cells else None
+    points = None
+    if cells and (fields or ground is not None):  # in space a cell has thousands
+        points = np.concatenate([np.array(cell.centre) + cell.shape.outline(OUTLINE) for cell in cells])
     for name, law in fields.items():
         if not re.fullmatch(r"[A-Za-z][\w-]*", name):
             source.reject(("fields", name), "names columns and figures: expects letters, digits, - and _ alone")
@@ -49,7 +51,7 @@ def amounts(source: Source, found: dict[str, Any]) -> None:
 
 def exchanges(source: Source, found: dict[str, Any]) -> None:
     """Note exchange with fields that do not diffuse, or whose box a cell is not in, and fields without a time."""
-    outlines = {cell.name: np.array(cell.centre) + cell.shape.outline(OUTLINE) for cell, _ in found["cells"]}
+    cells = {cell.name: cell for cell, _ in found["cells"]}
     diffusing = {name: law for name, law in found["fields"].items() if getattr(law, "law", "") == "diffusing"}
     if getattr(found["time"], "integrator", "") == "static":
         for name in diffusing:
@@ -61,9 +63,11 @@ def exchanges(source: Source, found: dict[str, Any]) -> None:
                                                 "exchange with fields whose law is \"diffusing\"")
             continue
         low, high = np.array(diffusing[e.field].box)
-        for name in e.cells or outlines:
-            if name in outlines and ((outlines[name] < low) | (outlines[name] > high)).any():
-                source.reject(("fields", e.field, "box"), f"does not contain '{name}', which exchanges with the field")
+        for cell in (cells[name] for name in e.cells or cells if name in cells):
+            outline = np.array(cell.centre) + cell.shape.outline(OUTLINE)
+            if ((outline < low) | (outline > high)).any():
+                source.reject(("fields", e.field, "box"), f"does not contain '{cell.name}', which exchanges with the "
+                                                          "field")
                 break
 
 
