@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..geometry.surfaces import ClosedSurface
-from ..geometry.triangles import area_vectors, dot, on_triangles
+from ..geometry.triangles import area_vectors, dot, lengths, on_triangles
 from .contact import NodeLists, Surfaces
 from .scene import Scene, joined
 
@@ -75,7 +75,7 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
     """
     on = np.flatnonzero(surfaces.outer)
     middle = x[surfaces.facets[on]].mean(axis=1)
-    radius = length(x[surfaces.facets[on]] - middle[:, None]).max(axis=1, initial=0.0)
+    radius = lengths(x[surfaces.facets[on]] - middle[:, None]).max(axis=1, initial=0.0)
     reach = (farthest + 2.0 * radius.max(initial=0.0)) * (1.0 + 1e-9)
     cell = surfaces.cell[surfaces.facets[on, 0]]
     itself = within(cell, cell) >= 0.0
@@ -86,7 +86,7 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
         other = cell[i] != cell[j]
         i, j = i[other], j[other]
     most = within(cell[i], cell[j])
-    near = (most >= 0.0) & (length(middle[i] - middle[j]) <= most + radius[i] + radius[j])
+    near = (most >= 0.0) & (lengths(middle[i] - middle[j]) <= most + radius[i] + radius[j])
     own = np.flatnonzero(near & (cell[i] == cell[j]))
     near[own] = face_outside(surfaces, x, on[i[own]], on[j[own]])
     i, j, most = np.append(i[near], j[near]), np.append(j[near], i[near]), np.tile(most[near], 2)
@@ -105,9 +105,9 @@ def triangle_pairs(surfaces: Surfaces, features: Features, x: np.ndarray, farthe
         pairs = entries(faces @ incident)
         place = x[corners]
         centre = place.mean(axis=1)
-        size = length(place - centre[:, None]).max(axis=1, initial=0.0)
+        size = lengths(place - centre[:, None]).max(axis=1, initial=0.0)
         k, feature = number[pairs[:, 0]], pairs[:, 1]
-        found[kind] = pairs[length(middle[k] - centre[feature]) <= limit[k] + radius[k] + size[feature]]
+        found[kind] = pairs[lengths(middle[k] - centre[feature]) <= limit[k] + radius[k] + size[feature]]
     return found
 
 
@@ -120,7 +120,7 @@ def face_outside(surfaces: Surfaces, x: np.ndarray, a: np.ndarray, b: np.ndarray
     """
     apart = (surfaces.facets[a][:, :, None] != surfaces.facets[b][:, None]).all(axis=(1, 2))
     middle, normal = x[surfaces.facets].mean(axis=1), area_vectors(x[surfaces.facets])
-    way, turned = middle[b] - middle[a], dot(normal[a], normal[b]) < TURNED * length(normal[a]) * length(normal[b])
+    way, turned = middle[b] - middle[a], dot(normal[a], normal[b]) < TURNED * lengths(normal[a]) * lengths(normal[b])
     facing = np.flatnonzero(apart & turned & (dot(normal[a], way) > 0.0) & (dot(normal[b], way) < 0.0))
     cell = surfaces.cell[surfaces.facets[:, 0]]
     outside = np.zeros(len(facing), bool)
@@ -137,11 +137,6 @@ def face_outside(surfaces: Surfaces, x: np.ndarray, a: np.ndarray, b: np.ndarray
     pairs = sparse.csr_array((np.ones(2 * len(i), np.int32), (np.append(i, j), np.append(j, i))), (n, n))
     corners = at.T @ pairs @ at  # of triangles that face each other
     return apart & ((at[a] @ corners).multiply(at[b]).sum(axis=1) > 0)
-
-
-def length(v: np.ndarray) -> np.ndarray:
-    """Lengths (…,) of vectors v (…, 3), in their unit."""
-    return np.sqrt(np.einsum("...i,...i->...", v, v))
 
 
 def entries(matrix: sparse.csr_array) -> np.ndarray:
@@ -206,14 +201,14 @@ class TriangleLists(NodeLists):
         source = np.repeat(np.arange(len(self.source)), np.diff(first))
         face = self.number["face"]
         middle = x[self.face].mean(axis=1)
-        radius = length(x[self.face] - middle[:, None]).max(axis=1, initial=0.0)
+        radius = lengths(x[self.face] - middle[:, None]).max(axis=1, initial=0.0)
         for k in range(3):
             p = x[self.segment[source, k]]
-            away, nearest = length(p - middle[face]), np.full(len(out), np.inf)
+            away, nearest = lengths(p - middle[face]), np.full(len(out), np.inf)
             np.minimum.at(nearest, source, away)
             near = away - radius[face] <= (1.0 + 1e-9) * nearest[source]  # one of these is the nearest
             p = p[near]
-            np.minimum.at(out[:, k], source[near], length(p - on_triangles(p, x[self.face[face[near]]])))
+            np.minimum.at(out[:, k], source[near], lengths(p - on_triangles(p, x[self.face[face[near]]])))
         return out
 
     @classmethod
