@@ -230,3 +230,10 @@ void add_contact(const KernelData *s, double *force, double *energy, double acco
         if (k > *s->stiffest_contact) *s->stiffest_contact = k;
     }
 }
+
+/* Number n of the meetings over faces that are listed, NULL if it has no pieces. */
+static inline const Meeting *met_over_face(long n)
+{
+    const Pieces *p = kept.of + OVER_FACE;
+    return p->listed[n].number < 0 ? NULL : p->meeting + p->listed[n].number;
+}

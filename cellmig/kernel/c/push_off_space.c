@@ -55,14 +55,12 @@ static int part_in(const KernelData *s, PushedPart *p, const Meeting *m, const F
 /* Of each drive how firmly the bonds to other bodies hold the front half of its cell. */
 static void find_hold_off(const KernelData *s)
 {
-    const Pieces *pieces = kept.of + OVER_FACE;
     const Face *f;
     PushedPart p;
     aim_all(s);
-    for (long n = 0; n < pieces->lists; n++) {
-        if (pieces->listed[n].number < 0) continue;
-        const Meeting *at = pieces->meeting + pieces->listed[n].number;
-        if (!part_in(s, &p, at, &f)) continue;
+    for (long n = 0; n < kept.of[OVER_FACE].lists; n++) {
+        const Meeting *at = met_over_face(n);
+        if (!at || !part_in(s, &p, at, &f)) continue;
         for (long m = p.drive; m < p.drive + SIDES; m++) {
             const double ahead = ahead_of(s, &p, kept.triangle + at->triangle, m);
             s->hold_off[m] += push_off_grip(p.law, p.o.area, p.stored, ahead);
@@ -74,16 +72,14 @@ static void find_hold_off(const KernelData *s)
 /* Forces; impulses and trapezoidal work of the steps, unless `energy` says that forces alone are asked for. */
 void add_push_off(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
-    const Pieces *pieces = kept.of + OVER_FACE;
     const Face *f;
     PushedPart p;
     if (energy) contact_now(s, 0, 0);
     forget_loads(s);
     find_hold_off(s);
-    for (long n = 0; n < pieces->lists; n++) {
-        if (pieces->listed[n].number < 0) continue;
-        const Meeting *at = pieces->meeting + pieces->listed[n].number;
-        if (!part_in(s, &p, at, &f)) continue;
+    for (long n = 0; n < kept.of[OVER_FACE].lists; n++) {
+        const Meeting *at = met_over_face(n);
+        if (!at || !part_in(s, &p, at, &f)) continue;
         const int32_t *node;
         const double *x[3];
         double *load[3];

@@ -58,10 +58,11 @@ static void slide_in(const KernelData *s, const Meeting *m, double dt)
 void add_sliding(const KernelData *s, double *force, double *energy, double accounted_dt, double dt)
 {
     if (energy) contact_now(s, 0, 0);
-    const Pieces *p = kept.of + OVER_FACE;
     forget_loads(s);
-    for (long n = 0; n < p->lists; n++)
-        if (p->listed[n].number >= 0) slide_in(s, p->meeting + p->listed[n].number, dt);
+    for (long n = 0; n < kept.of[OVER_FACE].lists; n++) {
+        const Meeting *m = met_over_face(n);
+        if (m) slide_in(s, m, dt);
+    }
     give_loads(s, force, dt);
     for (long m = 0; !energy && m < s->n_contact_nodes; m++) rub(s, s->contact_node[m], contact_load(s, m));
 }
