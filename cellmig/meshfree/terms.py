@@ -147,6 +147,11 @@ class Terms:
         return (self.contacts.frictions if self.contacts is not None else ()) or None
 
     @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """Laws of friction on the substrate and between bodies."""
+        return (self.friction.laws if self.friction is not None else ()) + (self.sliding or ())
+
+    @property
     def pushes_off(self) -> tuple[bool, ...] | None:
         """Whether cells push off other bodies by the bonds of each of the laws of contact; None if none do."""
         return (self.contacts.pushes if self.contacts is not None and self.protrusion is not None else ()) or None

@@ -66,6 +66,11 @@ class BellFriction:
         return self.off * self.force / self.stiffness
 
     @property
+    def lifetime(self) -> float:
+        """Mean lifetime 1/k_off of a bond without force [µs], within which changes are not resolved."""
+        return 1.0 / self.off
+
+    @property
     def ratio(self) -> float:
         """ρ = k_off/k_on [-]."""
         return self.off / self.on

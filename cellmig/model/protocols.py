@@ -203,7 +203,8 @@ class Friction(Law, Protocol):
     """Drag of bonds on a membrane that slides along the substrate.
 
     One whose traction has a largest value tells it to `validate`: `largest`, this [Pa] and its speed [µm/µs], and
-    `speed`, far below which it is linear [µm/µs].
+    `speed`, far below which it is linear [µm/µs].  One of bonds that live for a while has their `lifetime` [µs], within
+    which changes are not resolved.
     """
 
     @property

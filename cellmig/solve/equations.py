@@ -24,6 +24,7 @@ MOST_PARTS = 20  # in which the work of a step is added up
 DEEPEST = 3.0  # how far surfaces may reach into each other, over the least equilibrium distance of their bonds [-]
 STIFFER, STIFFENINGS = 4.0, 5  # least factor of 1/dt in tangents of shorter steps, and how often it is squared
 STIFFEST = STIFFER ** 2.0 ** (STIFFENINGS - 1)  # the largest
+SLOW = 0.01  # largest change of the speed in such a difference, over that at which bonds yield [-]
 REUSE_ITERATIONS, REUSE_CHANGE = 12, 2.0  # limits of reuse: Krylov iterations of a solve, ratio of two steps
 
 
@@ -41,6 +42,7 @@ class Equations:
         option -matrix_free, else without inertia, and in scenes of more than MATRIX_FREE_FROM particles.
     exact : int -- for how many steps yet tangents are assembled all the same: differences are wrong across a kink.
     slips : bool -- whether there is friction, which may fall with the speed.
+    yields : float -- least speed at which bonds yield, infinite where they do not [µm/µs].
     """
 
     def __init__(self, mechanics: Mechanics, holding: float = 0.0):
@@ -63,6 +65,7 @@ class Equations:
         self._by_v = 0.0  # 0 before there is a matrix
         self._still: Any = None  # tangent of surface terms in the state `at`, but of those that depend on velocities
         self.slips = m.terms.friction is not None or bool(m.terms.contacts and m.terms.contacts.frictions)
+        self.yields = min((getattr(law, "speed", math.inf) for law in m.terms.frictions), default=math.inf)
         self._touches = m.terms.substrate is not None or m.terms.contacts is not None
         self._deepest = DEEPEST * m.terms.contacts.thinnest if m.terms.contacts is not None else 0.0
 
@@ -166,7 +169,8 @@ class Equations:
         Its geometric part has the pressure that the last Newton step led to if J were linear.  The square of a turn,
         times the bulk modulus, would be a pressure far above all that is real, and the tangent indefinite.
 
-        The matrix is assembled; in the matrix-free form, only if the last solve took many iterations or by_v changed.
+        The matrix is assembled; in the matrix-free form, only if the last solve took many iterations or by_v changed,
+        or where a difference of forces would change speeds by more than bonds bear.
 
         Parameters
         ----------
@@ -189,6 +193,8 @@ class Equations:
         if self._solves:
             self._iterations = ksp.getIterationNumber()
         self._solves += 1
+        if self.matrix_free and by_v * DIFFERENCE * self.spacing > SLOW * self.yields:
+            self.exact = max(self.exact, 1)
         if self.matrix_free and not self.exact and self._by_v and self._iterations <= REUSE_ITERATIONS:
             self._by_v = 1.0 / REUSE_CHANGE < by_v / self._by_v < REUSE_CHANGE and self._by_v
             if self._by_v:

@@ -10,12 +10,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..case.schema import Case
+from ..kernel.terms import present
 from ..meshfree.simplices import facet_sizes
 from ..parallel.collect import Arrays
 from ..parallel.options import default_options
 from ..parallel.reduce import exact_sum, largest
 from .equations import Equations
 from .implicit import BALANCE, Implicit
+from .stencils import FRICTION
 
 SOLID = 1e-6  # first step over the time to the next sample, without a fluid [-]
 ERROR = 0.01  # error of a step, mean over particles, over the spacing [-]: one that snaps does not set the step
@@ -29,6 +31,8 @@ COLLAPSED = 0.1  # size of a facet over that at rest, below which tension has cl
 BARE = 10.0  # the same above which few bonds are left on it [-]
 CLOSED = 1e-3  # below which a run ends where a solve fails [-]: 1e-8 is left when no step is short enough
 OPPOSED = 3.0  # angle between anchored directors of neighbours, at π of which their energy jumps [rad]
+LIVED = 0.01  # first step that is tried over the lifetime of bonds that yield [-]: in a far shorter one all slip
+FROZEN = 1e-6  # step over that lifetime, below which a solve that failed is not tried again [-]
 START = 1e-3  # strain of the least viscous fluid in the first step, under the typical force [-]
 BALANCED = 1e-6  # norm of all residuals, which that of no particle exceeds, over the scale of forces [-]
 
@@ -71,6 +75,8 @@ class Overdamped(Implicit):
         # Work of the residual on a Newton step, whether it grows along it, and how often the step was halved.
         self._work, self._grows, self._halvings = 0.0, True, 0
         self._least, self._since = 0.0, 0  # least norm of a solve, and the iteration that came to it
+        frictions = about[0].terms.frictions
+        self._lifetime = max((getattr(law, "lifetime", 0.0) for law in frictions), default=0.0)  # of bonds that yield
         super().__init__(*about)
         self.tolerance = PETSc.Options().getReal("ts_atol", ERROR * self.equations.spacing)
 
@@ -124,12 +130,45 @@ class Overdamped(Implicit):
         director = self.mechanics.director if t.dimension == 2 else None
         opposed = director is not None and director.widest() > OPPOSED
         tries = [text for there, text in (
-            (t.protrusion or t.load_curves, "a weaker push or load: one above what bonds bear has no speed, which "
-                                            "validate compares"),
+            (t.protrusion or t.load_curves, "a weaker push (protrusion.protrusion_ratio) or load, or more bonds: one above "
+                                            f"what these bear has no speed{self._borne()}"),
             (opposed, "another start of the director: neighbours on the membrane point against each other, where "
                       "their energy jumps"),
             (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]
         return "try " + "; ".join([*tries, "more friction, or finer particles"])
+
+    @property
+    def _unit(self) -> str:
+        return "pN/µm" if self.mechanics.scene.dimension == 2 else "pN"
+
+    def _borne(self) -> str:
+        """Of the cell that pushes most on bonds that yield, its push and what these bear, as text; collective."""
+        m, scene = self.mechanics, self.mechanics.scene
+        fastest = [law.largest[1] for law in m.terms.frictions if hasattr(law, "largest")]
+        there = [name for name in ("protrusion", "push_off") if present(name, m.terms)]
+        linear = any(law.coefficient and not hasattr(law, "largest") for law in m.terms.frictions)
+        if not there or not fastest or linear:
+            return ""
+        of, count, v = scene.cell_of(m.ids), len(scene.kind), m.state.v.copy()
+
+        def of_cells(names: list[str]) -> np.ndarray:
+            force = np.sum([m.surface_force(name)[0] for name in names], axis=0)
+            own = np.column_stack([np.bincount(of, column, count) for column in force.T])
+            return m.comm.allreduce(own)
+
+        pushes = of_cells(there)
+        size = np.linalg.norm(pushes, axis=1) * m.protruding
+        way, borne = pushes / np.maximum(size, 1e-300)[:, None] * (size > 0.0)[:, None], np.zeros(count)
+        for speed in fastest:
+            m.state.v[:] = speed * way[of]
+            m.rate(0.0)
+            drags = of_cells([name for name in FRICTION if present(name, m.terms)])
+            borne = np.maximum(borne, -(drags * way).sum(axis=1))
+        m.state.v[:] = v
+        m.rate(0.0)
+        cell, unit = int(np.argmax(size / np.maximum(borne, 1e-300) * (borne > 0.0))), self._unit
+        return (f", and cell {cell + 1} pushes with {size[cell]:.3g} {unit}, of which its bonds bear {borne[cell]:.3g} "
+                f"{unit} at most")
 
     def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
         """End the run as `Integrator.fail`; with its own remedy where tension has gathered the membrane; collective."""
@@ -164,6 +203,9 @@ class Overdamped(Implicit):
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """As of any implicit step; notes whether the solve has succeeded."""
         found = super()._converged(snes, iteration, norms)
+        shortest = min(FROZEN * self._lifetime, self.least)
+        if iteration == 0 and not self._solved and self.ts.getTimeStep() < shortest:
+            return PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN
         if iteration == 0 or norms[2] < PROGRESS * self._least:
             self._least, self._since = norms[2], iteration
         if found == PETSc.SNES.ConvergedReason.ITERATING and iteration - self._since >= STALLED:
@@ -246,7 +288,9 @@ class Overdamped(Implicit):
         """Set the next step: one of equal ones to `stop` [µs], at most as long as errors, or the case, allow."""
         m, left = self.mechanics, stop - self.ts.getTime()
         self._begun = m.state.v.copy()
-        self.least = self.least or self._first_step()
+        if not self.least:
+            self.least = self._first_step()
+            self.dt = LIVED * self._lifetime
         self.dt = self.fixed_step or max(self.dt, self.least)
         fastest = largest(m.comm, self._begun)
         longest = min(self.dt, MOVE * m.segments.skin / max(fastest, 1e-300))
@@ -300,8 +344,7 @@ class Overdamped(Implicit):
     @property
     def closing(self) -> str:
         """Balance and solves, for the end of the log."""
-        unit = "pN/µm" if self.mechanics.scene.dimension == 2 else "pN"
-        return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {unit}; {self.newton} steps of "
+        return (f"forces in balance to {self.unbalanced:.1g} of {self.scale:.3g} {self._unit}; {self.newton} steps of "
                 f"Newton's method, {self.failures} solves failed, {self.redone} steps were repeated for accuracy")
 
     def record(self) -> dict[str, Any]:

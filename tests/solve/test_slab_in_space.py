@@ -14,6 +14,8 @@ from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID, error_of_drag, on_any_
 from cellmig.case.load import from_dict
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
+from cellmig.solve.step import NumericsError
+from cellmig.solve.stiffness import Stiffness
 
 
 def box(name: str, material: str, sides: tuple[float, float, float], bottom: float, **more: Any) -> dict[str, Any]:
@@ -113,3 +115,51 @@ def test_a_box_that_is_thrown_loses_what_the_ledger_says_to_second_order(strong:
     coarse, fine = (error_of_drag(thrown({"coefficient": f"{strong} Pa us/um"}), factor) for factor in (0.8, 0.2))
     assert 0.5 * np.log2(coarse / fine) > 1.8, (coarse, fine)  # measured 2.2 and 2.0
     assert fine < 1e-5  # measured 3e-7 and 4.4e-6
+
+
+YIELDING = {"law": "bell", "bonds": "100 /um^2", "on": "1 /s", "off": "0.1 /s", "force": "2 pN",
+            "stiffness": "0.1 pN/nm"}
+
+
+def pushing(ratio: float) -> Case:
+    """A box of a fluid gel on a slab without viscosity, which pushes on bonds that yield and live for 10 s."""
+    tree = on_a_slab(0.0, YIELDING).resolved()
+    tree["materials"]["box"] = GEL
+    tree["adhesion"]["pairs"][0]["push"] = True
+    push = PUSH | {"cells": ["Box"], "direction": [1.0, 0.0], "protrusion_ratio": ratio}
+    return from_dict(tree | {"protrusion": push})
+
+
+def test_a_push_on_a_gel_begins_on_bonds_that_yield() -> None:
+    """The slab gives way at once, so that all bonds slip in a step far shorter than they live."""
+    with built(pushing(12.0)) as sim:
+        at(sim, 10.0)
+        assert sim.integrator.failures == 0 and sim.integrator.steps < 20
+        assert sim.integrator.record()["out_of_balance"] <= 1e-6
+        assert sim.sample()[1]["energy_error"] < 1e-4
+
+
+def test_a_push_above_what_bonds_bear_ends_soon_and_tells_both() -> None:
+    with built(pushing(200.0)) as sim:
+        with pytest.raises(NumericsError, match=r"protrusion_ratio.* cell 2 pushes with .* pN, .* bear .* pN at most"):
+            at(sim, 10.0)
+        assert sim.integrator.trying < 300
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("speed", [0.0, 0.1, 0.5])
+def test_the_tangent_of_bonds_that_yield_is_their_slope_in_steps_of_any_length(speed: float) -> None:
+    """Of a box that slides at a share of the speed of the largest traction, in steps of 1 ns to 100 s."""
+    with built(on_a_slab(0.0, YIELDING)) as sim:
+        m, law = sim.mechanics, sim.case.pairs[0].friction
+        v = speed * law.largest[1]
+        dragged(sim, v)
+        along = np.outer(sim.scene.cell_of(m.ids) == 1, [1.0, 0.0, 0.0])
+        slopes = []
+        for dt in (1e-3, 1e2, 1e8):
+            tangent = Stiffness(m).surfaces(0.0, 1.0 / dt, ("sliding",))
+            change = (tangent @ along.ravel()).reshape(along.shape)
+            slopes.append(dt * float((change * along).sum()))
+        step = 1e-4 * law.speed
+        force = [dragged(sim, v + by)[0] for by in (-step, step)]
+        assert slopes == pytest.approx([(force[1] - force[0]) / (2.0 * step)] * 3, rel=1e-3)  # measured 2e-4
