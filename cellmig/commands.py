@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from .case.messages import CaseError
-from .exits import DIFFERENT, DONE, ENVIRONMENT, INVALID_INPUT
+from .exits import DIFFERENT, DONE, ENVIRONMENT, FAILED, INVALID_INPUT
 from .laws import register
 from .usage import UsageError
 
 
 def validate(options: argparse.Namespace) -> int:
     """Check cases and estimate their cost."""
-    wrong, end = [], to_time(options.until, "--until") if options.until else None
+    wrong, broken, end = [], False, to_time(options.until, "--until") if options.until else None
     for path in options.cases:
         try:
             case = load_case(path, options.sets)
@@ -25,12 +25,14 @@ def validate(options: argparse.Namespace) -> int:
             wrong.append(error)
             continue
         from .case.times import until
-        from .runs.preflight import report
+        from .runs.preflight import examine
 
-        print(report(until(case, end), options.ranks, _to_stderr), end="\n\n", flush=True)
+        went_on, text = examine(until(case, end), options.ranks, _to_stderr)
+        print(text, end="\n\n", flush=True)
+        broken = broken or not went_on
     for error in wrong:
         print(f"cellmig: {error}", file=sys.stderr)
-    return INVALID_INPUT if wrong else DONE
+    return INVALID_INPUT if wrong else FAILED if broken else DONE
 
 
 def _to_stderr(text: str) -> None:

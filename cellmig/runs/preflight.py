@@ -39,6 +39,7 @@ SLOW = 2_000  # cells from which gaps take seconds
 TRIED, FEW = {2: 1_500, 3: 150}, 3  # the same for implicit steps, by dimensions; timed steps if their length is fixed
 COARSE, PATIENCE = 150, 10.0  # particles of a cell in a trial of motion without inertia, least time of it [s]
 LONG, LONG_TRIAL = 86400.0, 5.0  # time of explicit steps from which implicit ones are tried, length of the trial [s]
+FAILED = "FAILED"  # name of the row of a trial that failed
 NEWTON, STATIC_BYTES = 1.4e-4, 35_000  # time of a Newton step [s], memory [B], per particle (measured at 5,000)
 # In space, of balls of 1,000 to 8,000 particles: memory but for factors [B] per particle, time [s] and memory [B] of
 # factors over powers of the particles of a cell, 2 and 1.45.
@@ -90,28 +91,40 @@ def cost(case: Case) -> Cost:
 
 
 def report(case: Case, ranks: int = 1, tell: Callable[[str], None] = lambda text: None) -> str:
-    """Text of the report of a case: stable step by mechanism, steps, time, memory, disk space, resolution; of each of
-    several `ranks` cells, particles, work and memory.  What takes seconds is told before, to `tell`.
+    """Text of the report of a case, see `examine`."""
+    return examine(case, ranks, tell)[1]
+
+
+def examine(case: Case, ranks: int = 1, tell: Callable[[str], None] = lambda text: None) -> tuple[bool, str]:
+    """Whether trials of a case went on, and the text of its report: stable step by mechanism, steps, time, memory, disk
+    space, resolution; of each of several `ranks` cells, particles, work and memory.  What takes seconds is told before,
+    to `tell`.
     """
     if len(case.cells) > SLOW:
         tell(f"{len(case.cells)} cells: their gaps, and steps of some of them, which take seconds")
     if requested_integrator(case.time.integrator) in ("auto", *IMPLICIT):
         tell("a trial of steps without an end in advance, up to a minute")
+    rows = _rows(case, ranks, tell)
+    return all(key != FAILED for key, _ in rows), f"{case.path}: {case.title or 'valid'}\n" + two_columns(rows)
+
+
+def _rows(case: Case, ranks: int, tell: Callable[[str], None]) -> list[tuple[str, str]]:
+    """Rows of the report of a case."""
     if case.static:
-        return _static_report(case, ranks)
+        return _static_rows(case, ranks)
     chosen: list[tuple[str, str]] = []
     if requested_integrator(case.time.integrator) == "auto":
         part, reason = choose(part_of(case, FEWER)[0], MPI.COMM_SELF)
         case = dataclasses.replace(case, time=part.time)
         chosen = [("chosen", reason + f", of {size_of(part)} particles" * (size_of(part) < size_of(case)))]
     if case.overdamped:
-        return _overdamped_report(case, chosen, ranks)
+        return _overdamped_rows(case, chosen, ranks)
     if requested_integrator(case.time.integrator) in IMPLICIT:
-        return _implicit_report(case, chosen, ranks)
+        return _implicit_rows(case, chosen, ranks)
     c = cost(case)
     fixed = None if case.time.step == "auto" else case.time.step
     parts = _parts(case, ranks)
-    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+    return [
         *([("accuracy", case.chosen)] if case.chosen else []),
         _particles(case, c.particles, c.spacing), *describe_bodies(case, c.left_out),
         *describe_scene(case, case.time.end), *chosen,
@@ -125,7 +138,7 @@ def report(case: Case, ranks: int = 1, tell: Callable[[str], None] = lambda text
         ("memory", _memory(case, c, parts)),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
-    ])
+    ]
 
 
 def _parts(case: Case, ranks: int) -> Parts:
@@ -139,11 +152,11 @@ def _memory(case: Case, c: Cost, parts: Parts) -> str:
     return bytes_text(sum(each)) + f" in all, {bytes_text(max(each))} on the fullest rank" * (len(each) > 1)
 
 
-def _static_report(case: Case, ranks: int) -> str:
-    """The report of a static case, which has no steps in time."""
+def _static_rows(case: Case, ranks: int) -> list[tuple[str, str]]:
+    """Rows of a static case, which has no steps in time."""
     part, ratio = part_of(case, FEWER)
     size, spacing = size_of(case), ratio * max(t.spacing for t in discretise(part).templates)
-    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+    return [
         _particles(case, size, spacing), *describe_scene(case, case.time.end),
         ("load steps", describe_load_steps(case)),
         ("time", f"about {duration(newton_seconds(case))} for each step of Newton on one core, 4 to 8 to a load step, "
@@ -152,7 +165,7 @@ def _static_report(case: Case, ranks: int) -> str:
         ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, size),
         *describe_skipped(find_terms(case).skipped),
-    ])
+    ]
 
 
 def newton_seconds(case: Case) -> float:
@@ -168,39 +181,50 @@ def solver_bytes(case: Case) -> float:
     return sum(SPACE_BYTES * n + FACTOR_BYTES * n**1.45 for n in of_cells(case))
 
 
-def _implicit_report(case: Case, chosen: list[tuple[str, str]], ranks: int) -> str:
-    """The report of a case with implicit steps, whose number is known only if their length is fixed."""
+def _implicit_rows(case: Case, chosen: list[tuple[str, str]], ranks: int) -> list[tuple[str, str]]:
+    """Rows of a case with implicit steps, whose number is known only if their length is fixed."""
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
-    trial, times, solver = _tried(case, c.particles)
+    try:
+        trial, times, solver = _tried(case, c.particles)
+    except NumericsError as error:
+        return _rows_of_solves(case, c, [*chosen, _failed(error), *describe_parts(_parts(case, ranks))])
     step, one = trial.simulated / trial.steps, times * trial.wall / trial.steps
     fixed = case.time.step != "auto"
     steps = math.ceil(case.time.end / (case.time.step if fixed else step))
     count = f"{steps} to {_end(case)}"
     if not fixed:
         count = f"as many as the motion asks for: about {steps:.2g} to {_end(case)}, {_trial_text(trial)}"
-    return _report_of_solves(case, c, [
+    return _rows_of_solves(case, c, [
         *chosen, ("time step", solver),
         ("one step", f"{duration(one)}, {trial.newton / trial.steps:.2g} of Newton's, timed now in a trial"),
         ("steps", count), ("time", f"{duration(steps * one)} on one core"), *describe_parts(_parts(case, ranks))])
 
 
-def _overdamped_report(case: Case, chosen: list[tuple[str, str]], ranks: int) -> str:
-    """The report of a case without inertia."""
-    solver, told = _overdamped_time(case)
+def _overdamped_rows(case: Case, chosen: list[tuple[str, str]], ranks: int) -> list[tuple[str, str]]:
+    """Rows of a case without inertia."""
+    try:
+        solver, told = _overdamped_time(case)
+        steps = [("time step", solver), ("time", told)]
+    except NumericsError as error:
+        steps = [_failed(error)]
     c = cost(dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="leapfrog", step="auto")))
-    return _report_of_solves(case, c, [*chosen, ("time step", solver), ("time", told),
-                                      *describe_parts(_parts(case, ranks))])
+    return _rows_of_solves(case, c, [*chosen, *steps, *describe_parts(_parts(case, ranks))])
 
 
-def _report_of_solves(case: Case, c: Cost, steps: list[tuple[str, str]]) -> str:
-    """The report of a case whose steps are solved for; `c` : cost of leapfrog, `steps` : rows about the steps."""
-    return f"{case.path}: {case.title or 'valid'}\n" + two_columns([
+def _failed(error: NumericsError) -> tuple[str, str]:
+    """The row of a trial that failed."""
+    return FAILED, f"a trial of few particles, and most likely so will the run, with exit code 4: {error}"
+
+
+def _rows_of_solves(case: Case, c: Cost, steps: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Rows of a case whose steps are solved for; `c` : cost of leapfrog, `steps` : rows about the steps."""
+    return [
         _particles(case, c.particles, c.spacing), *describe_scene(case, case.time.end), *steps,
         ("", f"leapfrog takes {duration(c.seconds)} in {_count(c.steps)} steps"),
         ("memory", f"about {bytes_text(solver_bytes(case))} in all and {bytes_text(RANK_BYTES)} on each rank"),
         _disk(case, c.particles),
         *_modulus(case), *_resolved(case, c), *describe_skipped(c.skipped),
-    ])
+    ]
 
 
 def _overdamped_time(case: Case) -> tuple[str, str]:
@@ -251,7 +275,10 @@ def _faster(case: Case, c: Cost, tell: Callable[[str], None]) -> list[tuple[str,
     tell(f"explicit steps take {duration(c.seconds)} on one core: a trial of implicit ones, of seconds")
     if inertia_is_gone(case):
         slow = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="overdamped", step="auto"))
-        return [("better", f'time.integrator = "overdamped" takes {_overdamped_time(slow)[1]}')]
+        try:
+            return [("better", f'time.integrator = "overdamped" takes {_overdamped_time(slow)[1]}')]
+        except NumericsError as error:
+            return [("", f'time.integrator = "overdamped" finds no way on from the start: {error}')]
     implicit = dataclasses.replace(case, time=dataclasses.replace(case.time, integrator="bdf", step="auto"))
     try:
         trial, times, _ = _tried(implicit, c.particles, LONG_TRIAL)

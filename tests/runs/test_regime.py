@@ -13,12 +13,15 @@ from cellmig.case.gaps import arrangement
 from cellmig.case.load import change
 from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
+from cellmig.commands import validate
 from cellmig.runs.api import run_here
 from cellmig.runs.batch import Job, _costs
 from cellmig.runs.estimates import expected, inertia_is_gone
 from cellmig.runs.preflight import report
 from cellmig.runs.summary import describe_scene
 from cellmig.runs.trial import choose
+from cellmig.solve.step import NumericsError
+from cellmig.usage import parse
 
 pytestmark = pytest.mark.serial
 CRAWL, PAPER = case("crawl", per_cell=60), case("one_cell", per_cell=60)
@@ -53,6 +56,23 @@ def test_validate_tells_what_motion_without_inertia_takes() -> None:
     assert '"overdamped" takes' in explicit
     often = change(CRAWL, {"protrusion": {"cells": ["Cell-1"]}, "polarity": {"persistence": "1 ms"}})
     assert "knots of the polarity takes one step" in report(often)
+
+
+@pytest.mark.parametrize("integrator", ["overdamped", "bdf"])
+@pytest.mark.usefixtures("hasty")
+def test_validate_tells_all_else_where_its_trial_fails(
+        integrator: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    def fails(*_: object) -> None:
+        raise NumericsError("no step was short enough; try more friction")
+
+    monkeypatch.setattr("cellmig.runs.preflight.try_implicit", fails)
+    options = parse(["validate", str(CASES["crawl"]), "--set", f"time.integrator={integrator}", "--set",
+                     "particles.per_cell=60", "--until", "1 ms"])
+    assert validate(options) == 4
+    lines = {line.split("  ")[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["FAILED"].endswith("no step was short enough; try more friction")
+    assert {"particles", "scene", "drag", "speeds", "memory", "disk", "skipped"} <= lines.keys()
+    assert ("WARNING" in lines) == (integrator == "bdf")  # inertia does not matter for as long
 
 
 @pytest.mark.parametrize(("changes", "message"), [
