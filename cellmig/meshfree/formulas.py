@@ -45,10 +45,34 @@ def check(case: Case, scene: Scene) -> None:
                 wrong[kind, item.name] = Mistake(case.path, None, f"{kind}.{item.name}.load_curve",
                                                  f"has no finite value and rate at {time:.4g} us")
             checked.add(item.load_curve)
+    wrong |= _inside_out(case, scene) if not wrong else {}
     wrong |= {(kind, name): Mistake(case.path, None, f"{kind}.{name}.{key}", message)
               for kind, name, key, message in _nowhere(case, scene)}
     if wrong:
         raise CaseError(wrong.values())
+
+
+def _inside_out(case: Case, scene: Scene) -> dict[Any, Mistake]:
+    """Initial displacements that turn particles inside out, by the place of their key."""
+    wrong: dict[Any, Mistake] = {}
+    seen = set()
+    for number, cell in enumerate(case.cells):
+        one = int(scene.kind[number]), cell.displacement
+        if one in seen or not any(isinstance(value, Expression) for value in cell.displacement):
+            continue
+        seen.add(one)
+        t = scene.templates[one[0]]
+        u = np.column_stack([evaluate(value, t.X) for value in cell.displacement])
+        J = np.linalg.det(np.eye(len(t.G)) + np.stack([g @ u for g in t.G], axis=2))
+        worst = int(np.argmin(J))
+        if not J[worst] > 0.0:
+            where = case.formulas.get(("cells", cell.name, "displacement"),
+                                      (case.path, None, f"cells.{cell.name}.displacement"))
+            spot = ", ".join(f"{x:.4g}" for x in t.X[worst])
+            wrong[where] = Mistake(*where, f"turns '{cell.name}' inside out at ({spot}) um from its centre: J = "
+                                           f"{J[worst]:.3g} there, which is to be positive; a gentler displacement, or "
+                                           "finer particles where it varies within a spacing")
+    return wrong
 
 
 def _nowhere(case: Case, scene: Scene) -> Iterator[tuple[str, str, str, str]]:

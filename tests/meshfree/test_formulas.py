@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,24 @@ def test_a_formula_in_a_file_is_told_with_its_line_and_all_of_them_at_once(tmp_p
         pass
     told = str(error.value).splitlines()
     assert len(told) == 2 and all(f"case.toml:{text.count(chr(10))}: cells.0.velocity: '" in line for line in told)
+
+
+TURNED = ["-2*x um", "0 um"], ["0 um", "-0.6*y**2 um"], ["y um", "x um"]
+
+
+@pytest.mark.parametrize("displacement", TURNED)
+def test_a_displacement_that_turns_a_cell_inside_out_is_told_with_its_line(
+        displacement: list[str], tmp_path: Path) -> None:
+    text = CASES["nucleus"].read_text(encoding="utf-8") + f"displacement = {json.dumps(displacement)}\n"
+    (tmp_path / "case.toml").write_text(text.replace("1485", "60"), encoding="utf-8")
+    told = rf"case\.toml:{text.count(chr(10))}: cells\.0\.displacement: turns 'Nucleus' inside out at .* J = "
+    with pytest.raises(CaseError, match=told):
+        discretise(load(tmp_path / "case.toml"))
+
+
+def test_a_displacement_that_turns_a_ball_inside_out_is_told() -> None:
+    with pytest.raises(CaseError, match=r"displacement: turns 'Cell-1' inside out at .* J = -0\.\d+ there"):
+        discretise(case("ball", 'cells.0.displacement=["0 um", "0 um", "-1.5*z um"]', per_cell=60))
 
 
 def test_a_formula_that_has_a_value_at_all_particles_is_taken() -> None:
