@@ -83,6 +83,18 @@ class Template:
     F0: np.ndarray | None = None
     along: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: all cells of a kind share them."""
+        of_matrices = [a for m in (*self.G, self.C, self.R) for a in (m.data, m.indices, m.indptr)]
+        for one in (*vars(self).values(), *self.parts.values(), *of_matrices):
+            if isinstance(one, np.ndarray):
+                one.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the fields that another rank has sent."""
+        vars(self).update(state)
+        self.__post_init__()
+
     @cached_property
     def base(self) -> np.ndarray:
         """Deformation gradients [-] and a row of Laplacians C x [1/µm] where u = 0 (n, D + 1, D), to which G u and C u

@@ -66,12 +66,12 @@ def _inside_out(case: Case, scene: Scene) -> dict[Any, Mistake]:
         J = np.linalg.det(np.eye(len(t.G)) + np.stack([g @ u for g in t.G], axis=2))
         worst = int(np.argmin(J))
         if not J[worst] > 0.0:
-            where = case.formulas.get(("cells", cell.name, "displacement"),
-                                      (case.path, None, f"cells.{cell.name}.displacement"))
+            file, line, key = where = case.formulas.get(("cells", cell.name, "displacement"),
+                                                        (case.path, None, f"cells.{cell.name}.displacement"))
             spot = ", ".join(f"{x:.4g}" for x in t.X[worst])
-            wrong[where] = Mistake(*where, f"turns '{cell.name}' inside out at ({spot}) um from its centre: J = "
-                                           f"{J[worst]:.3g} there, which is to be positive; a gentler displacement, or "
-                                           "finer particles where it varies within a spacing")
+            wrong[where] = Mistake(file, line, key, f"turns '{cell.name}' inside out at ({spot}) um from its centre: "
+                                   f"J = {J[worst]:.3g} there, which is to be positive; a gentler displacement, or "
+                                   "finer particles where it varies within a spacing, keeps it so")
     return wrong
 
 

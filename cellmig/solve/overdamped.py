@@ -130,8 +130,8 @@ class Overdamped(Implicit):
         director = self.mechanics.director if t.dimension == 2 else None
         opposed = director is not None and director.widest() > OPPOSED
         tries = [text for there, text in (
-            (t.protrusion or t.load_curves, "a weaker push (protrusion.protrusion_ratio) or load, or more bonds: one above"
-                                            f" what these bear has no speed{self._borne()}"),
+            (t.protrusion or t.load_curves, "a weaker push (protrusion.protrusion_ratio) or load, or more bonds: one "
+                                            f"above what these bear has no speed{self._borne()}"),
             (opposed, "another start of the director: neighbours on the membrane point against each other, where "
                       "their energy jumps"),
             (flows and t.renewal is None, "numerics.renewal for fluids that are stretched far")) if there]

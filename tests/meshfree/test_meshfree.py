@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 from functools import cache
 
 import numpy as np
@@ -33,6 +34,14 @@ def disc(nucleus: bool = True, radius: float = RADIUS):
 def cell(count: int, dilation: float = 2.2, nucleus: bool = True, radius: float = RADIUS) -> Template:
     gel, core = example("material", "nematic"), example("material", "mooney-rivlin")
     return template(disc(nucleus, radius), count, dilation, (gel, core if nucleus else None), 0.2)
+
+
+def test_arrays_of_a_template_which_cells_share_cannot_be_changed() -> None:
+    """Nor those of one that another rank has sent."""
+    for t in (cell(91), pickle.loads(pickle.dumps(cell(91), 5))):
+        for array in (t.X, t.V, t.surface, t.parts["surface"], t.G[0].data, t.G[1].indices, t.C.data, t.R.indptr):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1
 
 
 # -------------------------------------------------------------------------------------------------------- shapes
