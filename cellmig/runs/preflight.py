@@ -238,14 +238,19 @@ def _overdamped_time(case: Case) -> tuple[str, str]:
     times = of_steps * newton_seconds(case) / newton_seconds(coarse)
     told = f"as a trial of {trial.particles} particles took {trial.taken} steps, {duration(wall)}"
     if trial.reached < case.time.end:
+        left = case.time.end - trial.reached
         decade = trial.steps / math.log10(trial.reached / (trial.reached - trial.simulated))
         gone = expected(case, arrangement(case), case.time.end).distance
-        steps = decade * math.log10(case.time.end / trial.reached) + gone / margin
-        knots = (case.time.end - trial.reached) / case.polarity.interval if case.polarity is not None else 0.0
-        wall += trial.wall / trial.steps * max(steps, knots)
-        told += f" to {duration(1e-6 * trial.reached)}, if " + (
-            f"each of {knots:.2g} knots of the polarity takes one step" if knots > steps else
-            f"each tenfold time takes as many as the last, {decade:.0f}, and cells crawl as above")
+        ways = [(decade * math.log10(case.time.end / trial.reached) + gone / margin,
+                 f"each tenfold time takes as many as the last, {decade:.0f}, and cells crawl as above")]
+        if case.time.step != "auto":
+            ways.append((left / case.time.step, "steps are as long as given"))
+        if case.polarity is not None:
+            knots = left / case.polarity.interval
+            ways.append((knots, f"each of {knots:.2g} knots of the polarity takes one step"))
+        steps, why = max(ways)
+        wall += trial.wall / trial.steps * steps
+        told += f" to {duration(1e-6 * trial.reached)}, if {why}"
     return solver, f"{duration(wall)} to {duration(times * wall)} on one core, {told}"
 
 

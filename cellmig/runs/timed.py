@@ -23,6 +23,7 @@ from .by_rank import kinds_of, size_of, standing_for
 PROBE, FEWER = {2: 200_000, 3: 40_000}, 20_000
 KIND = 5_000  # largest number of particles of a cell in a timed scene
 COPIES = 20  # of cells of KIND particles, that are timed side by side for larger ones
+STILL = 1e-3  # length of timed steps over the stable one: nothing moves
 STEPS, FEWEST, LONGEST = 2e6, 5, 1.0  # particle-steps that are timed, steps at least, and seconds at most
 
 
@@ -84,23 +85,24 @@ def copied(case: Case, scene: Scene, times: int) -> tuple[Case, Scene]:
 
 def timed(case: Case, scene: Scene, single: bool, largest: int) -> tuple[float, float]:
     """Time per particle-step on this core [s], and memory per particle of the kernel's arrays [B], of a part of a case
-    with its `scene`; it is CPU time, as other programs may run now.
+    with its `scene`; it is CPU time, as other programs may run now.  Pieces of contact in space serve for as many steps
+    as in a run: in steps of a given length for one, else for fewer the more surfaces slip in a whole step.
 
     single : whether coefficients are in single precision;  largest : particles of the case's largest cell.
     """
     case, scene = copied(case, scene, min(COPIES, round(largest / KIND)))
     terms = dataclasses.replace(find_terms(case), single=single)
     with Simulation(case, MPI.COMM_SELF, parts=(scene, terms)) as s:
-        m, dt = s.mechanics, 1e-3 * binding(s.control.stable())[1]
-        gap = s.control.typical[1]
-        m.advance(3, dt, gap)
-        one = _seconds(m, FEWEST, dt, gap) / FEWEST
+        m, dt = s.mechanics, STILL * binding(s.control.stable())[1]
+        how = dt, s.control.typical[1], STILL if case.time.step == "auto" else 0.0
+        m.advance(3, *how)
+        one = _seconds(m, FEWEST, *how) / FEWEST
         n = max(FEWEST, round(min(STEPS / s.scene.size, LONGEST / max(one, 1e-9))))
-        spent = min(_seconds(m, n, dt, gap) for _ in range(3))
+        spent = min(_seconds(m, n, *how) for _ in range(3))
         return spent / (n * s.scene.size), m.kernel.bytes / s.scene.size
 
 
-def _seconds(mechanics, n: int, dt: float, gap: float) -> float:
+def _seconds(mechanics, n: int, dt: float, gap: float, share: float) -> float:
     start = process_time()
-    mechanics.advance(n, dt, gap)
+    mechanics.advance(n, dt, gap, share)
     return process_time() - start

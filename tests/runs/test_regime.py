@@ -56,6 +56,7 @@ def test_validate_tells_what_motion_without_inertia_takes() -> None:
     assert '"overdamped" takes' in explicit
     often = change(CRAWL, {"protrusion": {"cells": ["Cell-1"]}, "polarity": {"persistence": "1 ms"}})
     assert "knots of the polarity takes one step" in report(often)
+    assert "if steps are as long as given" in report(change(CRAWL, {"time.step": "10 ms"}))
 
 
 @pytest.mark.parametrize("integrator", ["overdamped", "bdf"])
