@@ -120,7 +120,7 @@ class Protrusion:
 
     def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
         """Push as in the Drives at a time [µs], `steps` equal steps after an `origin` [µs]."""
-        self._kernel["drive_clock"][:] = time - self._time, origin, steps, self._time
+        self._kernel["drive_clock"][:] = time - self._time, origin if steps else time, steps, self._time
 
     @property
     def clock(self) -> list[float]:
