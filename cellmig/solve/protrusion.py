@@ -109,7 +109,7 @@ class Protrusion:
         k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
         self._factor = drives.factor
         k["push"] = self._push * self._factor_at(self._segments.ends)
-        k["drive_clock"] = np.array([0.0, 0.0, 0.0, drives.time])
+        k["drive_clock"] = np.array([0.0, drives.time, 0.0, drives.time])
         if self._segments.lists is not None:
             self._renew_off()
 
