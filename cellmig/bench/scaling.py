@@ -3,7 +3,7 @@
 The time of a step of a rank with m of N particles is, in nanoseconds,
 
     row(m) (m + extra) + surface(m)                     compute: own rows, and rows computed on two ranks
-    + latency + byte x bytes x copies                      exchange of ghosts, once a step
+    + latency + byte x bytes x copies                   exchange of ghosts, once a step
     + [control m + hop log2 P] / CONTROL                step control: reductions of F and gaps
     + [near S_own + far S] / renew                      search lists: own and all surface particles
 

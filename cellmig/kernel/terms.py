@@ -143,6 +143,7 @@ STAGES = {"int before_stress": "const KernelData *s", "void add_surface_forces":
           "double accounted_dt, double dt", "void add_forces_in_motion": "const KernelData *s, double dt",
           "int after_forces": "const KernelData *s, double dt",
           "void before_kick": "const KernelData *s", "void after_drift": "const KernelData *s, double kick, double dt",
+          "void pass_time": "const KernelData *s, double dt",
           "void hold_rates": "const KernelData *s, double *out", "void account_holds": "const KernelData *s, double dt"}
 
 
@@ -188,10 +189,10 @@ PARTS = (
                                                "divergence.c", "modes.c")),
     *(part for term in SURFACE_TERMS for part in _of_surface(term)),
     Part("rubbing.c", rubs, "rubbing", {"add_surface_forces": "complete_friction(s, accounted_dt, dt);"}),
-    Part("drives.c", lambda t: t.guided, "drives", {"after_forces": "turn_drives(s, dt);"}),
+    Part("drives.c", lambda t: t.guided, "drives", {"pass_time": "turn_drives(s, dt);"}),
     Part("boundary.c", lambda t: t.load_curves is not None, "loads", {
         "before_kick": "remember_boundary(s);",
-        "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt); advance_clock(s, dt);",
+        "after_drift": "stop_at_plates(s, kick, dt); hold(s, kick, dt);", "pass_time": "advance_clock(s, dt);",
         "hold_rates": "hold_rate(s, out);", "account_holds": "account_reactions(s, dt);"}),
     *_of_dimensions("director_{}.c", lambda t: t.has_director, "step"),
     *_of_dimensions("director_turns_{}.c", lambda t: t.director == "relaxing", "step"),

@@ -232,4 +232,4 @@ class Guidance:
         self.parts = {name: np.array(values) for name, values in about["parts"].items()}
         self._drive()
         if self._mechanics.protrusion is not None:
-            self._mechanics.protrusion.clock = about["clock"]
+            self._mechanics.protrusion.set_clock(*about["clock"])

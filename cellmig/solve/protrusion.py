@@ -62,8 +62,8 @@ class Protrusion:
         Field("firm", "double", "", "µm", "length of closed bonds that holds a cell"),
         Field("drive", "double *", "(n_movers, sides, d - 1)", "-", "directions of the push times its factors"),
         Field("drive_rate", "double *", "(n_movers, sides, d - 1)", "1/µs", "their change"),
-        Field("drive_clock", "double *", "(4,)", "µs", "time since the value of `drive`; an origin, the number of "
-              "equal steps since then, and the time of the value"),
+        Field("drive_time", "double", "", "µs", "time of the value of `drive`"),
+        Field("drive_clock", "double *", "(3,)", "µs", "time; an origin, and the number of equal steps since then"),
         Field("drive_now", "double *", "(n_movers, sides, d)", "-", "factors and directions at the time of the clock"),
         Field("middle", "double *", "(n_movers, sides)", "µm", "mean of the surface in each direction"),
         Field("hold", "double *", "(n_movers, sides)", "-", "share of the push that the bonds hold"),
@@ -97,7 +97,7 @@ class Protrusion:
         k["mover_of"] = np.searchsorted(cells, s.cell[segments.ends[:, 0]])
         k["firm"], k["drive_now"] = law.height, np.zeros((len(cells), sides, d))
         k["middle"], k["hold"] = np.zeros((len(cells), sides)), np.zeros((len(cells), sides))
-        self._cells, self._time, self._part, self._factor = cells, 0.0, part, protruding.drives.factor
+        self._cells, self._part, self._factor = cells, part, protruding.drives.factor
         k["hold_off"], k["pushed_off"] = np.zeros((len(cells), sides)), np.zeros((len(part.own_surface), d))
         k["n_own_surface"], k["own_surface"] = len(part.own_surface), part.at_surface
         self.drive(protruding.drives)
@@ -109,7 +109,7 @@ class Protrusion:
         k["drive"], k["drive_rate"] = drives.value[self._cells], drives.rate[self._cells]
         self._factor = drives.factor
         k["push"] = self._push * self._factor_at(self._segments.ends)
-        k["drive_clock"] = np.array([0.0, drives.time, 0.0, drives.time])
+        k["drive_time"], k["drive_clock"] = drives.time, np.array([drives.time, 0.0, 0.0])
         if self._segments.lists is not None:
             self._renew_off()
 
@@ -120,22 +120,17 @@ class Protrusion:
 
     def set_clock(self, time: float, origin: float = 0.0, steps: int = 0) -> None:
         """Push as in the Drives at a time [µs], `steps` equal steps after an `origin` [µs]."""
-        self._kernel["drive_clock"][:] = time - self._time, origin if steps else time, steps, self._time
+        self._kernel["drive_clock"][:] = time, origin, steps
 
     @property
     def clock(self) -> list[float]:
-        """Field `drive_clock` (4,) [µs], for a checkpoint."""
+        """Arguments of `set_clock`: time and origin [µs], number of steps."""
         return self._kernel["drive_clock"].tolist()
-
-    @clock.setter
-    def clock(self, saved: list[float]) -> None:
-        """Set that `saved` (4,) [µs] of a checkpoint."""
-        self._kernel["drive_clock"][:] = saved
 
     def now(self) -> np.ndarray:
         """Vectors (cells, sides, d - 1) [-] of the protruding cells of this rank at the time of the clock."""
         k = self._kernel
-        return k["drive"] + k["drive_clock"][0] * k["drive_rate"]
+        return k["drive"] + (k["drive_clock"][0] - self._time) * k["drive_rate"]
 
     def renew(self) -> None:
         """Select the segments near the substrate, from the current search lists."""
@@ -163,6 +158,6 @@ class Protrusion:
     @property
     def changing(self) -> dict[str, np.ndarray]:
         """Arrays that steps change: the pushes of the last kick [pN/µm], off the substrate (n_facets, d, d - 1) and off
-        other bodies (k, d), and the clock (4,) [µs].
+        other bodies (k, d), and the clock (3,) [µs].
         """
         return {name: self._kernel[name] for name in ("pushed", "pushed_off", "drive_clock")}

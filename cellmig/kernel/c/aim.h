@@ -16,7 +16,7 @@ static inline void set_drive(const KernelData *s, long m)
     double square = 0;
     for (int c = 0; c < PLANE; c++) {
         drive->direction[c] = s->drive[PLANE * m + c];
-        if (GUIDED) drive->direction[c] += s->drive_clock[0] * s->drive_rate[PLANE * m + c];
+        if (GUIDED) drive->direction[c] += (s->drive_clock[0] - s->drive_time) * s->drive_rate[PLANE * m + c];
         square += drive->direction[c] * drive->direction[c];
     }
     drive->strength = sqrt(square);

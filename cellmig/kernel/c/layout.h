@@ -58,3 +58,6 @@ static inline void neighbours(const uint32_t *column, size_t c[4])
     c[2] = (uint32_t)pair[1];
     c[3] = pair[1] >> 32;
 }
+
+/* The end of a step of dt on a clock (time, origin, steps since then): the same time however steps are grouped. */
+static inline void tick(double *clock, double dt) { clock[0] = clock[1] + (clock[2] += 1) * dt; }

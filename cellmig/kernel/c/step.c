@@ -1,6 +1,6 @@
 /* The step: M u'' = F_body + F_cs + F_cc + F_d - F_int, equation (2), in total Lagrangian form.
  *
- * The functions before_stress, add_surface_forces, add_forces_in_motion, after_forces, before_kick, after_drift,
+ * The functions before_stress, add_surface_forces, add_forces_in_motion, after_forces, before_kick, after_drift, pass_time,
  * hold_rates and account_holds are generated: they call those of the files that the scene has.
  */
 
@@ -58,6 +58,7 @@ int advance(const KernelData *s, long n, double dt, double F_lag, double account
             kick_and_drift_some(s, s->n_shared_blocks, s->n_owned_blocks, kick, dt);
             if (s->ghost_end && s->ghost_end(s->state_vec, 1, 0)) return 1;
         }
+        pass_time(s, dt);
         accounted_dt = kick;
     }
     return 0;
