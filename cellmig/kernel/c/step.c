@@ -1,7 +1,7 @@
 /* The step: M u'' = F_body + F_cs + F_cc + F_d - F_int, equation (2), in total Lagrangian form.
  *
- * The functions before_stress, add_surface_forces, add_forces_in_motion, after_forces, before_kick, after_drift, pass_time,
- * hold_rates and account_holds are generated: they call those of the files that the scene has.
+ * The functions before_stress, add_surface_forces, add_forces_in_motion, after_forces, before_kick, after_drift,
+ * pass_time, hold_rates and account_holds are generated: they call those of the files that the scene has.
  */
 
 /* Surface forces of both ends of a step, or of an instant; those on ghosts are for their owners to compute. */
