@@ -222,7 +222,8 @@ def _parts(source: Source, found: dict[str, Any]) -> None:
     cells, seen = [cell for cell, _ in found["cells"]], set()
     for kind in ("supports", "loads", "plates", "probes"):
         for item, path in found[kind]:
-            shapes = {c.shape: c for c in cells if c.name in item.cells or not item.cells} if kind != "plates" else {}
+            known = kind != "plates" and not source.rejected((*path, "cells"))
+            shapes = {c.shape: c for c in cells if known and (c.name in item.cells or not item.cells)}
             for shape, cell in shapes.items():
                 for part in item.parts:
                     if part not in shape.parts:
@@ -316,6 +317,8 @@ def _without_inertia(source: Source, found: dict[str, Any]) -> None:
     for cell, path in cells:
         for key in _given(cell, "velocity", "velocity_gradient"):
             source.reject((*path, key), f"{why}, where forces alone decide velocities: leave it out")
+    if any(map(source.rejected, [("supports",), ("friction",), ("medium",), ("adhesion",)])):
+        return  # what has a mistake may be what holds them
     loose = set(unheld([cell for cell, _ in cells], [item for item, _ in found["supports"]], found["friction"],
                        found["substrate"], found["medium"], [pair for pair, _ in found["pairs"]]))
     for cell, path in cells:

@@ -47,6 +47,11 @@ class Source:
             message += f" (of {name!r})"
         self.mistakes.append(Mistake(*self.place(path), ".".join(map(str, path)), message))
 
+    def rejected(self, path: tuple) -> bool:
+        """Whether a mistake was noted at a key, or in it."""
+        of = ".".join(map(str, path))
+        return any(f"{mistake.key}.".startswith(f"{of}.") for mistake in self.mistakes)
+
     def _name(self, path: tuple) -> str:
         """Name of the table in a list, such as [[cells]], that contains a key; "" without one."""
         items = self.data.get(path[0]) if len(path) > 1 and isinstance(path[1], int) else None

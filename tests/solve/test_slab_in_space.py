@@ -12,6 +12,7 @@ from test_push_off import PUSH
 from test_slab import BONDS, DRAG, FRICTION, LAWS, SOLID, error_of_drag, on_any_ranks
 
 from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.simulation import Simulation
 from cellmig.solve.step import NumericsError
@@ -163,3 +164,13 @@ def test_the_tangent_of_bonds_that_yield_is_their_slope_in_steps_of_any_length(s
         step = 1e-4 * law.speed
         force = [dragged(sim, v + by)[0] for by in (-step, step)]
         assert slopes == pytest.approx([(force[1] - force[0]) / (2.0 * step)] * 3, rel=1e-3)  # measured 2e-4
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("mistake", [{"cells": ["Gell"]}, {"displacement": ["free", "free"]}])
+def test_a_mistake_in_what_holds_a_gel_is_not_followed_by_others_that_it_causes(mistake: dict[str, Any]) -> None:
+    tree = on_a_slab().resolved()
+    tree["supports"][0] |= mistake
+    with pytest.raises(CaseError) as refused:
+        from_dict(tree)
+    assert [told.key for told in refused.value.mistakes] == [f"supports.0.{key}" for key in mistake]
