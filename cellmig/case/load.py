@@ -321,7 +321,11 @@ class _Reader:
         try:
             return cls(**found)
         except ValueError as error:  # raised by the class, on several parameters
-            self.reject(path, str(error))
+            key, _, what = str(error).partition(": ")
+            if key in data:
+                self.reject((*path, key), what)
+            else:
+                self.reject(path, str(error))
             return None
 
     def value(self, f: Any, value: Any, path: tuple) -> Any:

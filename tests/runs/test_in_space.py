@@ -233,3 +233,12 @@ def test_a_formula_may_name_z() -> None:
     case = load(CASES["ball"], ['cells.0.velocity=["0.1*z um/us", "0 um/us", "-0.1*x um/us"]'])
     assert [float(v(np.array([[2.0, 0.0, 3.0]]))[0]) if callable(v) else v for v in case.cells[0].velocity] == [
         pytest.approx(0.3), 0.0, pytest.approx(-0.2)]
+
+
+def test_a_mistake_of_a_shape_is_told_at_the_line_of_its_key(tmp_path) -> None:
+    text = Path(CASES["ball"]).read_text().replace("nucleus_ratio = 0.283", 'nucleus_ratio = 0.5\nnucleus_offset = '
+                                                   '["4 um", "0 um", "0 um"]')
+    (tmp_path / "case.toml").write_text(text)
+    line = 1 + text[: text.index("nucleus_offset")].count("\n")
+    with pytest.raises(CaseError, match=rf"case\.toml:{line}: cells\.0\.nucleus_offset: the nucleus does not lie"):
+        load(tmp_path / "case.toml")
