@@ -55,7 +55,8 @@ def _was(m: dict[str, Any], unit: TimeUnit) -> Rows:
     yield "case", " ".join(filter(None, [case.get("title", "untitled"), f"({file})" if file else ""]))
     status, cause = m.pop("exit_status", None), m.pop("cause", "")
     how = _ENDED.get(status, f"exit code {status}") if status is not None else "not yet: it runs, or was killed"
-    yield "ended", how + (f": {cause}" if cause else "") + ("" if status in (None, 0) else f" (exit code {status})")
+    text = cause if cause.startswith(how) else ": ".join(filter(None, [how, cause]))
+    yield "ended", text + ("" if status in (None, 0) else f" (exit code {status})")
     if (time := m.pop("time_us", None)) is not None:
         yield "reached", (f"{simulated(time, unit)} of {simulated(m.get('end_us', time), unit)} in "
                           f"{m.pop('steps', 0)} steps")
@@ -78,9 +79,15 @@ def _numbers(m: dict[str, Any], unit: TimeUnit) -> Rows:
         yield "speed", f"{speed:.1f} ns per particle and step"
     if J := m.pop("J", None):
         yield "volume ratio J", describe_volumes(J)
+    for energy in ("pN", "pN_um"):
+        if (loss := m.pop(f"scheme_loss_{energy}", None)) is not None:
+            yield "scheme loss", f"{loss:.6g} {energy.replace('_um', ' µm')}"
     for dimension, impulse in IMPULSE.items():
         if momentum := m.pop(f"momentum_{impulse}", None):
             yield "momentum", ", ".join(map(_number, momentum)) + (" pN µs/µm" if dimension == 2 else " pN µs")
+    if newton := m.pop("newton", None):  # of equilibria: time of each load step, and norms of the residual
+        counts = [len(norms) - 1 for _, norms in newton]
+        yield "newton steps", f"{sum(counts)} in {len(counts)} load steps, at most {max(counts)} in one"
     strain = m.pop("strain", None) or {}
     if largest := strain.get("largest"):
         crossed = strain.get("crossed_at_us")
@@ -98,9 +105,11 @@ def _history_rows(path: Path) -> Rows:
     for row in np.flatnonzero(last):
         cell = table["cell"][row]
         dimension = 3 if "z_um" in table else 2
-        numbers = [f"{text} {_number(table[name][row])} {'µm²' if name.endswith('um2') else 'µm'}" for text, name in
-                   zip(("moved", "on the substrate", "on cells"), ("ux_um", *MEASURES[dimension][:2]), strict=True)
-                   if np.isfinite(table[name][row]) and (text == "moved" or np.any(table[name] > 0.0))]
+        way = [table[f"u{axis}_um"][row] for axis in "xyz"[: dimension - 1]]  # along the substrate
+        numbers = [f"moved {', '.join(map(_number, way))} µm"] * bool(np.isfinite(way).all())
+        numbers += [f"{text} {_number(table[name][row])} {'µm²' if name.endswith('um2') else 'µm'}" for text, name in
+                    zip(("on the substrate", "on cells"), MEASURES[dimension][:2], strict=True)
+                    if np.isfinite(table[name][row]) and np.any(table[name] > 0.0)]
         yield names[int(cell)] if cell else "aggregate", "  ".join(numbers)
 
 

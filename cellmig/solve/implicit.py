@@ -45,7 +45,7 @@ class Implicit(Integrator):
     newton, failures : int -- Newton steps, and solves that failed, each of which cut its step.
     trying : int -- iterations of Newton's method in the step that is being taken, of all lengths that were tried.
     advice : str -- said once where many solves fail, if there is any.
-    scheme_loss : (n_owned,) float -- energy that the scheme dissipated: work of all forces less kinetic energy [pN].
+    scheme_loss : (n_owned,) float -- what the scheme took: work of all forces less kinetic energy [pN, in 3D pN µm].
 
     Source: ALPHA2 by Chung & Hulbert (1993), BDF, THETA, CN and BEULER as in PETSc's manual.
     """
@@ -354,10 +354,10 @@ class Implicit(Integrator):
         self.after_batch(ts.getTime())
 
     def record(self) -> dict[str, Any]:
-        """Counts, and the dissipation of the scheme [pN], for the manifest; collective."""
-        taken = float(exact_sum(self.mechanics.comm, self.scheme_loss))
-        return {"newton_steps": self.newton, "tangents": self.equations.assembled, "scheme_loss_pN": taken,
-                "force_evaluations": self.equations.evaluated, "failed_solves": self.failures}
+        """Counts, and the dissipation of the scheme [pN, in space pN µm], for the manifest; collective."""
+        d, taken = self.mechanics.scene.dimension, float(exact_sum(self.mechanics.comm, self.scheme_loss))
+        return {"newton_steps": self.newton, "tangents": self.equations.assembled, "failed_solves": self.failures,
+                f"scheme_loss_{'pN' if d == 2 else 'pN_um'}": taken, "force_evaluations": self.equations.evaluated}
 
     def _from_petsc(self) -> None:
         """Copy the state from TS."""

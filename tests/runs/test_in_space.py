@@ -19,6 +19,7 @@ from cellmig.output.mesh import read_mesh
 from cellmig.output.tables import HISTORY, LEDGER, MOTION, read_table
 from cellmig.output.xdmf import frames
 from cellmig.plot.plot import plot
+from cellmig.runs.info import info
 from cellmig.runs.preflight import report
 from cellmig.runs.record import Record
 from cellmig.simulation import Simulation
@@ -54,6 +55,19 @@ def test_a_run_has_the_same_bits_on_other_ranks_and_after_a_stop(cellmig, row, t
     for index in ("cells", "surface"):  # frames of two ranks, and after the stop of one
         steps = ElementTree.parse(tmp_path / f"two/{index}.xdmf").getroot().findall("./Domain/Grid/Grid")
         assert [len(step.findall("Grid")) for step in steps] == [2, 1], index
+
+
+def test_info_tells_the_way_along_both_axes_of_the_substrate_and_energies_with_the_unit_of_space(row) -> None:
+    table, text = read_table(row / "history.csv"), " ".join(info(row).split())
+    assert f"Cell-3 moved {table['ux_um'][-1]:.4g}, {table['uy_um'][-1]:.4g} µm" in text
+    shutil.copytree(row, other := row.with_name("other"))
+    about = json.loads((other / "manifest.json").read_text())
+    about |= {"exit_status": 4, "cause": "the simulation failed at 1 µs: a value is not finite any more",
+              "scheme_loss_pN_um": 0.5, "newton": [[1.0, [3.0, 0.1, 1e-9]], [2.0, [3.0, 1e-9]]]}
+    (other / "manifest.json").write_text(json.dumps(about))
+    text = " ".join(info(other).split())
+    assert "ended the simulation failed at 1 µs: a value is not finite any more (exit code 4)" in text
+    assert "scheme loss 0.5 pN µm" in text and "newton steps 3 in 2 load steps, at most 2 in one" in text
 
 
 def test_terms_that_do_nothing_change_no_bit(cellmig, tmp_path) -> None:
