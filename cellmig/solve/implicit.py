@@ -50,6 +50,7 @@ class Implicit(Integrator):
     Source: ALPHA2 by Chung & Hulbert (1993), BDF, THETA, CN and BEULER as in PETSc's manual.
     """
 
+    finer = "-ts_atol"
     advice = ("surfaces that snap to each other want steps of ns, which cost less with time.integrator = \"leapfrog\"; "
               "'cellmig validate' tells what both take")
 

@@ -48,6 +48,8 @@ class Integrator:
     Source: leapfrog of Verlet (1967), as in Hairer, Lubich & Wanner (2003); batches that are repeated: derived here.
     """
 
+    finer, instead = "time.step_factor", ['time.integrator = "leapfrog"']  # remedies by name
+
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """Create the TS; collective.
 
@@ -329,12 +331,9 @@ class Integrator:
     def fail(self, cause: str, particle: int | None = None, remedy: str = "") -> None:
         """End the run with a message that names a particle, by default that with the largest |ln J|; collective.
 
-        Raises
-        ------
-        NumericsError -- always.
+        Raises NumericsError, always.
         """
-        other = [] if self.leapfrog else ['time.integrator = "leapfrog"']
-        step = "time.step" if self.fixed_step else "time.step_factor"
+        step, other = "time.step" if self.fixed_step else self.finer, [] if self.leapfrog else self.instead
         remedy = remedy or f"try {self._remedy(f'a smaller {step}', 'finer particles', *other)}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "

@@ -68,6 +68,8 @@ class Overdamped(Implicit):
     scale : float -- typical force on a particle [pN/µm], in space [pN].
     """
 
+    instead: list[str] = []  # with inertia, steps would be ones of nanoseconds
+
     def __init__(self, *about: Any):
         """Create the TS, see `Integrator`; collective."""
         self.unbalanced = self.last = self.least = 0.0

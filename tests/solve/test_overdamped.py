@@ -53,6 +53,12 @@ def positions(scene: Case, seconds: float, comm: MPI.Comm = MPI.COMM_WORLD) -> n
         return at(sim, seconds)
 
 
+def test_what_ends_a_run_without_inertia_has_a_remedy_that_is_one() -> None:
+    with built(crawler()) as sim, pytest.raises(NumericsError, match="-ts_atol or finer particles") as ended:
+        sim.integrator.fail("the energy error is 6 %, more than 5 %")
+    assert "leapfrog" not in str(ended.value) and "step_factor" not in str(ended.value)
+
+
 def bonded(sim: Simulation) -> float:
     """Length of closed bonds on the substrate [µm]."""
     ends, x = sim.scene.templates[0].facets, sim.scene.X + everywhere(sim, sim.mechanics.state.u)
