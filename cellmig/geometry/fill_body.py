@@ -61,8 +61,10 @@ def fill(surface: ClosedSurface, count: int, refinement: float = 1.0, nucleus: C
         shape = Samples(nucleus, round(SAMPLES * nucleus.area / h**2))
         layers, sides = _layers(shape, samples, h)
     if len(outer) + len(layers) >= count:
+        enough = _enough(surface, count, refinement, (len(outer) + len(layers)) * h**2)
         raise ValueError(f"{count} particles are too few for such a surface: {len(outer)} would be on it"
-                         + f" and {len(layers)} around its nucleus" * bool(len(layers)))
+                         + f" and {len(layers)} around its nucleus" * bool(len(layers))
+                         + f"; it takes about {enough} or more")
     inner = _lattice(samples, h, count - len(outer) - len(layers), layers)
     X = _spread(np.concatenate([outer, layers, inner]), len(outer), samples, NEIGHBOUR * h, shape, sides)
     X = _without_slivers(X, len(outer), NEIGHBOUR * h)
@@ -82,6 +84,13 @@ def _spacing(surface: ClosedSurface, count: int, refinement: float) -> float:
     for _ in range(50):
         h -= (count * h**3 - linear * h - V) / (3.0 * count * h**2 - linear)
     return _rounded(h)
+
+
+def _enough(surface: ClosedSurface, count: int, refinement: float, area: float) -> int:
+    """About how many particles it takes if those on surfaces are `area` [µm²] over h²."""
+    while area > 0.98 * count * _spacing(surface, count, refinement) ** 2:
+        count += 1 + count // 20
+    return count
 
 
 def _rounded(number: float) -> float:

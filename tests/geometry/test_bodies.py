@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -375,6 +376,18 @@ def test_a_surface_that_touches_itself_in_a_vertex_is_refused() -> None:
 def test_shapes_that_cannot_be_are_refused(make, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("make", [lambda: Ball(radius=1.0), lambda: Cap(contact_radius=5.0, height=3.0)])
+def test_a_body_of_too_few_particles_tells_how_many_it_takes(make) -> None:
+    count = 12
+    for _ in range(3):  # the estimate for 12 is a first one
+        try:
+            assert len(make().particles(count).X) == count > 12
+            return
+        except ValueError as error:
+            count = int(re.search(r"would be on it; it takes about ([0-9]+) or more$", str(error))[1])
+    pytest.fail(f"{count} are not enough")
 
 
 @pytest.mark.parametrize("count", [120, 200, 380, 520, 540, 560])
