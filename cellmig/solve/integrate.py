@@ -48,7 +48,7 @@ class Integrator:
     Source: leapfrog of Verlet (1967), as in Hairer, Lubich & Wanner (2003); batches that are repeated: derived here.
     """
 
-    finer, instead = "time.step_factor", ['time.integrator = "leapfrog"']  # remedies by name
+    finer, instead = "time.step_factor", 'time.integrator = "leapfrog"'  # remedies by name, "" for none
 
     def __init__(self, mechanics: Mechanics, control: StepControl, kind: str, fixed_step: float | None, factor: float):
         """Create the TS; collective.
@@ -333,8 +333,8 @@ class Integrator:
 
         Raises NumericsError, always.
         """
-        step, other = "time.step" if self.fixed_step else self.finer, [] if self.leapfrog else self.instead
-        remedy = remedy or f"try {self._remedy(f'a smaller {step}', 'finer particles', *other)}"
+        step, other = "time.step" if self.fixed_step else self.finer, "" if self.leapfrog else self.instead
+        remedy = remedy or f"try {self._remedy(f'a smaller {step}', 'finer particles', *filter(None, [other]))}"
         if self.fixed_step and self.fixed_step > self.stable:
             remedy = (f"the step of {1e3 * self.fixed_step:.3g} ns is {self.fixed_step / self.stable:.2g} times the "
                       f"stable one, which {self.mechanism} sets: take time.step = \"auto\"")

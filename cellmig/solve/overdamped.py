@@ -68,7 +68,7 @@ class Overdamped(Implicit):
     scale : float -- typical force on a particle [pN/µm], in space [pN].
     """
 
-    instead: list[str] = []  # with inertia, steps would be ones of nanoseconds
+    instead = ""  # with inertia, steps would be ones of nanoseconds
 
     def __init__(self, *about: Any):
         """Create the TS, see `Integrator`; collective."""
