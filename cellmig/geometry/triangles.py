@@ -78,3 +78,13 @@ def on_triangles(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
         closer = away < least
         best, least = np.where(closer[..., None], q, best), np.where(closer, away, least)
     return best
+
+
+def shares(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Shares (n, 3) [-] of the `corners` (n, 3, 3) [µm] of triangles at points p (n, 3) [µm] on these."""
+    a, b, c = (corners[:, k] for k in range(3))
+    n = cross(b - a, c - a)
+    square = np.maximum(dot(n, n), 1e-300)
+    v, w = dot(cross(p - a, c - a), n) / square, dot(cross(b - a, p - a), n) / square
+    found = np.maximum(np.column_stack([1.0 - v - w, v, w]), 0.0)
+    return found / found.sum(axis=1, keepdims=True)

@@ -55,8 +55,10 @@ class Template:
     grade : (n,) or None -- elastic moduli over those of the laws [-]; None where they are those.
     x0, F0 : (n, D) [µm], (n, D, D) [-], or None -- positions from the centre and deformation gradients when the
         neighbours were found, where that was not in the reference configuration: see `renewal.renewed`.
-    along : (m,) [µm] or None -- places of the surface particles along the reference outline, ascending along each loop
-        from its first particle, where the surface was divided anew: see `division.divided`.
+    along : (m,) or (m, 3) [µm] or None -- places of the surface particles along the reference outline, ascending along
+        each loop from its first particle, in space on the reference surface, where the surface was divided anew: see
+        `division.divided` and `division_space.divided_in_space`.
+    present : (t, 3) int or None -- triangles of the surface since it was divided anew in space.
     """
 
     X: np.ndarray
@@ -82,6 +84,7 @@ class Template:
     x0: np.ndarray | None = None
     F0: np.ndarray | None = None
     along: np.ndarray | None = None
+    present: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: all cells of a kind share them."""
@@ -113,7 +116,7 @@ class Template:
         """Indices in `surface` of the corners of the facets (m, D) int."""
         if self.X.shape[1] == 2:
             return np.column_stack([np.arange(len(self.after)), self.after])
-        return np.searchsorted(self.surface, self.triangles)
+        return np.searchsorted(self.surface, self.triangles if self.present is None else self.present)
 
     @cached_property
     def polyhedron(self) -> Polyhedron:
@@ -159,11 +162,19 @@ class Template:
     @cached_property
     def facet_size(self) -> np.ndarray:
         """Reference lengths [µm] or areas [µm²] of the facets (m,)."""
+        if self.X.shape[1] == 3:
+            size = facet_sizes(self.on_reference[self.places])
+            return size if self.along is None else size * (facet_sizes(self.X[self.triangles]).sum() / size.sum())
         size = facet_sizes(self.X[self.facets])
         if self.along is None:
             return size
         closes = self.after <= np.arange(len(self.after))
         return self.along[self.after] - self.along + np.where(closes, np.bincount(self.loop, size)[self.loop], 0.0)
+
+    @property
+    def on_reference(self) -> np.ndarray:
+        """Places of the surface particles on the reference surface (m, 3) [µm]; in space only."""
+        return self.X[self.surface] if self.along is None else self.along
 
     @cached_property
     def size_per_mass(self) -> np.ndarray:
@@ -176,14 +187,15 @@ class Template:
     def drawn_per_mass(self) -> np.ndarray:
         """Row sums of the stiffness of a surface under tension, over tension and mass (n,), zero inside [1/fg].
 
-        A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A.
+        A segment of length L has the stiffness 1/L; a triangle of area A with the edges e has |eᵢ·eⱼ|/4A, where its
+        surface was divided anew with those of then.
         """
-        x = self.X[self.facets]
+        x = (self.X if self.x0 is None or self.present is None else self.x0)[self.facets]
         if self.X.shape[1] == 2:
             rows = 2.0 / self.facet_size[:, None].repeat(2, axis=1)
         else:
             edges = np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)  # opposite of each corner
-            rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * self.facet_size[:, None])
+            rows = np.abs(edges @ edges.transpose(0, 2, 1)).sum(axis=2) / (4.0 * facet_sizes(x)[:, None])
         total = np.zeros(len(self.X))
         np.add.at(total, self.facets, rows)
         return total / self.mass

@@ -49,6 +49,10 @@ class Division:
         share = self.share.reshape(-1, *[1] * (values.ndim - 1))
         return (1.0 - share) * values[self.first] + share * values[self.second]
 
+    def of_facets(self, values: np.ndarray) -> np.ndarray:
+        """`values` (m, ...) of any unit, of the segments of before, for those of now (m, ...); sums stay."""
+        return np.tensordot(self.overlap, values, 1)
+
 
 def extremes(lengths: np.ndarray, loop: np.ndarray, count: int) -> np.ndarray:
     """Largest of the `lengths` (e,) [µm] and of their inverses, (2, count), by the `loop` (e,) int of each."""
@@ -116,28 +120,22 @@ def _fluids(scene: Scene) -> np.ndarray:
     return np.array([getattr(law, "fluid", False) for law in scene.materials])
 
 
-def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """`values` (m,) of any unit, of surface particles of `cells` (k,) int at the start, at the places of the reference
-    outlines where these are now (m,), linear in between.
+def from_outline(t: Template, values: np.ndarray) -> np.ndarray:
+    """`values` (m,) of any unit, of the surface particles of a body at the start, where these are now on its reference
+    outline (m,), linear in between.
     """
-    out, start = values.copy(), 0
-    for t in (scene.templates[k] for k in scene.kind[cells]):
-        if t.along is not None:
-            size = facet_sizes(t.X[t.facets])
-            for number in range(int(t.loop[-1]) + 1):
-                on = np.flatnonzero(t.loop == number)
-                place = np.cumsum(size[on]) - size[on]
-                out[start + on] = np.interp(t.along[on], place, values[start + on], period=size[on].sum())
-        start += len(t.surface)
+    if t.along is None:
+        return values
+    out, size = values.copy(), facet_sizes(t.X[t.facets])
+    for number in range(int(t.loop[-1]) + 1):
+        on = np.flatnonzero(t.loop == number)
+        place = np.cumsum(size[on]) - size[on]
+        out[on] = np.interp(t.along[on], place, values[on], period=size[on].sum())
     return out
 
 
 def divisible(scene: Scene, boundary: Boundary) -> np.ndarray:
-    """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it;
-    none in space.
-    """
-    if scene.dimension == 3:
-        return np.zeros(len(scene.kind), bool)
+    """Cells (cells,) bool whose surface may be divided anew: all of it is a fluid, and no support or load is on it."""
     flows = _fluids(scene)
     free = np.array([bool(flows[np.where(t.nucleus[t.surface], inner, outer)].all())
                      for t, (outer, inner) in zip(scene.templates, scene.material_of, strict=True)])[scene.kind]

@@ -36,7 +36,7 @@ GOLDEN, RATIO = 2.399963229728653, 0.6180339887498949  # turn from one of these 
 
 
 def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | None = None,
-            solve: Callable[..., np.ndarray] = rkpm.factorised) -> Template:
+            solve: Callable[..., np.ndarray] = rkpm.factorised, present: np.ndarray | None = None) -> Template:
     r"""A body with the neighbours that its particles have at x0.
 
     Weights of integrals at x0 are V J; they are scaled to the content that the surface encloses, so that uniform stress
@@ -47,13 +47,16 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
     t : Template -- the body, in its reference configuration or renewed before.
     x0 : (n, D) -- positions from the centre [µm].
     F0 : (n, D, D) -- deformation gradients there [-].
-    along : (m,) -- places of the surface particles along the reference outline [µm], None for those of before.
+    along : (m,) or (m, 3) -- places of the surface particles along the reference outline or on the reference surface
+        [µm], None for those of before.
     solve : function -- as for `rkpm.consistent`.
+    present : (t, 3) int -- triangles of the surface in space, None for those of before.
 
     Raises ValueError where particles have too few neighbours.
 
     Source: derived here, as updated Lagrangian forms of meshfree methods with total Lagrangian stresses.
     """
+    t = t if along is None else replace(t, along=along, present=present)
     facets, J = t.facets, determinant(F0.transpose(1, 2, 0))
     simplices, share = _simplices(x0, facets)
     lonely = np.setdiff1d(np.arange(len(x0)), simplices)
@@ -76,8 +79,7 @@ def renewed(t: Template, x0: np.ndarray, F0: np.ndarray, along: np.ndarray | Non
                         np.column_stack([g.data for g in G]))
     return replace(t, G=zero_row_sums(entries, G[0].indices, G[0].indptr), C=C, missed=weight,
                    bending_weight=weight * viscosity * _divisor(F0), bending_modulus=weight * modulus * t.grades,
-                   R=recovery(x0, G[0], support, t.nucleus), x0=x0, F0=F0,
-                   along=t.along if along is None else along)
+                   R=recovery(x0, G[0], support, t.nucleus), x0=x0, F0=F0)
 
 
 def at_rest(t: Template) -> Template:
@@ -91,7 +93,7 @@ def at_rest(t: Template) -> Template:
     rows = np.repeat(np.arange(len(J)), np.diff(t.G[0].indptr))
     entries = np.einsum("ejk,ej->ek", inverse[rows], np.column_stack([g.data for g in t.G]))
     return replace(t, G=zero_row_sums(entries, t.G[0].indices, t.G[0].indptr), V=t.V * J, heaviness=t.heaviness / J,
-                   bending_weight=t.bending_weight / _divisor(t.F0), x0=None, F0=None)
+                   bending_weight=t.bending_weight / _divisor(t.F0), F0=None)
 
 
 def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.ndarray:
@@ -168,9 +170,10 @@ def _below(x: np.ndarray, depth: np.ndarray, surface: ClosedSurface) -> np.ndarr
 
 
 def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray, along: np.ndarray,
-                 solve: Callable[..., np.ndarray] = rkpm.factorised) -> Scene:
-    """A scene in which some `cells` (k,) int are renewed, by x0 (size, D) [µm] and F0 (size, D, D) [-] of all particles
-    and by `along` (m,) [µm] of all surface particles, nan where surfaces are as they were.
+                 triangles: np.ndarray | None = None, solve: Callable[..., np.ndarray] = rkpm.factorised) -> Scene:
+    """A scene in which some `cells` (k,) int are renewed, by x0 (size, D) [µm] and F0 (size, D, D) [-] of all particles,
+    by `along` (m,) or (m, 3) [µm] of all surface particles, nan where surfaces are as they were, and in space by all
+    `triangles` (t, 3) int, by numbers of particles in their cells.
     """
     templates, kind, material_of = list(scene.templates), scene.kind.copy(), list(scene.material_of)
     first = np.concatenate([[0], np.cumsum([len(scene.templates[k].surface) for k in kind])])
@@ -179,8 +182,9 @@ def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray
         kind[c] = len(templates)
         places = along[first[c] : first[c + 1]]
         with of_cell(c):
-            place = None if np.isnan(places[0]) else places
-            templates.append(renewed(templates[before], x0[on], F0[on], place, solve))
+            place = None if np.isnan(places[0]).any() else places
+            present = None if triangles is None else triangles[slice(*scene.first_facet[c : c + 2])]
+            templates.append(renewed(templates[before], x0[on], F0[on], place, solve, present))
         material_of.append(material_of[before])
     used, kind = np.unique(kind, return_inverse=True)
     return replace(scene, templates=[templates[k] for k in used], kind=kind,

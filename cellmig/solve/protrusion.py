@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernel.fields import Field
 from ..kernel.kernel import Kernel
-from ..meshfree.division import carried
+from ..meshfree.division_space import carried
 from .protrusion_noise import random_factor
 from .segments import Segments
 from .subdomain import Subdomain

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..geometry import polygons, triangles
+from ..geometry.even_surface import spread
 from ..meshfree.division import CROWDED, Division, divided, extremes, fluid
+from ..meshfree.division_space import SurfaceDivision, divided_in_space, grown_uneven, near_others
 from ..meshfree.renewal import evened, of_cell
 from ..model.tensors import determinant
 from ..output.energies import energies
@@ -33,11 +37,24 @@ def crowded(m: Mechanics) -> np.ndarray:
     if not m.divisible.any():
         return np.zeros(len(m.divisible), bool)
     s, own = m.surfaces, m.kernel["facet"][:, 0] < m.n_owned
+    if m.scene.dimension == 3:
+        return _uneven(m, s.cell[m.segments.ends[own, 0]]) & m.divisible
     loop, x = s.loop[m.segments.number[own]], m.segments.owned()[1]
     ends = extremes(np.linalg.norm(x[:, 1] - x[:, 0], axis=1), loop, int(m.scene.first_loop[-1]))
     longest, inverse = global_maximum(m.comm, ends.ravel()).reshape(2, -1)
     crowds = np.logical_or.reduceat(longest * inverse > CROWDED, m.scene.first_loop[:-1])
     return crowds & m.divisible
+
+
+def _uneven(m: Mechanics, cell: np.ndarray) -> np.ndarray:
+    """Cells in space whose triangles are too uneven (cells,) bool, for the cells (k,) int of this rank's; collective."""
+    longest, height = spread(m.segments.owned()[1])
+    ends = np.zeros((2, len(m.divisible)))
+    np.maximum.at(ends[0], cell, longest)
+    np.maximum.at(ends[1], cell, 1.0 / np.maximum(height, 1e-300))
+    longest, inverse = global_maximum(m.comm, ends.ravel()).reshape(2, -1)
+    most = np.array([grown_uneven(m.scene, kind) for kind in range(len(m.scene.templates))])
+    return longest * inverse > most[m.scene.kind]
 
 
 def due(m: Mechanics) -> bool:
@@ -102,13 +119,18 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     loose = flows.copy()
     loose[surface] = False
     by, area = np.zeros_like(x), float(t.V @ J)
-    division = divided(t, x, area) if m.divisible[c] and loose.any() else None
+    division = _division(m, arrays, c, x, area) if m.divisible[c] and loose.any() else None
     if division is not None:
         by[surface] = division.x - x[surface]
+        off = division.x - division.between(x[surface])  # from between the particles of before
+        beside = np.einsum("nij,nj->ni", division.between(L[surface]), off) if d == 3 else 0.0
         for values in (v, b, J):
             values[surface] = division.between(values[surface])
+        v[surface] += beside
         J[surface] *= 1.0 + (area - t.V @ J) / (t.V[surface] @ J[surface])
         _divide(m, arrays, c, division, by[surface])
+        if isinstance(division, SurfaceDivision):
+            t = replace(t, present=surface[division.places.triangles], along=division.along)
     by = np.where(loose[:, None], evened(t, x + by, J, loose) - x, by)
     by = _centred(by, t.mass, loose)
     v += np.where(loose[:, None], np.einsum("nij,nj->ni", L, by), 0.0)
@@ -125,17 +147,37 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     arrays["neighbours x"][on], arrays["neighbours F"][on] = x + by, F
 
 
-def _divide(m: Mechanics, arrays: dict[str, np.ndarray], c: int, division: Division, by: np.ndarray) -> None:
-    """Change what the surface of a cell has in `arrays` for particles that move `by` (m, 2) [µm]."""
-    on = slice(*m.scene.first_surface[c : c + 2])  # of a segment too, which goes by its first particle
+def _division(m: Mechanics, arrays: dict[str, np.ndarray], c: int, x: np.ndarray,
+              content: float) -> Division | SurfaceDivision | None:
+    """The surface of a cell, with particles at x (n, d) [µm] from its centre, divided anew to enclose a `content`
+    [µm^d], if it is to be.
+    """
+    scene, terms = m.scene, m.terms
+    t, d = scene.templates[scene.kind[c]], scene.dimension
+    if d == 2:
+        return divided(t, x, content)
+    held = np.zeros(len(t.surface), bool)
+    if terms.contacts is not None:
+        everywhere = scene.X + arrays["particle state"][:, :d]
+        held = near_others(scene, everywhere, c, terms.reach, terms.contacts.own)
+    low = scene.centre[c, -1] + x[t.surface, -1] < terms.low if terms.substrate is not None else np.zeros_like(held)
+    return divided_in_space(t, x, content, held, low)
+
+
+def _divide(m: Mechanics, arrays: dict[str, np.ndarray], c: int, division: Division | SurfaceDivision,
+            by: np.ndarray) -> None:
+    """Change what the surface of a cell has in `arrays` for particles that move `by` (m, d) [µm]."""
+    on, facets = (slice(*first[c : c + 2]) for first in (m.scene.first_surface, m.scene.first_facet))
     arrays["neighbours along"][on] = division.along
     arrays["surface place"][on] += by[:, :-1]
     if "facet bond_impulse" in arrays:
-        arrays["facet bond_impulse"][on] = np.tensordot(division.overlap, arrays["facet bond_impulse"][on], 1)
+        arrays["facet bond_impulse"][facets] = division.of_facets(arrays["facet bond_impulse"][facets])
     t = m.scene.templates[m.scene.kind[c]]
+    if isinstance(division, SurfaceDivision):
+        arrays["neighbours triangles"][facets] = t.surface[division.places.triangles]
     at = slice(*m.scene.offset[c : c + 2])
     arrays["surface renewed"][on] = arrays["particle state"][at][t.surface, : m.scene.dimension] + by
-    if "surface turn" in arrays:
+    if isinstance(division, Division) and "surface turn" in arrays:
         way = division.x[t.after] - division.x
         arrays["surface turn"][on] = polygons.turn(way[t.before], way)
 

@@ -12,13 +12,14 @@ from mpi4py import MPI
 from ..meshfree.contact import Surfaces
 from ..meshfree.renewal import with_renewed
 from ..meshfree.rkpm import factorised
-from ..meshfree.scene import Scene
+from ..meshfree.scene import Scene, joined
 from ..parallel.collect import Arrays, Rows, computed_on_root
 from ..parallel.direct import solve_positive
 from ..parallel.owners import Owners
 from .mechanics import Mechanics
 from .start import LARGE
 
+NEIGHBOURS = ("x", "F", "along", "triangles")  # what `_reference` has, the last in space
 SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rounding is 1e-15
 
 
@@ -54,7 +55,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: Arrays) -> None:
     """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit; collective."""
     m.undo.aside = False
     if m.terms.renewal is not None:
-        _find_neighbours(m, *(arrays[f"neighbours {name}"] for name in ("x", "F", "along")))
+        _find_neighbours(m, *(arrays[f"neighbours {name}"] for name in NEIGHBOURS[: m.scene.dimension + 1]))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     places = m.surfaces.place[m.part.own_surface]
     m.state.u[m.part.at_surface] = arrays.rows("surface renewed", places)
@@ -87,25 +88,28 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: Arrays) -> None:
 
 def _reference(scene: Scene) -> dict[str, np.ndarray]:
     """Where neighbours were found: x (size, d) from the centres [µm], F (size, d, d) [-], nan where never anew; places
-    `along` the reference outline (m,) [µm], nan where surfaces were not divided anew.
+    `along` the reference outline (m,) [µm], in space on the reference surface (m, 3) [µm], nan where surfaces were not
+    divided anew; in space their triangles (t, 3) int.
     """
     d, used = scene.dimension, [scene.templates[k] for k in scene.kind]
-    along = np.concatenate([np.full(len(t.surface), np.nan) if t.along is None else t.along for t in used])
+    along = np.concatenate([np.full((len(t.surface), 3)[: d - 1], np.nan) if t.along is None else t.along for t in used])
     x, F = np.full((scene.size, d), np.nan), np.full((scene.size, d, d), np.nan)
     for c, t in enumerate(used):
         if t.x0 is not None:
             on = slice(*scene.offset[c : c + 2])
             x[on], F[on] = t.x0, t.F0
-    return {"neighbours x": x, "neighbours F": F, "neighbours along": along}
+    found = {"neighbours x": x, "neighbours F": F, "neighbours along": along}
+    return found | ({"neighbours triangles": joined((t.facets for t in used), (0, 3))} if d == 3 else {})
 
 
-def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray, along: np.ndarray) -> None:
+def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray, along: np.ndarray,
+                     triangles: np.ndarray | None = None) -> None:
     """Find the neighbours of cells anew that have others for these results of `_reference`; collective."""
     before, first = _reference(m.scene)["neighbours x"], m.scene.offset[:-1]
     cells = np.flatnonzero(np.logical_or.reduceat((x != before).any(axis=1), first) & np.isfinite(x[first, 0]))
     if len(cells):
         solve = solve_positive if np.diff(m.scene.offset)[cells].max() > LARGE else factorised
-        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, along, solve)))
+        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, along, triangles, solve)))
 
 
 # By blocks, until particles get them.
