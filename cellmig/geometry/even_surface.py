@@ -12,7 +12,7 @@ from .triangles import area_vectors, cross, dot, edges_of, lengths, shares, unit
 
 SHARP = np.cos(np.radians(30.0))  # of the turn at an edge, or of a line of such edges: less stays
 FLAT = np.cos(np.radians(1.0))  # of the turn at edges up to which a piece is flat
-ROUNDS = 25  # in which points slide
+ROUNDS = 30  # in which points slide
 SHORT = 2  # edges that a line of sharp ones is shortened by at a free end: of few edges it is none
 RESTS = 1e-3  # farthest move over the mean edge, at which they rest [-]
 BENT = np.radians(15.0)  # turn of a triangle to the next at which it counts twice

@@ -90,8 +90,8 @@ class Frames:
     count : int -- existing frames, after `cut_frames`, of any number of ranks.
     run : str -- id of the run, in each file.
     unit : TimeUnit -- of times and velocities in the files.
-    elements : Elements -- in three dimensions this rank's "tetrahedra" and "triangles" between its particles, which
-        are the same ones in all frames then.
+    elements : Elements -- in three dimensions this rank's "tetrahedra" and "triangles" between its particles, which may
+        be replaced from frame to frame.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, fields: Mapping[str, str], count: int = 0,
@@ -99,7 +99,7 @@ class Frames:
         self.directory, self.comm, self.run, self._unit = Path(directory), comm, run, unit
         self.fields = {name: unit.field(of) for name, of in fields.items()}
         self._rates = [name for name, of in fields.items() if of.endswith("/us")]
-        self.count, self._elements = count, elements
+        self.count, self.elements = count, elements
         self._shown = {INDEX: "tetrahedra", SURFACE: "triangles"} if elements else {INDEX: "topology"}
         self._mine, self._all = "", dict.fromkeys(self._shown, "")
         together(comm, lambda: (self.directory / _name(comm.rank)).mkdir(parents=True, exist_ok=True))
@@ -123,10 +123,10 @@ class Frames:
         data = {"geometry": _padded(arrays["X"] + arrays["u"])}
         data |= {name: _padded(np.asarray(arrays[name])) for name in self.fields}
         data |= {name: self._unit.size * data[name] for name in self._rates}
-        if self._elements is None:
+        if self.elements is None:
             data["topology"] = np.arange(n, dtype=np.int32).reshape(n, 1)
         else:
-            data = {name: self._elements.complete(values) for name, values in data.items()} | self._elements.local
+            data = {name: self.elements.complete(values) for name, values in data.items()} | self.elements.local
         sizes = together(self.comm, lambda: self._write_mine(time, step, n, data))
         together(self.comm, lambda: self._write_index(time, sizes, data), root_only=True)
         self.count += 1
@@ -237,6 +237,15 @@ class Frame:
         fields = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
         order = np.argsort(fields["id"], kind="stable")
         return {name: values[order] for name, values in fields.items()}
+
+    def triangles(self) -> np.ndarray:
+        """Triangles of the surfaces in three dimensions (m, 3) int, by ids of particles, in order."""
+        pieces = [np.zeros((0, 3), np.int64)]
+        for path in self.files:
+            with _opened(path) as file:
+                pieces.append(file["id"][()][file["triangles"][()]])
+        found = np.concatenate(pieces)
+        return found[np.lexsort(found.T)]
 
     @property
     def unit(self) -> TimeUnit:

@@ -87,18 +87,18 @@ class Rendered(Solid):
     def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
         """Draw all cells of a frame with these fields."""
         wide, high, _ = np.ptp(self._box, axis=1)
-        ax.imshow(self._image(fields), extent=(0.0, wide, 0.0, high), zorder=1, interpolation="antialiased")
+        ax.imshow(self._image(fields, frame.triangles()), extent=(0.0, wide, 0.0, high), zorder=1, interpolation="antialiased")
         x, y, _ = np.rint(0.5 * (self.low + self.high)).astype(int)
         at = f", around x = {x} µm, y = {y} µm" if self.follows else ""
         ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}{at}", loc="left", fontsize=8)
 
-    def _image(self, fields: dict[str, np.ndarray]) -> np.ndarray:
-        """Colours (height, width, 3) of the pixels."""
+    def _image(self, fields: dict[str, np.ndarray], triangles: np.ndarray) -> np.ndarray:
+        """Colours (height, width, 3) of the pixels; triangles (m, 3) int by particles."""
         import pyvista
         from vtkmodules.vtkCommonCore import vtkLogger
 
         vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)  # of displays that are not there
-        surface = pyvista.PolyData.from_regular_faces((fields["X"] + fields["u"])[:, :3], self.triangles)
+        surface = pyvista.PolyData.from_regular_faces((fields["X"] + fields["u"])[:, :3], triangles)
         surface["values"] = scalar(fields[self.field], self.field)
         extent = np.ptp(self._box, axis=1)
         size = np.rint(_PIXELS * extent[:2] / extent[:2].max()).astype(int)

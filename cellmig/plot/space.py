@@ -17,7 +17,6 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
-from cellmig.output.mesh import read_mesh
 from cellmig.output.xdmf import Frame
 
 from .view import MAP, Picture, View, scalar
@@ -45,17 +44,10 @@ def directions() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Solid(View):
-    """Settings of pictures of a run in three dimensions; triangles (m, 3) int by particles."""
+    """Settings of pictures of a run in three dimensions."""
 
     dimension: ClassVar[int] = 3
     names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    triangles: np.ndarray
-
-    @classmethod
-    def of(cls, directory: Path, found: Sequence[Frame], field: str, **more: Any) -> Self:
-        """The view that contains frames of a run.  Raises CaseError for an unknown field."""
-        return super().of(directory, found, field, triangles=read_mesh(directory)["triangles"], **more)
-
     @property
     def ground(self) -> np.ndarray:
         """Lowest corner (3,) [µm] of what is drawn, which ends at the substrate."""
@@ -106,10 +98,11 @@ class Solid(View):
 
     def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
         """Draw all cells of a frame with these fields."""
-        corners = (fields["X"] + fields["u"])[self.triangles]
+        triangles = frame.triangles()
+        corners = (fields["X"] + fields["u"])[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        colours = self.colours(scalar(fields[self.field], self.field)[self.triangles].mean(axis=1))
+        colours = self.colours(scalar(fields[self.field], self.field)[triangles].mean(axis=1))
         shade = _SHADOW + (1.0 - _SHADOW) * _LIGHT.shade_normals(normals, fraction=1.0)
         colours[:, :3] *= np.clip(shade, 0.0, 1.0)[:, None]
         if self.substrate:

@@ -11,7 +11,6 @@ from matplotlib import colormaps
 
 from cellmig.output.fields import FIELDS
 from cellmig.output.manifest import read_manifest
-from cellmig.output.mesh import read_mesh
 from cellmig.output.xdmf import Frame, frames
 from cellmig.plot.style import in_print
 from cellmig.plot.view import MAP, drawing
@@ -48,10 +47,10 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
         return None
     case = read_manifest(directory).get("case")
     first, units = found[0].read(), found[0].units()
-    shape, kept, dimension = _shape(directory, first)
+    shape, kept, dimension = _shape(directory, found[0], first)
     parts = {name: _PARTS[values[:1].size, dimension] for name, values in first.items() if name not in _GIVEN}
     moving, left_out = _thinned(found, kept, parts, dimension)
-    of_time = found[0].unit
+    of_time, chosen = found[0].unit, moving.pop("chosen")
     return {"dimension": dimension, "unit": of_time.label, "left_out": left_out,
             "cells": {str(k): names.get(k, f"cell {k}") for k in np.unique(first["cell"]).tolist()},
             "materials": list((case or {}).get("materials") or {}),
@@ -62,7 +61,8 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
             "start": [packed(axis.astype(np.float32)) for axis in first["X"][kept, :dimension].T],
             "ids": packed(first["id"][kept].astype(np.int32)), "cell": packed(first["cell"][kept].astype(np.uint16)),
             "material": packed(first["material"][kept].astype(np.uint8)),
-            "behind": backdrop(directory, moving.pop("chosen"), dimension), **shape, **moving}
+            "behind": backdrop(directory, chosen, dimension), **shape, **moving,
+            **(_surfaces(chosen) if dimension == 3 else {})}
 
 
 def _thinned(found: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mapping[str, int]], dimension: int
@@ -121,7 +121,7 @@ def stills(runs: Mapping[str, Path], field: str = "effective_stress") -> dict[st
         if not found or field not in found[-1].units():
             continue
         unit, last = in_print(found[-1].units()[field]), found[-1].read()
-        shape, kept, dimension = _shape(directory, last)
+        shape, kept, dimension = _shape(directory, found[-1], last)
         places, values = (last["X"] + last["u"])[kept, :dimension], last[field][kept].astype(float)
         every.append(values[np.isfinite(values)])
         pictures.append({"name": name, "time": found[-1].time, "unit": found[-1].unit.label, "dimension": dimension,
@@ -139,11 +139,11 @@ def _label(name: str) -> str:
     return _NAMES.get(name, name.replace("_", " "))
 
 
-def _shape(directory: Path, frame: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, int]:
-    """Triangles of a run and whether it has a substrate; the particles (k,) that they are of; dimensions."""
+def _shape(directory: Path, frame: Frame, fields: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, int]:
+    """Triangles of a frame and whether it has a substrate; the particles (k,) that they are of; dimensions."""
     case = read_manifest(directory).get("case")
     dimension = 3 if (directory / "mesh.h5").exists() else 2
-    shape = _surface(directory, frame) if dimension == 3 else _plane(frame)
+    shape = _surface(frame, fields) if dimension == 3 else _plane(fields)
     shape["substrate"] = case is None or "substrate" in case.get("adhesion", {})
     return shape, shape.pop("kept"), dimension
 
@@ -171,9 +171,15 @@ def _borders(material: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _surface(directory: Path, first: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def _surface(frame: Frame, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Triangles of the surfaces in three dimensions; particles inside are left out."""
-    triangles = read_mesh(directory)["triangles"]
-    kept, places = np.unique(triangles, return_inverse=True)
-    return {"kept": np.searchsorted(first["id"], kept), "loops": [], "borders": packed(np.zeros((0, 3), np.uint32)),
+    kept, places = np.unique(frame.triangles(), return_inverse=True)
+    return {"kept": np.searchsorted(fields["id"], kept), "loops": [], "borders": packed(np.zeros((0, 3), np.uint32)),
             "triangles": packed(places.reshape(-1, 3).astype(np.uint32))}
+
+
+def _surfaces(chosen: Sequence[Frame]) -> dict[str, Any]:
+    """Triangles of each of the frames, where surfaces were divided anew between them: see `division_space`."""
+    each = [_surface(frame, frame.read())["triangles"] for frame in chosen]
+    different = [one for k, one in enumerate(each) if one not in each[:k]]
+    return {"surfaces": different, "surface": [different.index(one) for one in each]} if len(different) > 1 else {}

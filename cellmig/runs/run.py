@@ -294,16 +294,21 @@ class Run:
         fields = self.simulation.sampler.fields()
         if self.frames is None:
             units = {name: field_unit(name, self.case.dimension) for name in fields}
-            owners = self.simulation.mechanics.part.owners
-            elements = Elements(self.comm, owners, fields["id"]) if self.case.dimension == 3 else None
             self.frames = Frames(self.directory, self.comm, units, self.frames_before, self.manifest["run_id"],
-                                 elements, self.case.time_unit)
+                                 self._elements(fields["id"]), self.case.time_unit)
             if self.simulation.fields.diffusing:
                 self.grid_frames = GridFrames(self.directory, self.comm, self.frames_before, self.manifest["run_id"],
                                               self.case.time_unit)
+        elif self.case.numerics.renewal is not None:
+            self.frames.elements = self._elements(fields["id"])
         self.frames.write(self.simulation.time, self._integrator.steps, fields)
         if self.grid_frames is not None:
             self.grid_frames.write(self.simulation.time, self.simulation.fields.grids())
+
+    def _elements(self, ids: np.ndarray) -> Elements | None:
+        """What is drawn of this rank's particles `ids` (n,) int in three dimensions, None in two; collective."""
+        owners = self.simulation.mechanics.part.owners
+        return Elements(self.comm, owners, ids) if self.case.dimension == 3 else None
 
     def _try_last_frame(self) -> None:
         """Write a frame of the state that failed, if possible."""

@@ -80,6 +80,11 @@ class DiffusingField:
         number, weight = self.transport.grid.weights(x)
         return (weight * self.whole[number]).sum(axis=1)
 
+    def exchange_by(self, exchanging: Exchanging) -> None:
+        """Exchange with other facets of the same surfaces from now on."""
+        if self._here:
+            self.transport.exchanging = exchanging
+
     # ------------------------------------------------------------ time
 
     def advance(self, until: float, x: Any) -> None:

@@ -34,14 +34,18 @@ class Fields:
     def __init__(self, case: Case, mechanics: Mechanics):
         """Begin with the fields at the start, with cells where they are; collective."""
         self._mechanics, self._names = mechanics, [cell.name for cell in case.cells]
+        self._exchanges, self._scene = case.exchange, mechanics.scene
         self._interval = case.polarity.interval if case.polarity is not None else case.time.end / case.time.samples
         self.knot = 0
         self.diffusing = {
-            name: DiffusingField(name, law, Exchanging.of(Surfaces.of(mechanics.scene), self._names, [
-                e for e in case.exchange if e.field == name]), len(case.cells), mechanics.comm)
+            name: DiffusingField(name, law, self._exchanging(name), len(case.cells), mechanics.comm)
             for name, law in case.fields.items() if law.law == "diffusing"}
         self.by_name: dict[str, Any] = {**fields_of(case), **self.diffusing}
         self._advance()
+
+    def _exchanging(self, name: str) -> Exchanging:
+        """What exchanges with a field, by the surfaces of now."""
+        return Exchanging.of(Surfaces.of(self._scene), self._names, [e for e in self._exchanges if e.field == name])
 
     @property
     def due(self) -> float:
@@ -57,6 +61,10 @@ class Fields:
         if self.diffusing:
             x = self._mechanics.segments.everywhere()
             time = self._interval * self.knot
+            if self._scene is not self._mechanics.scene:  # surfaces may have been divided anew
+                self._scene = self._mechanics.scene
+                for name, field in self.diffusing.items():
+                    field.exchange_by(self._exchanging(name))
             for field in self.diffusing.values():
                 try:
                     field.advance(time, x)

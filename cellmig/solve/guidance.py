@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from ..case.schema import Case
 from ..cues.surroundings import Surroundings
 from ..meshfree.contact import Surfaces
+from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
 from ..model.ground import push_factor
 from ..parallel.collect import Arrays, computed_on_root
@@ -84,6 +84,7 @@ class Guidance:
         self._case, self._mechanics, self._law = case, mechanics, case.polarity
         names, law = [cell.name for cell in case.cells], self._law
         self._names, self._fields = tuple(names), fields
+        self._found: tuple[Scene | None, Surfaces | None] = None, None
         push = case.protrusion.cells if case.protrusion is not None else ()
         self._polar = np.array([law is not None and name in push and name in (law.cells or push) for name in names])
         self._interval = law.interval if law is not None else case.time.end / case.time.samples
@@ -150,10 +151,13 @@ class Guidance:
             self.p = np.where(self._polar[:, None], first, self.p)
         return self.p, self.p if law is None else self._next(cues), factor, pull, centre, parts
 
-    @cached_property
+    @property
     def _surfaces(self) -> Surfaces:
         """Surfaces of all cells, for rank 0."""
-        return Surfaces.of(self._mechanics.scene)
+        scene, found = self._found
+        if found is None or scene is not self._mechanics.scene:  # they may be divided anew
+            scene, found = self._found = self._mechanics.scene, Surfaces.of(self._mechanics.scene)
+        return found
 
     def _finite(self, parts: dict[str, np.ndarray], factor: np.ndarray) -> None:
         """Raise NumericsError where a cue (cells, d - 1) [-] or a factor of the push (m,) [-] is not finite."""

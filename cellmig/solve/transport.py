@@ -31,6 +31,7 @@ class Transport:
     Attributes
     ----------
     grid : Grid -- of the volumes.
+    exchanging : Exchanging -- facets that exchange with the field.
     factored : int -- number of matrices that were factored.
     iterations : int -- of the last Krylov solve.
     """
@@ -42,7 +43,7 @@ class Transport:
         name : of the field, and prefix of PETSc's options for its solver;  cells : number of cells of the scene;
         direct : solve on one rank, by standing waves or, in a flow, by factors, in place of multigrid.
         """
-        self._name, self._law, self._exchanging, self._cells, self._world = name, law, exchanging, cells, comm
+        self._name, self._law, self.exchanging, self._cells, self._world = name, law, exchanging, cells, comm
         self.grid = Grid(comm, law.box, law.volumes)
         self._matrix, self._leak, self._inflow, rows = self.grid.fluxes(law.diffusion, law.flow, law.sides)
         self._matrix.shift(law.decay * self.grid.volume)
@@ -78,7 +79,7 @@ class Transport:
 
         Raises NumericsError where one of them has left the box; the message is for the user.
         """
-        e, n = self._exchanging, len(self.grid.own)
+        e, n = self.exchanging, len(self.grid.own)
         middle, self._size = e.at(x)
         if (astray := np.flatnonzero(self.grid.outside(middle))).size:
             place = ", ".join(f"{axis} = {value:.4g}" for axis, value in zip("xyz", middle[astray[0]], strict=False))
@@ -211,7 +212,7 @@ class Transport:
         dict -- secreted, taken : (cells,) by each cell;  out, crossed : through walls, and sum of sizes;  decayed;
             rounded : what the last bits of c may move; all in [1/µs].
         """
-        e, through = self._exchanging, self._through_walls(c)
+        e, through = self.exchanging, self._through_walls(c)
         on = e.uptake > 0.0
         near, half = c[self._volume[on]], e.half[on, None]
         share = (self._weight[on] * (near / (near + half))).sum(axis=1)

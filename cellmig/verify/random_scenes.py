@@ -23,7 +23,6 @@ from cellmig.meshfree.overlap import SHARE
 from cellmig.meshfree.terms import size_of
 from cellmig.output.directory import Claim, replace
 from cellmig.output.manifest import read_manifest
-from cellmig.output.mesh import read_mesh
 from cellmig.output.tables import read_table
 from cellmig.output.xdmf import frames
 from cellmig.runs.batch import Job, JobResult, ProgressCounter, run_all
@@ -110,9 +109,10 @@ def measure(ended: JobResult) -> tuple[dict[str, float], list[np.ndarray]]:
         return {}, []
     directory = ended.job.directory
     manifest, history = read_manifest(directory), read_table(directory / "history.csv")
-    case, fields = ended.job.load(), frames(directory)[-1].read()
+    case, last = ended.job.load(), frames(directory)[-1]
+    fields = last.read()
     outlines = [outline(fields, cell)[:-1] for cell in np.unique(fields["cell"])] if case.dimension == 2 else []
-    deep = _deepest(directory, fields) if case.dimension == 3 else 0.0
+    deep = _deepest(last.triangles(), fields) if case.dimension == 3 else 0.0
     return {"dimension": case.dimension, "energy_error": manifest["worst_energy_error"], "J_min": manifest["J"][0],
             "J_max": manifest["J"][1], "area": area_error(case, history, fields), "softness": softness(case),
             "depth": deep, "steps": manifest["steps"], "seconds": manifest["wall_seconds"],
@@ -129,9 +129,11 @@ def area_error(case: Case, history: dict[str, np.ndarray], fields: dict[str, np.
     return float(np.maximum(change - np.maximum(compressed, 0.0), np.minimum(compressed, 0.0) - change).max())
 
 
-def _deepest(directory: Path, fields: dict[str, np.ndarray]) -> float:
-    """Largest depth of a surface particle of a cell within another, over the cube root of the volume of that [-]."""
-    x, cell, triangles, found = fields["X"] + fields["u"], fields["cell"], read_mesh(directory)["triangles"], 0.0
+def _deepest(triangles: np.ndarray, fields: dict[str, np.ndarray]) -> float:
+    """Largest depth of a surface particle of a cell within another, over the cube root of the volume of that [-];
+    triangles (m, 3) int of the surfaces.
+    """
+    x, cell, found = fields["X"] + fields["u"], fields["cell"], 0.0
     for c in np.unique(cell):
         surface = ClosedSurface(x, own := triangles[cell[triangles[:, 0]] == c], np.zeros(len(own), int))
         others = np.unique(triangles[cell[triangles[:, 0]] != c])

@@ -29,6 +29,7 @@ class Player {
         this.start = await Promise.all(m.start.map(unpacked));
         [this.triangles, this.borders, this.ids, this.cell, this.material] =
             await Promise.all([m.triangles, m.borders, m.ids, m.cell, m.material].map(unpacked));
+        this.surfaces = m.surfaces && await Promise.all(m.surfaces.map(unpacked));  // where triangles change
         this.behind = m.behind && await unrounded(m.behind.values);
         const n = this.ids.length;
         this.on = { x: new Float32Array(n), y: new Float32Array(n), z: new Float32Array(n) };
@@ -163,8 +164,9 @@ class Player {
         for (let i = 0; i < values.length; i++) scaled[i] = (values[i] - this.low) / (this.high - this.low);
         view.show(this.box());
         view.project(x, this.ratio, this.on);
-        if (this.light) shine(this.light, x, this.triangles, view);
-        raster.fill(this.triangles, this.on.x, this.on.y, this.on.z, scaled, this.light, options.levels);
+        const triangles = this.surfaces ? this.surfaces[this.movie.surface[this.frame]] : this.triangles;
+        if (this.light) shine(this.light, x, triangles, view);
+        raster.fill(triangles, this.on.x, this.on.y, this.on.z, scaled, this.light, options.levels);
         g.setTransform(1, 0, 0, 1, 0, 0);
         g.fillStyle = "#fff";
         g.fillRect(0, 0, this.canvas.width, this.canvas.height);
