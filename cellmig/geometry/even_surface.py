@@ -59,7 +59,7 @@ def unevenness(corners: np.ndarray) -> float:
 
 
 def undivided(x: np.ndarray, triangles: np.ndarray, held: np.ndarray, straight: np.ndarray) -> Divided:
-    """A surface as it is, see `divided`."""
+    """A surface as it is: points x (m, 3) [µm], triangles (t, 3) int, held and straight (m,) bool, see `divided`."""
     own = np.repeat(np.arange(len(x))[:, None], 3, axis=1)
     share = np.tile([1.0, 0.0, 0.0], (len(x), 1))
     return Divided(x, triangles, own, share, Lines.of(x, triangles).curved & ~held & ~straight)
@@ -70,9 +70,10 @@ def divided(x: np.ndarray, triangles: np.ndarray, start: np.ndarray, held: np.nd
     """A surface whose triangles are even.
 
     Each point moves to the middle of the triangles around it, weighted by their areas, and back onto the surface; an
-    edge whose opposite angles are together more than 180° is flipped.  Edges that turn by more than 30°, and those
-    around flat pieces, stay; points on a line of them slide along it, and its corners stay.  Between its corners a
-    triangle is a quadratic patch, see `_bulges`.
+    edge whose opposite angles are together more than 180° is flipped.  Triangles count more where they turn, and come
+    to be smaller there.  Edges that turn by more than 30°, and those around flat pieces, stay; points on a line of them
+    slide along it, and its corners stay.  Sharp edges of lines with fewer than five are not flipped either, but their
+    points slide.  Between its corners a triangle is a quadratic patch, see `_bulges`.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ def filled(x: np.ndarray, triangles: np.ndarray, moves: np.ndarray, content: flo
     enclose a `content` [µm³]: all that `moves` (m,) bool, in proportion to the mean turn at the edges around them.
     """
     normal, area = _normals(x, triangles)
-    edges, half, turn = _turns(x, triangles)
+    edges, _, turn = _turns(x, triangles)
     weight = moves * np.bincount(edges.ravel(), np.repeat(turn, 2), len(x)) / np.bincount(edges.ravel())
     way, size = (weight / max(weight.max(), 1e-300))[:, None] * normal, 0.0
     rate, moved = float(dot(way, area).sum()) / 3.0, x
@@ -127,7 +128,6 @@ class Lines:
     edges : (k, 2) int -- all edges, the lower number first.
     on : (k,) bool -- those that stay: they turn by more than 30°, or a flat piece ends there.
     straight : (k,) bool -- those of flat pieces.
-    turns : (k,) bool -- those that are curved.
     """
 
     x: np.ndarray
@@ -264,7 +264,8 @@ def _flipped(now: _Sliding, lines: Lines, held: np.ndarray, start: np.ndarray) -
         valence, normal = np.bincount(triangles.ravel(), minlength=m), unit(area_vectors(now.x[triangles]))
         quads = np.stack([a, b, c, d], axis=1)[at]
         at = at[(valence[quads[:, :2]] > 3).all(axis=1) & ~np.isin(_key(quads[:, 2:], m), _key(edges, m))
-                & (dot(normal[one[at]], normal[other[at]]) > SHARP) & _sound(now.x, quads, SHARP) & _sound(now.start, quads, None)]
+                & (dot(normal[one[at]], normal[other[at]]) > SHARP)
+                & _sound(now.x, quads, SHARP) & _sound(now.start, quads, None)]
         used: set[int] = set()
         for k in at[np.argsort(wide[at], kind="stable")].tolist():
             corners = int(a[k]), int(b[k]), int(c[k]), int(d[k])
@@ -360,15 +361,18 @@ class _Bulges:
 
 
 def _bulges(x: np.ndarray, triangles: np.ndarray, lines: Lines, straight: np.ndarray) -> _Bulges:
-    """Bulges of the edges of triangles (t, 3) int: that of a circle that turns as the surface does at that end where it
-    turns less; none where it turns to and fro, at edges that stay, and at points that are `straight` (m,) bool.
+    """Bulges of the edges of triangles (t, 3) int: that of a circle that turns as the surface does at both ends in the
+    harmonic mean; none where it turns to and fro, at edges that stay, and at points that are `straight` (m,) bool.
 
     Patches that are quadratic, with these as the middles of their edges, are exact for quadratic surfaces.
+
+    Source: derived here; the harmonic mean of two slopes as of van Leer (1979).
     """
     normal = _normals(x, triangles)[0]
     a, b = lines.edges.T
     one, other = dot(normal[a], x[b] - x[a]), dot(normal[b], x[a] - x[b])
-    depth = np.where(one * other > 0.0, 2.0 * one * other / (one + other), 0.0)
+    same = one * other > 0.0
+    depth = np.where(same, 2.0 * one * other / np.where(same, one + other, 1.0), 0.0)
     fixed = straight | ~(lines.inner)
     depth = np.where(lines.straight | fixed[a] | fixed[b], 0.0, depth)
     vector = -0.25 * depth[:, None] * unit(normal[a] + normal[b])

@@ -19,8 +19,8 @@ from .body import Template
 from .division import WRONG, from_outline
 from .scene import Scene, joined
 
-UNEVEN, CROWDED = 7.0, 10.0  # longest edge of a surface over the least height of its triangles beyond which it is divided
-# anew when neighbours are found anew, and beyond which they are [-]
+UNEVEN, CROWDED = 7.0, 10.0  # longest edge of a surface over the least height of its triangles beyond which it is
+# divided anew when neighbours are found anew, and beyond which they are [-]
 GROWN = 1.5  # least growth of that since they were, for which they are: what is sharp stays uneven [-]
 LITTLE = 0.3  # farthest way along the normal by which the volume is restored [spacings]
 EDGE = 1.5  # longest distance of a surface from its particles [spacings]
@@ -131,7 +131,9 @@ def near_others(scene: Scene, x: np.ndarray, c: int, reach: float, itself: bool)
     others = [x[scene.surface(k)] for k in range(len(scene.kind)) if k != c]
     there = np.concatenate([np.zeros((0, 3)), *others])
     there = there[((there >= low) & (there <= high)).all(axis=1)]
-    near = np.isfinite(cKDTree(there).query(at, distance_upper_bound=reach)[0]) if len(there) else np.zeros(len(at), bool)
+    near = np.zeros(len(at), bool)
+    if len(there):
+        near = np.isfinite(cKDTree(there).query(at, distance_upper_bound=reach)[0])
     if itself:
         normal = np.zeros_like(at)
         for corner in t.places.T:

@@ -171,9 +171,9 @@ def _below(x: np.ndarray, depth: np.ndarray, surface: ClosedSurface) -> np.ndarr
 
 def with_renewed(scene: Scene, cells: np.ndarray, x0: np.ndarray, F0: np.ndarray, along: np.ndarray,
                  triangles: np.ndarray | None = None, solve: Callable[..., np.ndarray] = rkpm.factorised) -> Scene:
-    """A scene in which some `cells` (k,) int are renewed, by x0 (size, D) [µm] and F0 (size, D, D) [-] of all particles,
-    by `along` (m,) or (m, 3) [µm] of all surface particles, nan where surfaces are as they were, and in space by all
-    `triangles` (t, 3) int, by numbers of particles in their cells.
+    """A scene in which some `cells` (k,) int are renewed, by x0 (size, D) [µm] and F0 (size, D, D) [-] of all particles
+    and by `along` (m,) or (m, 3) [µm] of all surface particles, nan where surfaces are as they were; in space also by
+    all `triangles` (t, 3) int, by numbers of particles in their cells.
     """
     templates, kind, material_of = list(scene.templates), scene.kind.copy(), list(scene.material_of)
     first = np.concatenate([[0], np.cumsum([len(scene.templates[k].surface) for k in kind])])

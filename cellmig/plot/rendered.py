@@ -87,7 +87,8 @@ class Rendered(Solid):
     def draw_cells(self, ax: Axes, frame: Frame, fields: dict[str, np.ndarray]) -> None:
         """Draw all cells of a frame with these fields."""
         wide, high, _ = np.ptp(self._box, axis=1)
-        ax.imshow(self._image(fields, frame.triangles()), extent=(0.0, wide, 0.0, high), zorder=1, interpolation="antialiased")
+        image = self._image(fields, frame.triangles())
+        ax.imshow(image, extent=(0.0, wide, 0.0, high), zorder=1, interpolation="antialiased")
         x, y, _ = np.rint(0.5 * (self.low + self.high)).astype(int)
         at = f", around x = {x} µm, y = {y} µm" if self.follows else ""
         ax.set_title(f"t = {frame.time:.4g} {frame.unit.label}{at}", loc="left", fontsize=8)

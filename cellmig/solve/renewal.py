@@ -47,7 +47,7 @@ def crowded(m: Mechanics) -> np.ndarray:
 
 
 def _uneven(m: Mechanics, cell: np.ndarray) -> np.ndarray:
-    """Cells in space whose triangles are too uneven (cells,) bool, for the cells (k,) int of this rank's; collective."""
+    """Cells in space whose triangles are too uneven (cells,) bool; cells (k,) int of this rank's; collective."""
     longest, height = spread(m.segments.owned()[1])
     ends = np.zeros((2, len(m.divisible)))
     np.maximum.at(ends[0], cell, longest)

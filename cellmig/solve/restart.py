@@ -92,7 +92,8 @@ def _reference(scene: Scene) -> dict[str, np.ndarray]:
     divided anew; in space their triangles (t, 3) int.
     """
     d, used = scene.dimension, [scene.templates[k] for k in scene.kind]
-    along = np.concatenate([np.full((len(t.surface), 3)[: d - 1], np.nan) if t.along is None else t.along for t in used])
+    along = np.concatenate([np.full((len(t.surface), 3)[: d - 1], np.nan) if t.along is None else t.along
+                            for t in used])
     x, F = np.full((scene.size, d), np.nan), np.full((scene.size, d, d), np.nan)
     for c, t in enumerate(used):
         if t.x0 is not None:
