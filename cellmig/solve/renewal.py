@@ -71,10 +71,10 @@ def renew(m: Mechanics, time: float) -> None:
     """Find the neighbours anew in the cells that are `due`; collective.
 
     Masses, volumes, J and stresses of laws stay.  Particles of a fluid inside a cell move a little, to be more evenly
-    spread, and those on its surface along the outline, where they crowd: see `divided`.  They take the velocity that is
-    there, on the surface also J and the stress of a network; centre of mass, momentum and its moment stay.  A fluid
-    keeps J alone of F.  The energy of the elastic stabilisation begins at zero; that and the change of all other
-    energies is `Mechanics.renewal_loss`.
+    spread, and those on its surface along the outline, where they crowd: see `divided`, and in space in the surface,
+    where triangles are uneven: see `divided_in_space`.  They take the velocity that is there, on the surface also J and
+    the stress of a network; centre of mass, momentum and its moment stay.  A fluid keeps J alone of F.  The energy of
+    the elastic stabilisation begins at zero; that and the change of all other energies is `Mechanics.renewal_loss`.
 
     Raises NumericsError where particles have too few neighbours; `time` [µs] is for its message.
     """
@@ -122,11 +122,8 @@ def _move(m: Mechanics, arrays: dict[str, np.ndarray], c: int) -> None:
     division = _division(m, arrays, c, x, area) if m.divisible[c] and loose.any() else None
     if division is not None:
         by[surface] = division.x - x[surface]
-        off = division.x - division.between(x[surface])  # from between the particles of before
-        beside = np.einsum("nij,nj->ni", division.between(L[surface]), off) if d == 3 else 0.0
         for values in (v, b, J):
             values[surface] = division.between(values[surface])
-        v[surface] += beside
         J[surface] *= 1.0 + (area - t.V @ J) / (t.V[surface] @ J[surface])
         _divide(m, arrays, c, division, by[surface])
         if isinstance(division, SurfaceDivision):

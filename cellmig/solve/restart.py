@@ -19,7 +19,7 @@ from ..parallel.owners import Owners
 from .mechanics import Mechanics
 from .start import LARGE
 
-NEIGHBOURS = ("x", "F", "along", "triangles")  # what `_reference` has, the last in space
+NEIGHBOURS = tuple(f"neighbours {name}" for name in ("x", "F", "along", "triangles"))  # of `_reference`
 SAME = 1e-9  # largest distance of positions that count as equal [spacings]; rounding is 1e-15
 
 
@@ -55,7 +55,7 @@ def restore(m: Mechanics, about: dict[str, Any], arrays: Arrays) -> None:
     """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit; collective."""
     m.undo.aside = False
     if m.terms.renewal is not None:
-        _find_neighbours(m, *(arrays[f"neighbours {name}"] for name in NEIGHBOURS[: m.scene.dimension + 1]))
+        _find_neighbours(m, *(arrays[name] for name in NEIGHBOURS if name in arrays.names))
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     places = m.surfaces.place[m.part.own_surface]
     m.state.u[m.part.at_surface] = arrays.rows("surface renewed", places)

@@ -89,7 +89,7 @@ def test_an_old_vtk_draws_only_where_there_is_a_display(monkeypatch, vtk, displa
 def test_numbers_and_names_of_axes_in_space_do_not_cover_each_other_or_the_colours_of_long_and_flat_scenes(extent, n):
     high = 0.5 * np.array(extent)
     with matplotlib.rc_context(STYLE):
-        figure, axes = Solid("J", "J", Normalize(), "neither", -high, high, False, np.empty((0, 3), int)).panels(n)
+        figure, axes = Solid("J", "J", Normalize(), "neither", -high, high, False).panels(n)
         for ax in axes:
             ax.set_title("t = 0 µs", ha="left")
         FigureCanvasAgg(figure).draw()
@@ -105,7 +105,7 @@ def test_numbers_and_names_of_axes_in_space_do_not_cover_each_other_or_the_colou
 
 def test_what_is_drawn_last_of_a_ball_in_space_is_the_half_that_turns_to_the_eye():
     body = ball(1000, 5.0)
-    view = Solid("J", "", Normalize(), "neither", np.full(3, -6.0), np.full(3, 6.0), False, body.triangles)
+    view = Solid("J", "", Normalize(), "neither", np.full(3, -6.0), np.full(3, 6.0), False)
     corners = body.X[body.triangles]
     front = _front(view.panels(1)[1][0], corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

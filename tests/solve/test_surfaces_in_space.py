@@ -45,7 +45,7 @@ def turned(corners: np.ndarray, edges: np.ndarray, edge: np.ndarray) -> np.ndarr
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize(("shape", "most"), [(LONG, 3.5), (np.array([[1.0, 0, 2], [0, 1, 0], [0, 0, 1]]), 6.0)])
+@pytest.mark.parametrize(("shape", "most"), [(LONG, 4.0), (np.array([[1.0, 0, 2], [0, 1, 0], [0, 0, 1]]), 6.0)])
 def test_triangles_of_a_surface_that_was_drawn_out_are_even_again(shape: np.ndarray, most: float) -> None:
     with built(ball(300), MPI.COMM_SELF) as sim:
         t = sim.scene.templates[0]
@@ -56,7 +56,7 @@ def test_triangles_of_a_surface_that_was_drawn_out_are_even_again(shape: np.ndar
     faces, before = found.places.triangles, x[t.surface]
     edges, edge = edges_of(faces)
     assert even_surface.unevenness(before[t.places]) > 9.0
-    assert even_surface.unevenness(found.x[faces]) < most  # measured 2.7 and 5.6
+    assert even_surface.unevenness(found.x[faces]) < most  # measured 3.4 and 5.6
     assert faces.shape == t.places.shape and len(found.x) - len(edges) + len(faces) == 2  # still a sphere
     assert volume(found.x, faces) == pytest.approx(content, rel=1e-3)
     assert turned(found.x[faces], edges, edge).min() > 0.0
@@ -131,11 +131,11 @@ def test_what_surfaces_carry_stays_and_so_do_volume_momentum_and_its_moment(comm
             assert m.accounts.impulses.bond.sum(axis=(0, 1)) == pytest.approx(impulse, rel=1e-12)
             assert 0.0 <= m.kernel["push"].min() < m.kernel["push"].max() <= alpha.max()
     assert np.allclose(moments(), kept, rtol=1e-9, atol=1e-4)  # pN µs µm, of 1e5
-    assert even_surface.unevenness(x[new.places]) < 4.0  # measured 2.9, before 12
+    assert even_surface.unevenness(x[new.places]) < 4.0  # measured 3.4, before 12.9
     assert new.present is not None and not np.array_equal(new.facets, t.facets)
     assert new.facet_size.sum() == pytest.approx(t.facet_size.sum(), rel=1e-12)
     assert new.facet_size.min() > 0.0
-    assert volume(x, new.places) == pytest.approx(float(t.V @ q["J"]), rel=1e-3)
+    assert volume(x, new.places) == pytest.approx(float(t.V @ q["J"]), rel=1e-6)  # measured 4e-8
     assert left < 1e-9
 
 
