@@ -87,16 +87,17 @@ def divided(x: np.ndarray, triangles: np.ndarray, start: np.ndarray, held: np.nd
     """
     surface = ClosedSurface(x, triangles, np.zeros(len(triangles), int))
     lines = Lines.of(x, triangles)
+    outward = tuple(_normals(at, triangles)[0] for at in (x, start))
     now = _Sliding(x, triangles, undivided(x, triangles, held, straight), start)
     size = lengths(x[triangles] - x[np.roll(triangles, -1, axis=1)]).mean()
     for _ in range(ROUNDS):
-        now = _flipped(now, lines, held, start)
-        moved = _moved(now, surface, lines, held, start)
+        now = _flipped(now, lines, held, outward)
+        moved = _moved(now, surface, lines, held, start, outward)
         far = lengths(moved.x - now.x).max()
         now = moved
         if far < RESTS * size:
             break
-    now = _flipped(now, lines, held, start)
+    now = _flipped(now, lines, held, outward)
     new = now.places
     bulge = _bulges(x, triangles, lines, held | straight)
     return replace(new, x=now.x + bulge.at(new.corners, new.share), triangles=now.triangles,
@@ -250,9 +251,10 @@ def _normals(x: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return unit(normal), total
 
 
-def _flipped(now: _Sliding, lines: Lines, held: np.ndarray, start: np.ndarray) -> _Sliding:
-    """With edges flipped until none is opposite to angles of more than 180° together."""
+def _flipped(now: _Sliding, lines: Lines, held: np.ndarray, outward: tuple[np.ndarray, ...]) -> _Sliding:
+    """With edges flipped until none is opposite to angles of more than 180° together; `outward` see `_moved`."""
     triangles, m = now.triangles.copy(), len(now.x)
+    now_outward, start_outward = (now.places.between(normals) for normals in outward)
     for _ in range(ROUNDS):
         edges, half = _halves(triangles)
         (one, other), corner = (half // 3).T, half % 3
@@ -264,8 +266,8 @@ def _flipped(now: _Sliding, lines: Lines, held: np.ndarray, start: np.ndarray) -
         valence, normal = np.bincount(triangles.ravel(), minlength=m), unit(area_vectors(now.x[triangles]))
         quads = np.stack([a, b, c, d], axis=1)[at]
         at = at[(valence[quads[:, :2]] > 3).all(axis=1) & ~np.isin(_key(quads[:, 2:], m), _key(edges, m))
-                & (dot(normal[one[at]], normal[other[at]]) > SHARP)
-                & _sound(now.x, quads, SHARP) & _sound(now.start, quads, None)]
+                & (dot(normal[one[at]], normal[other[at]]) > SHARP) & _sound(now.x, quads, now_outward, SHARP)
+                & _sound(now.start, quads, start_outward, -1.0)]
         used: set[int] = set()
         for k in at[np.argsort(wide[at], kind="stable")].tolist():
             corners = int(a[k]), int(b[k]), int(c[k]), int(d[k])
@@ -287,20 +289,19 @@ def _sum_of_angles(x: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d
     return sine[0] * cosine[1] + cosine[0] * sine[1]
 
 
-def _sound(x: np.ndarray, quads: np.ndarray, sharp: float | None) -> np.ndarray:
-    """Whether the triangles after the flip of edges, with ends and opposite corners `quads` (k, 4) int, are not folded
-    nor thin, and turn at most as `sharp` says, if at all (k,) bool.
+def _sound(x: np.ndarray, quads: np.ndarray, outward: np.ndarray, sharp: float) -> np.ndarray:
+    """Whether the triangles after the flip of edges, with ends and opposite corners `quads` (k, 4) int, face `outward`
+    (m, 3) [-], are not thin, and turn at most as the cosine `sharp` says (k,) bool.
     """
     a, b, c, d = (x[corner] for corner in quads.T)
     one, other = (area_vectors(np.stack(corners, axis=1)) for corners in ((a, d, c), (d, b, c)))
-    whole = one + other
-    square = THIN * dot(whole, whole)
-    sound = (dot(one, whole) > square) & (dot(other, whole) > square)
-    return sound if sharp is None else sound & (dot(unit(one), unit(other)) > sharp)
+    normal, least = unit(outward[quads].sum(axis=1)), THIN * lengths(one + other)
+    return (dot(one, normal) > least) & (dot(other, normal) > least) & (dot(unit(one), unit(other)) > sharp)
 
 
-def _moved(now: _Sliding, surface: ClosedSurface, lines: Lines, held: np.ndarray, start: np.ndarray) -> _Sliding:
-    """With points moved once."""
+def _moved(now: _Sliding, surface: ClosedSurface, lines: Lines, held: np.ndarray, start: np.ndarray,
+           outward: tuple[np.ndarray, ...]) -> _Sliding:
+    """With points moved once; unit normals `outward` (m, 3) [-] of the points of before, now and at the start."""
     x, triangles, places = now.x, now.triangles, now.places
     corners = x[triangles]
     area, middle = _weights(x, triangles), corners.mean(axis=1)
@@ -331,9 +332,9 @@ def _moved(now: _Sliding, surface: ClosedSurface, lines: Lines, held: np.ndarray
         new = replace(places, corners=to, share=share)
         found = _Sliding(new.between(lines.x), triangles, new, new.between(start))
         bad = np.zeros(len(triangles), bool)
-        for before, after in ((x, found.x), (now.start, found.start)):
-            old = area_vectors(before[triangles])
-            bad |= dot(area_vectors(after[triangles]), old) < THIN * dot(old, old)
+        for before, after, normals in ((x, found.x, outward[0]), (now.start, found.start, outward[1])):
+            facing = dot(area_vectors(after[triangles]), unit(new.between(normals)[triangles].sum(axis=1)))
+            bad |= facing < THIN * lengths(area_vectors(before[triangles]))
         if not bad.any():
             return found
         back = np.unique(triangles[bad]) if attempt < ATTEMPTS - 1 else np.arange(len(x))

@@ -19,7 +19,7 @@ from .body import Template
 from .division import WRONG, from_outline
 from .scene import Scene, joined
 
-UNEVEN, CROWDED = 7.0, 10.0  # longest edge of a surface over the least height of its triangles beyond which it is
+UNEVEN, CROWDED = 12.0, 15.0  # longest edge of a surface over the least height of its triangles beyond which it is
 # divided anew when neighbours are found anew, and beyond which they are [-]
 GROWN = 1.5  # least growth of that since they were, for which they are: what is sharp stays uneven [-]
 LITTLE = 0.3  # farthest way along the normal by which the volume is restored [spacings]

@@ -24,7 +24,7 @@ from cellmig.output.mesh import Elements
 from cellmig.output.xdmf import Frames, frames
 from cellmig.solve.renewal import crowded, renew
 
-LONG = np.diag([0.55, 0.55, 1.0 / 0.3025])
+LONG = np.diag([0.5, 0.5, 4.0])
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def turned(corners: np.ndarray, edges: np.ndarray, edge: np.ndarray) -> np.ndarr
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize(("shape", "most"), [(LONG, 4.0), (np.array([[1.0, 0, 2], [0, 1, 0], [0, 0, 1]]), 6.0)])
+@pytest.mark.parametrize(("shape", "most"), [(LONG, 4.5), (np.array([[1.0, 0, 2.5], [0, 1, 0], [0, 0, 1]]), 9.0)])
 def test_triangles_of_a_surface_that_was_drawn_out_are_even_again(shape: np.ndarray, most: float) -> None:
     with built(ball(300), MPI.COMM_SELF) as sim:
         t = sim.scene.templates[0]
@@ -55,8 +55,8 @@ def test_triangles_of_a_surface_that_was_drawn_out_are_even_again(shape: np.ndar
     assert found is not None
     faces, before = found.places.triangles, x[t.surface]
     edges, edge = edges_of(faces)
-    assert even_surface.unevenness(before[t.places]) > 9.0
-    assert even_surface.unevenness(found.x[faces]) < most  # measured 3.4 and 5.6
+    assert even_surface.unevenness(before[t.places]) > 14.0
+    assert even_surface.unevenness(found.x[faces]) < most  # measured 3.5 and 8.3
     assert faces.shape == t.places.shape and len(found.x) - len(edges) + len(faces) == 2  # still a sphere
     assert volume(found.x, faces) == pytest.approx(content, rel=1e-3)
     assert turned(found.x[faces], edges, edge).min() > 0.0
@@ -131,7 +131,7 @@ def test_what_surfaces_carry_stays_and_so_do_volume_momentum_and_its_moment(comm
             assert m.accounts.impulses.bond.sum(axis=(0, 1)) == pytest.approx(impulse, rel=1e-12)
             assert 0.0 <= m.kernel["push"].min() < m.kernel["push"].max() <= alpha.max()
     assert np.allclose(moments(), kept, rtol=1e-9, atol=1e-4)  # pN µs µm, of 1e5
-    assert even_surface.unevenness(x[new.places]) < 4.0  # measured 3.4, before 12.9
+    assert even_surface.unevenness(x[new.places]) < 4.5  # measured 3.5, before 17
     assert new.present is not None and not np.array_equal(new.facets, t.facets)
     assert new.facet_size.sum() == pytest.approx(t.facet_size.sum(), rel=1e-12)
     assert new.facet_size.min() > 0.0
@@ -150,7 +150,7 @@ def test_values_of_the_start_are_carried_by_the_surface() -> None:
         now = carried(m.scene, np.zeros(1, int), values)
         height = outlines(sim)[:, 2]
     assert np.abs(now - new.along[:, 2]).max() < 1e-9
-    assert np.abs(now - height * 0.3025).max() < 0.1 * t.spacing  # measured 0.04
+    assert np.abs(now - height * 0.25).max() < 0.1 * t.spacing  # measured 0.04
     assert new.facet_size.max() > 2.0 * new.facet_size.min()  # the density of bonds stays
 
 
