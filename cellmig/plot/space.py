@@ -46,6 +46,7 @@ class Solid(View):
 
     dimension: ClassVar[int] = 3
     names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+
     @property
     def ground(self) -> np.ndarray:
         """Lowest corner (3,) [µm] of what is drawn, which ends at the substrate."""
