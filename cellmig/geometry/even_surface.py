@@ -66,7 +66,7 @@ def undivided(x: np.ndarray, triangles: np.ndarray, held: np.ndarray, straight: 
 
 
 def divided(x: np.ndarray, triangles: np.ndarray, start: np.ndarray, held: np.ndarray,
-            straight: np.ndarray) -> Divided:
+            straight: np.ndarray, upward: np.ndarray | None = None) -> Divided:
     """A surface whose triangles are even.
 
     Each point moves to the middle of the triangles around it, weighted by their areas, and back onto the surface; an
@@ -82,12 +82,14 @@ def divided(x: np.ndarray, triangles: np.ndarray, start: np.ndarray, held: np.nd
     start : (m, 3) -- places of the points on the surface of the start, on which no triangle may be folded [µm].
     held : (m,) bool -- points that stay, with all edges around them.
     straight : (m,) bool -- points at which edges do not bulge.
+    upward : (m, 3) -- unit normals of the surface of the start there [-]; None for those of the triangles, which mean
+        little where these are slivers there.
 
     Source: sliding as in Botsch & Kobbelt (2004), Symp. Geometry Processing, 185; flips as of Delaunay triangles.
     """
     surface = ClosedSurface(x, triangles, np.zeros(len(triangles), int))
     lines = Lines.of(x, triangles)
-    outward = tuple(_normals(at, triangles)[0] for at in (x, start))
+    outward = normals(x, triangles)[0], normals(start, triangles)[0] if upward is None else upward
     now = _Sliding(x, triangles, undivided(x, triangles, held, straight), start)
     size = lengths(x[triangles] - x[np.roll(triangles, -1, axis=1)]).mean()
     for _ in range(ROUNDS):
@@ -108,7 +110,7 @@ def filled(x: np.ndarray, triangles: np.ndarray, moves: np.ndarray, content: flo
     """Positions x (m, 3) [µm] moved along their normals, at most by `most` [µm], so that the `triangles` (t, 3) int
     enclose a `content` [µm³]: all that `moves` (m,) bool, in proportion to the mean turn at the edges around them.
     """
-    normal, area = _normals(x, triangles)
+    normal, area = normals(x, triangles)
     edges, _, turn = _turns(x, triangles)
     weight = moves * np.bincount(edges.ravel(), np.repeat(turn, 2), len(x)) / np.bincount(edges.ravel())
     way, size = (weight / max(weight.max(), 1e-300))[:, None] * normal, 0.0
@@ -240,8 +242,10 @@ def _key(edges: np.ndarray, m: int) -> np.ndarray:
     return edges.min(axis=1) * m + edges.max(axis=1)
 
 
-def _normals(x: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals (m, 3) [-] at points, and the sums of the area vectors around them (m, 3) [µm²]."""
+def normals(x: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals (m, 3) [-] at points x (m, 3) [µm] of triangles (t, 3) int, and the sums of the area vectors around
+    them (m, 3) [µm²].
+    """
     total, normal, p = np.zeros_like(x), np.zeros_like(x), x[triangles]
     area = area_vectors(p)
     square = dot(p - np.roll(p, -1, axis=1), p - np.roll(p, -1, axis=1))
@@ -254,7 +258,7 @@ def _normals(x: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _flipped(now: _Sliding, lines: Lines, held: np.ndarray, outward: tuple[np.ndarray, ...]) -> _Sliding:
     """With edges flipped until none is opposite to angles of more than 180° together; `outward` see `_moved`."""
     triangles, m = now.triangles.copy(), len(now.x)
-    now_outward, start_outward = (now.places.between(normals) for normals in outward)
+    now_outward, start_outward = (now.places.between(up) for up in outward)
     for _ in range(ROUNDS):
         edges, half = _halves(triangles)
         (one, other), corner = (half // 3).T, half % 3
@@ -314,7 +318,7 @@ def _moved(now: _Sliding, surface: ClosedSurface, lines: Lines, held: np.ndarray
         np.minimum.at(shortest, corner, side)
         np.minimum.at(shortest, triangles[:, (k + 1) % 3], side)
     way = target / total[:, None] - x
-    normal = _normals(x, triangles)[0]
+    normal = normals(x, triangles)[0]
     way -= dot(way, normal)[:, None] * normal
     slides = lines.ends[:, 0] >= 0
     first, last = (x[lines.ends[:, k]] for k in (0, 1))
@@ -332,9 +336,11 @@ def _moved(now: _Sliding, surface: ClosedSurface, lines: Lines, held: np.ndarray
         new = replace(places, corners=to, share=share)
         found = _Sliding(new.between(lines.x), triangles, new, new.between(start))
         bad = np.zeros(len(triangles), bool)
-        for before, after, normals in ((x, found.x, outward[0]), (now.start, found.start, outward[1])):
-            facing = dot(area_vectors(after[triangles]), unit(new.between(normals)[triangles].sum(axis=1)))
-            bad |= facing < THIN * lengths(area_vectors(before[triangles]))
+        for before, after, up in ((x, found.x, outward[0]), (now.start, found.start, outward[1])):
+            area = area_vectors(before[triangles])
+            faced, facing = (dot(areas, unit(at.between(up)[triangles].sum(axis=1)))
+                             for at, areas in ((places, area), (new, area_vectors(after[triangles]))))
+            bad |= (facing < THIN * lengths(area)) & (facing < faced)  # what is folded may stay, and hinders no other
         if not bad.any():
             return found
         back = np.unique(triangles[bad]) if attempt < ATTEMPTS - 1 else np.arange(len(x))
@@ -369,7 +375,7 @@ def _bulges(x: np.ndarray, triangles: np.ndarray, lines: Lines, straight: np.nda
 
     Source: derived here; the harmonic mean of two slopes as of van Leer (1979).
     """
-    normal = _normals(x, triangles)[0]
+    normal = normals(x, triangles)[0]
     a, b = lines.edges.T
     one, other = dot(normal[a], x[b] - x[a]), dot(normal[b], x[a] - x[b])
     same = one * other > 0.0

@@ -80,7 +80,7 @@ def divided_in_space(t: Template, x: np.ndarray, content: float, held: np.ndarra
         return None
     found, start = even_surface.undivided(at, faces, held, straight), t.on_reference
     if ratio > UNEVEN:
-        even = even_surface.divided(at, faces, start, held, straight)
+        even = even_surface.divided(at, faces, start, held, straight, _upward(t))
         found = even if even_surface.unevenness(even.x[even.triangles]) < ratio else found
     full = even_surface.filled(found.x, found.triangles, found.moves, content, LITTLE * t.spacing)
     along = reference(t).closest(found.between(start))[0]
@@ -90,6 +90,14 @@ def divided_in_space(t: Template, x: np.ndarray, content: float, held: np.ndarra
 def reference(t: Template) -> ClosedSurface:
     """The surface of a body in space in its reference configuration."""
     return ClosedSurface(t.X[t.surface], np.searchsorted(t.surface, t.triangles), np.zeros(len(t.triangles), int))
+
+
+def _upward(t: Template) -> np.ndarray:
+    """Unit normals of the reference surface of a body where its surface particles are on it (m, 3) [-]."""
+    surface = reference(t)
+    on, triangle = surface.closest(t.on_reference)
+    up = even_surface.normals(surface.vertices, surface.triangles)[0][surface.triangles[triangle]]
+    return unit((shares(on, surface.corners[triangle])[..., None] * up).sum(axis=1))
 
 
 def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
