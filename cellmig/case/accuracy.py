@@ -73,7 +73,8 @@ def pick(measured: dict[str, Any], kind: str | None, accuracy: float) -> dict[st
     Raises ValueError where there is none; the message is for the user.
     """
     if kind not in measured:
-        raise ValueError(f"no scene of this kind was measured; there are: {', '.join(measured)}")
+        raise ValueError(f"no scene of this kind{f' ({kind})' if kind else ''} was measured; there are: "
+                         f"{', '.join(measured)}")
     own = measured[kind]["points"]
     good = [p for p in own if p["error"] <= accuracy]
     if not good:

@@ -43,8 +43,8 @@ class Particles:
 
     per_cell: int | None = parameter("number of particles of each cell", None, minimum=7, maximum=100_000_000)
     spacing: float | None = quantity("um", "mean distance of particles: square root of the area of one, in space cube "
-                                     "root of its volume", None,
-                                     minimum=1e-6)
+                                     "root of its volume; the log has that inside a body, which is larger in space, "
+                                     "as particles on the surface have half a volume", None, minimum=1e-6)
     dilation: float = quantity("", "support radius of the kernel over the spacing", 2.2, minimum=1.2, maximum=10)
     surface_refinement: float = quantity("", "density of particles along surfaces over that inside: contact lines "
                                          "advance in shorter steps",

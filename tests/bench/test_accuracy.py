@@ -178,8 +178,10 @@ def test_an_accuracy_picks_the_cheapest_point_below_it_and_refuses_what_nobody_m
     assert accuracy.pick(points, "fluid", 0.01)["per_cell"] == 631
     with pytest.raises(ValueError, match=r"0.5 % was not measured.*the least is 1 %"):
         accuracy.pick(points, "fluid", 0.005)
-    with pytest.raises(ValueError, match="no scene of this kind"):
+    with pytest.raises(ValueError, match="no scene of this kind was"):
         accuracy.pick(points, None, 0.5)
+    with pytest.raises(ValueError, match=r"no scene of this kind \(fluid in space\) was measured; there are: fluid"):
+        accuracy.pick(points, "fluid in space", 0.5)
 
 
 @pytest.mark.parametrize(("name", "sets", "kind"), [
