@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from .solve.integrate import Integrator
 from .solve.mechanics import Mechanics
 from .solve.overdamped import Overdamped, without_inertia
 from .solve.protrusion import Protruding
-from .solve.restart import restore, same_places, saved
+from .solve.restart import flowed, found_anew, restore, same_places, saved
 from .solve.start import at_start, discretise, templates
 from .solve.static import Static
 from .solve.step import NumericsError, StepControl
@@ -72,6 +73,7 @@ class Simulation:
         if begun is not None:
             before = begun.rows("particle state", state["id"])
             state |= dict(zip("uv", np.split(before, 2, axis=1), strict=True))
+            owners = self._with_neighbours(owners, begun)
         self.swarm = Swarm(comm, state)
         self.swarm.migrate(owners.of(state["id"]))
         self.mechanics = Mechanics(owners, self.terms, boundary, protruding, self.swarm)
@@ -110,6 +112,9 @@ class Simulation:
         if not same_places(arrays, owners, self.comm):
             why = ("the run to start from has other particles: shapes, places, nuclei and [particles] have to be the "
                    "same; materials, adhesion, protrusion … may differ")
+        elif self.terms.renewal is None and flowed(arrays):
+            why = ("fluids of the run to start from have found their neighbours anew, and go on with these: give "
+                   "numerics.renewal, too")
         if why:
             raise CaseError([Mistake(self.case.path, None, "--from", why)])
         return arrays
@@ -234,6 +239,14 @@ class Simulation:
         self.sampler.start = about["ledger"]
         self.interval.restore(about["interval"])
         self.time = self.integrator.time
+
+    def _with_neighbours(self, owners: Owners, arrays: Arrays) -> Owners:
+        """Owners of the scene with the neighbours of the initial state; sets the bounds of the step; collective."""
+        if self.terms.renewal is None or not flowed(arrays):
+            return owners
+        scene = found_anew(owners.scene, arrays, self.comm)
+        self.control = computed_on_root(self.comm, lambda: StepControl(scene, self.terms))
+        return replace(owners, scene=scene)
 
     def state_hash(self) -> str:
         """The sha256 of X, u, v in the order of ids, the same on any number of ranks; collective."""

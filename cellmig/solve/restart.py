@@ -54,8 +54,8 @@ def saved(m: Mechanics) -> tuple[dict[str, Any], dict[str, np.ndarray | Rows]]:
 def restore(m: Mechanics, about: dict[str, Any], arrays: Arrays) -> None:
     """Set the state from the results of `saved`, arrays (size, ...), (m, ...) of any unit; collective."""
     m.undo.aside = False
-    if m.terms.renewal is not None:
-        _find_neighbours(m, *(arrays[name] for name in NEIGHBOURS if name in arrays.names))
+    if m.terms.renewal is not None and (scene := found_anew(m.scene, arrays, m.comm)) is not m.scene:
+        m.remake(scene)
     # Search lists are made for the positions at their last renewal, with the ghosts that they need.
     places = m.surfaces.place[m.part.own_surface]
     m.state.u[m.part.at_surface] = arrays.rows("surface renewed", places)
@@ -103,14 +103,23 @@ def _reference(scene: Scene) -> dict[str, np.ndarray]:
     return found | ({"neighbours triangles": joined((t.facets for t in used), (0, 3))} if d == 3 else {})
 
 
-def _find_neighbours(m: Mechanics, x: np.ndarray, F: np.ndarray, along: np.ndarray,
-                     triangles: np.ndarray | None = None) -> None:
-    """Find the neighbours of cells anew that have others for these results of `_reference`; collective."""
-    before, first = _reference(m.scene)["neighbours x"], m.scene.offset[:-1]
+def found_anew(scene: Scene, arrays: Arrays, comm: MPI.Comm) -> Scene:
+    """A scene with the neighbours that arrays (size, ...), (m, ...) of any unit, of `saved`, have; the scene itself
+    where it has these; collective.
+    """
+    x, F, along, *triangles = (arrays[name] for name in NEIGHBOURS if name in arrays.names)
+    before, first = _reference(scene)["neighbours x"], scene.offset[:-1]
     cells = np.flatnonzero(np.logical_or.reduceat((x != before).any(axis=1), first) & np.isfinite(x[first, 0]))
-    if len(cells):
-        solve = solve_positive if np.diff(m.scene.offset)[cells].max() > LARGE else factorised
-        m.remake(computed_on_root(m.comm, lambda: with_renewed(m.scene, cells, x, F, along, triangles, solve)))
+    if not len(cells):
+        return scene
+    solve = solve_positive if np.diff(scene.offset)[cells].max() > LARGE else factorised
+    present = triangles[0] if triangles else None
+    return computed_on_root(comm, lambda: with_renewed(scene, cells, x, F, along, present, solve))
+
+
+def flowed(arrays: Arrays) -> bool:
+    """Whether neighbours of a checkpoint's arrays (size, ...) of any unit were found anew."""
+    return NEIGHBOURS[0] in arrays.names and bool(np.isfinite(arrays[NEIGHBOURS[0]]).any())
 
 
 # By blocks, until particles get them.

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scenes import built, case, outlines, set_motion, smooth
+from test_fluid import squeezed
 from test_renewal import gone_on, renewing, state
 from test_renewal_in_space import ball, flattened, followed, spreading
 
 from mpi4py import MPI
 
 from cellmig.case.load import from_dict
+from cellmig.case.messages import CaseError
 from cellmig.case.schema import Case
 from cellmig.geometry import even_surface
 from cellmig.geometry.triangles import area_vectors, edges_of, lengths, volume
@@ -22,6 +25,8 @@ from cellmig.meshfree.division_space import carried, divided_in_space
 from cellmig.output.fields import field_unit
 from cellmig.output.mesh import Elements
 from cellmig.output.xdmf import Frames, frames
+from cellmig.parallel.collect import Whole
+from cellmig.simulation import Simulation
 from cellmig.solve.renewal import crowded, renew
 
 LONG = np.diag([0.5, 0.5, 4.0])
@@ -180,6 +185,33 @@ def test_a_ball_whose_surface_is_divided_has_the_same_bits_on_any_ranks(comm: MP
 @pytest.mark.usefixtures("soon")
 def test_a_run_goes_on_with_the_same_bits_after_surfaces_were_divided() -> None:
     gone_on(renewing(flattened(150)), 2.5)
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("flow", [lambda: squeezed(100), lambda: flattened(150)], ids=["plane", "space"])
+def test_another_run_starts_with_the_neighbours_and_surfaces_of_the_last_state(flow: Any, comm: MPI.Comm) -> None:
+    """Those of the start gave J = 1.7 where particles had moved to other places."""
+    scene = renewing(flow())
+    with built(scene, comm) as sim:
+        sim.go(3.0)
+        (rows, _), before, (_, arrays) = sim.sample(), state(sim), sim.saved()
+        assert sim.mechanics.renewals > 1
+        kept = sim.mechanics.scene.templates[0].facets
+        last = Whole(comm, arrays)
+    with Simulation(scene, comm, start=last) as new:
+        assert np.array_equal(new.mechanics.scene.templates[0].facets, kept)
+        assert all(np.array_equal(a, b) for a, b in zip(state(new).values(), before.values(), strict=True))
+        assert new.sample()[0][1:] == rows[1:]
+        new.go(0.5)
+        about, arrays = json.loads(json.dumps(new.saved()[0])), Whole(comm, new.saved()[1])
+        new.go(1.0)
+        found = new.state_hash()
+    with built(scene, comm) as again:  # the run that was started so goes on
+        again.restore(about, arrays)
+        again.go(1.0)
+        assert again.state_hash() == found
+    with pytest.raises(CaseError, match=r"give numerics\.renewal, too"):
+        Simulation(flow(), comm, start=last)
 
 
 # ---------------------------------------------------------------------------------------------------------- contact
