@@ -108,6 +108,8 @@ def cues(table: Mapping[str, np.ndarray]) -> Figure | None:
                         color=COLOURS[number % len(COLOURS)], label=table["name"][rows][0] if style == "-" else None)
         ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0)
         ax.set_ylabel(name.replace("_", " "))
+    for axis, style in zip("xy", ("-", "--"), strict=True) if d == 3 else ():
+        axes[0].plot([], [], color="0.4", ls=style, label=f"along {axis}")
     legend_above(axes[0])
     axes[-1].set_xlabel(f"time [{unit_of(table).label}]")
     return figure

@@ -104,8 +104,9 @@ def test_polarity_and_each_cue_have_a_panel_and_many_cells_none(d):
 
     axes = tracks.cues(table(2)).axes
     assert [ax.get_ylabel() for ax in axes] == ["polarity", "contact", "CXCL12"]
-    assert len(axes[0].lines) == 2 * (d - 1) + 1
-    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == ["Cell-1", "Cell-2"]
+    assert len(axes[1].lines) == 2 * (d - 1) + 1
+    along = ["along x", "along y"] if d == 3 else []
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == ["Cell-1", "Cell-2", *along]
     assert tracks.cues(table(8)) is None and tracks.cues({}) is None
 
 
