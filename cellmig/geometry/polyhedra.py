@@ -13,20 +13,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..model.adhesion import GAUSS
 from ..model.triangles import RADON
 
 Point = tuple[float, float, float]
 CORNERS: list[Point] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-TURN = 0.3  # largest angle from the first to the last line of a strip of a wedge [rad]
+TURN = 0.45  # largest angle from the first to the last line of a strip of a wedge [rad]
 LITTLE = 3e-3  # share of T below which there is little of it in a strip of a wedge or a triangle of a cone [-]
 # Each where there is more of T, and where there is little:
-CHANGE = 0.3, 1.0  # largest change of a distance from the first to the last line of a strip, over the distance [-]
+CHANGE = 1.2, 3.0  # largest change of a distance from the first to the last line of a strip, over the distance [-]
 SIZE = 0.8, 3.0  # largest side of a triangle of a cone, over its distance from the vertex [-]
 LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
-EVEN = 0.35  # most that the widths of the three lines of a strip bend, over their sum [-]
+EVEN = 0.27  # most that the widths of the four lines of a strip bend, over their sum [-]
 PARTS = 16  # most halvings of a strip
+GAUSS = [(0.06943184420297371, 0.17392742256872692), (0.33000947820757187, 0.3260725774312731),
+         (0.6699905217924281, 0.3260725774312731), (0.9305681557970263, 0.17392742256872692)]  # places, weights [-]
 HALVINGS = 40  # most of a triangle of a cone
 
 
@@ -187,31 +188,29 @@ class Wedge:
             sides = [(k - 1, k) for k in range(n) if (at[k - 1] < middle) != (at[k] < middle)]
             if high - low < THIN or len(sides) != 2:
                 continue
-            start = low
-            while start < high:
-                end = high
-                for _ in range(PARTS):
-                    first, last = (start + share * (end - start) for share in (GAUSS[0][0], GAUSS[-1][0]))
-                    lines = [self.line(start + share * (end - start), weight * (end - start), sides)
-                             for share, weight in GAUSS]
+            place, whole = 0, 2**PARTS
+            while place < whole:  # halves of halves of all
+                size = place & -place or whole
+                while True:
+                    start, part = (low + (high - low) * place / whole, (high - low) * size / whole)
+                    first, *_, last = directions = [start + share * part for share, _ in GAUSS]
+                    lines = [self.line(one, weight * part, sides)
+                             for one, (_, weight) in zip(directions, GAUSS, strict=True)]
                     width = [abs(sum(line.widths)) for line in lines]
                     little = sum(width) < 2.0 * LITTLE
-                    if self.even(width) and self.short(first, last, sides, smooth, CHANGE[little]):
+                    if size == 1 or self.even(width) and self.short(first, last, sides, smooth, CHANGE[little]):
                         break
-                    end = 0.5 * (start + end)
-                for share, weight in GAUSS:
-                    line = self.line(start + share * (end - start), weight * (end - start), sides)
-                    if min(line.distances) < within:
-                        yield line
-                start = end
+                    size //= 2
+                yield from (line for line in lines if min(line.distances) < within)
+                place += size
 
     @staticmethod
     def even(width: list[float]) -> bool:
-        """Whether the widths of three lines [-], times their weights, are nearly linear: else most of a strip may be
+        """Whether the widths of four lines [-], times their weights, are nearly linear: else most of a strip may be
         between the last line and the end, as of a triangle with one side along a sharp edge.
         """
-        first, middle, last = (w / weight for w, (_, weight) in zip(width, GAUSS, strict=True))
-        return abs(first - 2.0 * middle + last) <= EVEN * (first + middle + last)
+        first, one, other, last = (w / weight for w, (_, weight) in zip(width, GAUSS, strict=True))
+        return abs(first - one - other + last) <= EVEN * (first + one + other + last)
 
     def short(self, start: float, end: float, sides: list, smooth: float, most: float) -> bool:
         """Whether distances change at `most` so [-] between two directions [-], beside a distance `smooth` [µm]."""

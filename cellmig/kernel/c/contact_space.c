@@ -31,6 +31,24 @@ static inline int nodes_of(const KernelData *s, int kind, long feature, const in
     return n;
 }
 
+/* For how many steps the pieces that were found serve, at a least distance from a feature of a size with these planes:
+ * what slips, and what turns at this distance with the feature and, if it is an edge, its faces. */
+INLINED double steps_of_found(const KernelData *s, int kind, const Triangle *T, const Planes *planes,
+                              const int32_t *corner, const int32_t *node, double least, double dt)
+{
+    const double *velocity = kept.velocity[0];
+    v4 share[4] = {splat(1)};
+    if (kind == BESIDE_VERTEX) return steps_of(s, slip_of(velocity, corner, node, 1, share, &kept.found), least, dt);
+    const Four four = planes_on(T, planes);
+    const v4 at[4] = {four.at, four.at + four.by[0], four.at + four.by[1], four.at};
+    const int edge = kind == BESIDE_EDGE;
+    transpose(at, share);
+    if (edge) share[0] = share[3], share[1] = share[2]; /* what is left of the place along it, and that */
+    const double way = d_minimum(least, SIZES * planes->size);
+    const double turn = range_of(velocity, node, 3 + edge, node, 0) / planes->size;
+    return steps_of(s, slip_of(velocity, corner, node, 3 - edge, share, &kept.found) + way * turn, way, dt);
+}
+
 /* Finds the pieces of a meeting that is listed, and for how many steps they serve, if these are fewer. */
 INLINED void find(const KernelData *s, int kind, const Triangle *T, Listed *listed, Call *call, double *steps)
 {
@@ -38,19 +56,20 @@ INLINED void find(const KernelData *s, int kind, const Triangle *T, Listed *list
     Meeting *m = kept.of[kind].meeting + number;
     const int32_t *node, *corner = s->contact_segment + 3 * m->triangle;
     const double *x[3];
-    double *force[3], rest, least, size = INFINITY;
-    const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
+    const Planes *planes = NULL;
+    double *force[3], rest, least;
+    nodes_of(s, kind, m->feature, &node, x, force);
     kept.found.used = 0;
     if (kind == OVER_FACE) {
         const Face *f = face_at(s, m->feature, call->now);
         rest = over_face(T, f, &kept.found, &call->pierced);
         least = kept.found.used && call->serve ? least_gap_over(T, f, &kept.found) : 0;
-        size = f->planes.size;
+        planes = &f->planes;
     } else if (kind == BESIDE_EDGE) {
         const Edge3 *e = edge_at(s, m->feature, call->now);
         rest = beside_edge3(T, e, &kept.found);
         least = kept.found.used && call->serve ? least_from_edge(T, x, &kept.found) : 0;
-        size = e->planes.size;
+        planes = &e->planes;
     } else {
         const Vertex *v = vertex_at(s, m->feature, call->now);
         const Ball ball = ball_around(T);
@@ -61,15 +80,13 @@ INLINED void find(const KernelData *s, int kind, const Triangle *T, Listed *list
         const Near near = near_of(s, kind);
         near.rest[2 * m->near] = s->triangle_gone[2 * m->triangle] + rest;
         near.rest[2 * m->near + 1] = near.gone[2 * m->feature] + rest;
+        listed->rests = call->now + calls_of(s, &near, m->triangle, m->feature, rest);
     }
     keep_found(kept.of + kind, m, &kept.found, kind == OVER_FACE ? sizeof(OverFace) : sizeof(Beside));
     m->due = 1;
     listed->number = m->n ? number : ~number;
-    if (m->n && call->serve) {
-        const double way = d_minimum(least, SIZES * size);
-        const int all = nodes + 2 * (kind == BESIDE_EDGE); /* with its faces */
-        *steps = d_minimum(*steps, steps_of_slip(s, kept.velocity[0], corner, node, all, way, call->dt));
-    }
+    if (m->n && call->serve)
+        *steps = d_minimum(*steps, steps_of_found(s, kind, T, planes, corner, node, least, call->dt));
 }
 
 /* Looks at a meeting that had no pieces, if now is the time; whether it has some. */
@@ -80,7 +97,8 @@ INLINED int look(const KernelData *s, int kind, const Triangle *T, Listed *liste
     const double *x[3], gap = d_minimum(s->contact_serves[2], s->contact_apart[m->triangle]);
     double *force[3], steps;
     const int nodes = nodes_of(s, kind, m->feature, &node, x, force);
-    const int32_t every = looks_every(steps_of_slip(s, kept.velocity[1], corner, node, nodes, gap, call->dt));
+    const double range = range_of(kept.velocity[1], corner, 3, node, nodes);
+    const int32_t every = looks_every(steps_of(s, range, gap, call->dt));
     const int32_t late = (int32_t)(kept.calls % every);
     listed->until = m->until = call->now + every - late;
     if (!late) find(s, kind, T, listed, call, &steps);
@@ -92,8 +110,11 @@ INLINED int look_at(const KernelData *s, int kind, const Triangle *T, long k, Ca
 {
     const Pieces *p = kept.of + kind;
     int any = 0;
-    for (long n = p->from[k]; n < p->from[k + 1]; n++)
-        if (p->listed[n].number < 0 && p->listed[n].until <= call->now) any |= look(s, kind, T, p->listed + n, call);
+    for (long n = p->from[k]; n < p->from[k + 1]; n++) {
+        Listed *listed = p->listed + n;
+        if (listed->number >= 0 || listed->until > call->now || listed->rests >= call->now) continue;
+        any |= look(s, kind, T, listed, call);
+    }
     return any;
 }
 
@@ -103,6 +124,7 @@ INLINED int find_all(const KernelData *s, int kind, const Triangle *T, long k, C
     const Pieces *p = kept.of + kind;
     int any = 0;
     for (long n = p->from[k]; n < p->from[k + 1]; n++) {
+        if (p->listed[n].rests >= call->now) continue;
         find(s, kind, T, p->listed + n, call, steps);
         any |= p->listed[n].number >= 0;
     }

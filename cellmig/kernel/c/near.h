@@ -96,6 +96,13 @@ static void follow_all(const KernelData *s, double calls)
     memset(s->contact_gone, 0, sizeof(double) * (size_t)s->n_contact_nodes);
 }
 
+/* In how many calls, until lists are made anew, triangle k and a feature surely go no farther than they may. */
+static inline int32_t calls_of(const KernelData *s, const Near *near, long k, long feature, double rest)
+{
+    const double *of = s->triangle_gone + 2 * k, *other = near->gone + 2 * feature;
+    return (int32_t)d_minimum(SERVE * rest / (d_maximum(of[1] - of[0], other[1] - other[0]) + 1e-300), SERVE);
+}
+
 /* Lists what may act in the coming calls, while no node goes much faster. */
 static void list_what_may_act(const KernelData *s, double calls)
 {
@@ -111,7 +118,7 @@ static void list_what_may_act(const KernelData *s, double calls)
                 if (s->triangle_gone[2 * k + 1] <= rest[0] && near.gone[2 * near.feature[m] + 1] <= rest[1]) continue;
                 const int32_t number = meeting_of(p, k, m, near.feature[m]);
                 const Meeting *of = p->meeting + number;
-                p->listed[p->lists++] = (Listed){of->n ? number : ~number, of->until};
+                p->listed[p->lists++] = (Listed){of->n ? number : ~number, of->until, 0};
             }
         }
         p->from[s->n_contact_segments] = p->lists;

@@ -9,9 +9,9 @@ enum { OVER_FACE, BESIDE_EDGE, BESIDE_VERTEX, MEETINGS };
  * pairs of ends of lines, with a width in the fourth place; beside a vertex points, with an area in that place. */
 typedef struct { long from; int32_t triangle, near, feature, n, room, action, until, due; } Meeting;
 
-/* A meeting that is listed: its number, or the complement of that where it has no pieces, and when it is looked at if
- * it has none. */
-typedef struct { int32_t number, until; } Listed;
+/* A meeting that is listed: its number, or the complement of that where it has no pieces, when it is looked at if it
+ * has none, and the call up to which it surely has none. */
+typedef struct { int32_t number, until, rests; } Listed;
 
 /* Meetings, their numbers by those of what is near triangles, -1 where there is none, those that are listed and where
  * those of each triangle begin; pieces and what acts at them. */

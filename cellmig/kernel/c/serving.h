@@ -39,22 +39,48 @@ static void keep_velocities(const KernelData *s)
     if (kept.calls % SERVE == 0) memcpy(kept.velocity[1], kept.velocity[0], (size_t)n * sizeof(double));
 }
 
-/* For how many steps of dt a triangle and a feature, with the corners and nodes given, slip by a small share of a
- * distance: at most SERVE. */
-static double steps_of_slip(const KernelData *s, const double *velocity, const int32_t *corner, const int32_t *node,
-                            int nodes, double distance, double dt)
+/* By how much the velocities of nodes differ. */
+static double range_of(const double *velocity, const int32_t *one, int n, const int32_t *other, int more)
 {
     double square = 0;
     for (int c = 0; c < D; c++) {
         double low = INFINITY, high = -INFINITY;
-        for (int i = 0; i < 3 + nodes; i++) {
-            const double v = velocity[D * (i < 3 ? corner[i] : node[i - 3]) + c];
+        for (int i = 0; i < n + more; i++) {
+            const double v = velocity[D * (i < n ? one[i] : other[i - n]) + c];
             low = d_minimum(low, v);
             high = d_maximum(high, v);
         }
         square += (high - low) * (high - low);
     }
-    return d_minimum(s->contact_serves[1] * distance / (dt * sqrt(square) + 1e-300), SERVE);
+    return sqrt(square);
+}
+
+/* For how many steps of dt what goes at a speed goes by a small share of a distance: at most SERVE. */
+static inline double steps_of(const KernelData *s, double speed, double distance, double dt)
+{
+    return d_minimum(s->contact_serves[1] * distance / (dt * speed + 1e-300), SERVE);
+}
+
+/* How fast pieces slip: places on a triangle beside those of a feature, in it and carried on, of whose nodes they have
+ * `shares`, at the corners of the triangle. */
+static double slip_of(const double *velocity, const int32_t *corner, const int32_t *node, int nodes,
+                      const v4 share[], const Pieces *found)
+{
+    Corners slip;
+    double most = 0;
+    for (int c = 0; c < D; c++) {
+        slip.x[c] = (v4){velocity[D * corner[0] + c], velocity[D * corner[1] + c], velocity[D * corner[2] + c], 0};
+        for (int i = 0; i < nodes; i++) slip.x[c] -= velocity[D * node[i] + c] * share[i];
+    }
+    for (long m = 0; m < found->used; m++) {
+        double square = 0;
+        for (int c = 0; c < D; c++) {
+            const double v = dot4(slip.x[c], found->on[m]);
+            square += v * v;
+        }
+        most = d_maximum(most, square);
+    }
+    return sqrt(most);
 }
 
 /* How often a pair without pieces is looked at that slips by little in some steps: in calls whose number is a multiple

@@ -1,10 +1,10 @@
 /* The part of a triangle T in the wedge over an edge of another surface, as lines. */
 
-enum { HALVINGS = 16, POINTS_OF_LINE = 3, MOST_LIMITS = 11 };
-static const double CHANGE[2] = {0.3, 1.0}, LITTLE = 3e-3, COS_TURN = 0.955336489125606, LEVEL = 1e-9, THIN = 1e-12;
-static const double EVEN = 0.35; /* most that widths of three lines bend, beside their sum */
-static const v4 LINE_AT = {0.11270166537925831, 0.5, 0.8872983346207417, 0.5};
-static const v4 LINE_WEIGHT = {5.0 / 18, 8.0 / 18, 5.0 / 18, 0};
+enum { HALVINGS = 16, LINES = 4, MOST_LIMITS = 11 };
+static const double CHANGE[2] = {1.2, 3.0}, LITTLE = 3e-3, COS_TURN = 0.9004471023526769, LEVEL = 1e-9, THIN = 1e-12;
+static const double EVEN = 0.27; /* most that widths of four lines bend, beside their sum */
+static const v4 LINE_AT = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263};
+static const v4 LINE_WEIGHT = {0.17392742256872692, 0.3260725774312731, 0.3260725774312731, 0.17392742256872692};
 
 /* An edge: as planes the weights of the normals of its faces, the place along it and what is left of that; its unit
  * vector, that of the mean of the normals, its sign, 0 if it is level, and whether its faces turn little. */
@@ -106,18 +106,18 @@ static void cross_at(const Wedge *w, int i, int left, v4 at, Across *c)
 }
 
 /* The lines of a strip: corners of T at which their sides meet, -1 where there is no line, lines by corner. */
-typedef struct { int corner[POINTS_OF_LINE]; Across c[3]; } Strip;
+typedef struct { int corner[LINES]; Across c[3]; } Strip;
 
 /* Finds the lines of a strip; whether there are any. */
 static int set_strip(const Wedge *w, v4 at, Strip *strip)
 {
     static const int single[8] = {-1, 0, 1, 2, 2, 1, 0, -1}; /* the corner on a side of its own */
-    int beyond[POINTS_OF_LINE] = {0}, any = 0, done = 0;
+    int beyond[LINES] = {0}, any = 0, done = 0;
     for (int k = 0; k < 3; k++) {
         const int before = signs(w->last[k] - at * w->sum[k]);
-        for (int j = 0; j < POINTS_OF_LINE; j++) beyond[j] |= (before >> j & 1) << k;
+        for (int j = 0; j < LINES; j++) beyond[j] |= (before >> j & 1) << k;
     }
-    for (int j = 0; j < POINTS_OF_LINE; j++) {
+    for (int j = 0; j < LINES; j++) {
         const int i = strip->corner[j] = single[beyond[j]];
         if (i < 0) continue;
         if (!(done >> i & 1)) cross_at(w, i, beyond[j] == 1 << i, at, strip->c + i);
@@ -131,7 +131,7 @@ static int set_strip(const Wedge *w, v4 at, Strip *strip)
 static inline double share_in(const Strip *strip, double range)
 {
     double width = 0;
-    for (int j = 0; j < POINTS_OF_LINE; j++) {
+    for (int j = 0; j < LINES; j++) {
         const int i = strip->corner[j];
         if (i >= 0) width += LINE_WEIGHT[j] * (strip->c[i].width[0][j] + strip->c[i].width[1][j]);
     }
@@ -142,12 +142,13 @@ static inline double share_in(const Strip *strip, double range)
  * as of a triangle with one side along a sharp edge. */
 static inline int is_even(const Strip *strip)
 {
-    double width[POINTS_OF_LINE] = {0};
-    for (int j = 0; j < POINTS_OF_LINE; j++) {
+    double width[LINES] = {0};
+    for (int j = 0; j < LINES; j++) {
         const int i = strip->corner[j];
         if (i >= 0) width[j] = strip->c[i].width[0][j] + strip->c[i].width[1][j];
     }
-    return fabs(width[0] - 2 * width[1] + width[2]) <= EVEN * (width[0] + width[1] + width[2]);
+    const double outer = width[0] + width[3], inner = width[1] + width[2];
+    return fabs(outer - inner) <= EVEN * (outer + inner);
 }
 
 /* Whether distances and directions change little from the first line of a strip to the last; where there is little of T
@@ -155,14 +156,14 @@ static inline int is_even(const Strip *strip)
 static inline int is_short(const Wedge *w, const Strip *strip, double range)
 {
     if (!is_even(strip)) return 0;
-    const Across *a = strip->c + strip->corner[0], *b = strip->c + strip->corner[2];
+    const Across *a = strip->c + strip->corner[0], *b = strip->c + strip->corner[3];
     const double most = CHANGE[share_in(strip, range) < LITTLE];
-    for (int k = 0; k < 2 && strip->corner[0] >= 0 && strip->corner[2] >= 0; k++) {
-        const double r1 = a->r[k][0], r2 = b->r[k][2];
+    for (int k = 0; k < 2 && strip->corner[0] >= 0 && strip->corner[3] >= 0; k++) {
+        const double r1 = a->r[k][0], r2 = b->r[k][3];
         if (fabs(r2 - r1) > most * d_maximum(d_minimum(r1, r2), w->T->smooth)) return 0;
         if (w->e->narrow) continue;
         double cosine = 0;
-        for (int x = 0; x < 3; x++) cosine += a->away[k][x][0] * b->away[k][x][2];
+        for (int x = 0; x < 3; x++) cosine += a->away[k][x][0] * b->away[k][x][3];
         if (cosine < COS_TURN * r1 * r2) return 0;
     }
     return 1;
@@ -171,7 +172,7 @@ static inline int is_short(const Wedge *w, const Strip *strip, double range)
 /* Adds the lines of a strip. */
 static void add_lines(const Wedge *w, const Strip *strip, double range, Pieces *found)
 {
-    for (int j = 0; j < POINTS_OF_LINE; j++) {
+    for (int j = 0; j < LINES; j++) {
         const int i = strip->corner[j];
         const Across *c = strip->c + (i < 0 ? 0 : i);
         if (i < 0 || (c->r[0][j] >= w->T->within && c->r[1][j] >= w->T->within)) continue;
@@ -187,17 +188,18 @@ static void add_lines(const Wedge *w, const Strip *strip, double range, Pieces *
     }
 }
 
-/* Finds the lines between two directions, in strips that are short. */
+/* Finds the lines between two directions, in strips that are short: halves of halves of all. */
 static void find_strips(const Wedge *w, double low, double high, Pieces *found)
 {
-    const double least = ldexp(high - low, -HALVINGS);
+    const long all = 1L << HALVINGS;
+    const double part = (high - low) / (double)all;
     Strip strip;
-    for (double start = low, end; start < high; start = end) {
-        for (end = high;; end = 0.5 * (start + end)) {
-            if (!set_strip(w, start + (end - start) * LINE_AT, &strip) && end == high && start == low) return;
-            if (!(end - start > least) || is_short(w, &strip, end - start)) break;
+    for (long at = 0, size; at < all; at += size) {
+        for (size = at ? at & -at : all;; size /= 2) {
+            if (!set_strip(w, low + part * ((double)at + (double)size * LINE_AT), &strip) && size == all) return;
+            if (size == 1 || is_short(w, &strip, part * (double)size)) break;
         }
-        add_lines(w, &strip, end - start, found);
+        add_lines(w, &strip, part * (double)size, found);
     }
 }
 
