@@ -198,7 +198,7 @@ class Wedge:
                              for one, (_, weight) in zip(directions, GAUSS, strict=True)]
                     width = [abs(sum(line.widths)) for line in lines]
                     little = sum(width) < 2.0 * LITTLE
-                    if size == 1 or self.even(width) and self.short(first, last, sides, smooth, CHANGE[little]):
+                    if size == 1 or (self.even(width) and self.short(first, last, sides, smooth, CHANGE[little])):
                         break
                     size //= 2
                 yield from (line for line in lines if min(line.distances) < within)
