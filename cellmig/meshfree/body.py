@@ -16,6 +16,7 @@ from scipy import sparse
 
 from ..case.expression import Expression, evaluate
 from ..geometry import polygons
+from ..geometry.even_surface import unevenness
 from ..geometry.polyhedra import Polyhedron
 from . import rkpm
 from .operators import largest, strain_operator
@@ -175,6 +176,11 @@ class Template:
     def on_reference(self) -> np.ndarray:
         """Places of the surface particles on the reference surface (m, 3) [µm]; in space only."""
         return self.X[self.surface] if self.along is None else self.along
+
+    @cached_property
+    def unevenness(self) -> float:
+        """Longest edge of the surface over least height of its triangles when neighbours were found [-]; in space."""
+        return unevenness((self.X if self.x0 is None else self.x0)[self.facets])
 
     @cached_property
     def size_per_mass(self) -> np.ndarray:

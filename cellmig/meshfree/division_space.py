@@ -123,8 +123,7 @@ def _from_surface(t: Template, values: np.ndarray) -> np.ndarray:
 
 def grown_uneven(scene: Scene, kind: int) -> float:
     """Longest edge over least height of triangles beyond which neighbours of bodies of a `kind` are found anew [-]."""
-    t = scene.templates[kind]
-    return max(CROWDED, GROWN * even_surface.unevenness((t.X if t.x0 is None else t.x0)[t.facets]))
+    return max(CROWDED, GROWN * scene.templates[kind].unevenness)
 
 
 def near_others(scene: Scene, x: np.ndarray, c: int, reach: float, itself: bool) -> np.ndarray:

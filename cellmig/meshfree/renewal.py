@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import QhullError
@@ -32,6 +33,7 @@ FARTHEST = 0.2  # how far a particle moves at most [spacings]
 DEEP = 0.4  # how far below a surface in space they are at least, over that distance [-]
 HALVINGS = 4  # of this distance where the body is thin
 NUDGE = 0.01  # moves that come first [spacings]
+BOUNDS = "bounds"  # name by which a template keeps them
 GOLDEN, RATIO = 2.399963229728653, 0.6180339887498949  # turn from one of these to the next [rad], and height in space
 
 
@@ -94,6 +96,32 @@ def at_rest(t: Template) -> Template:
     entries = np.einsum("ejk,ej->ek", inverse[rows], np.column_stack([g.data for g in t.G]))
     return replace(t, G=zero_row_sums(entries, t.G[0].indices, t.G[0].indptr), V=t.V * J, heaviness=t.heaviness / J,
                    bending_weight=t.bending_weight / _divisor(t.F0), F0=None)
+
+
+class Bounds(NamedTuple):
+    """What the step of a body follows from.
+
+    rates : damping rates of stabilisation and viscosities [1/µs], frequencies² of sound and of the elastic
+    stabilisation [1/µs²];  viscous, elastic : bounds of single particles [1/µs], [1/µs²];  size_per_mass,
+    drawn_per_mass : largest of its particles [µm²/fg], [1/fg];  radius : [µm].
+    """
+
+    rates: tuple[float, float, float, float]
+    viscous: float
+    elastic: float
+    size_per_mass: float
+    drawn_per_mass: float
+    radius: float
+
+
+def bounds(t: Template) -> Bounds:
+    """Bounds of a body as it is `at_rest`, found once: where one of many bodies is renewed, the others have theirs."""
+    if (found := vars(t).get(BOUNDS)) is None:
+        rest = at_rest(t)
+        found = vars(t)[BOUNDS] = Bounds(
+            rest.rates, rest.local_bound(rest.viscous_weight), rest.local_bound(rest.elastic_weight),
+            float(rest.size_per_mass.max()), float(rest.drawn_per_mass.max()), rest.radius)
+    return found
 
 
 def evened(t: Template, x: np.ndarray, J: np.ndarray, loose: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..meshfree.renewal import at_rest
+from ..meshfree.renewal import at_rest, bounds
 from ..meshfree.scene import Scene
 from ..meshfree.terms import Terms
 from .taut import at_rest as tense
@@ -71,11 +71,12 @@ class StepControl:
 
     def __init__(self, scene: Scene, terms: Terms):
         """Find the largest eigenvalues of the scene's kinds of cells, as they were when their neighbours were found."""
-        used = [at_rest(scene.templates[k]) for k in np.unique(scene.kind)]
+        kinds = [scene.templates[k] for k in np.unique(scene.kind)]
+        used = [bounds(t) for t in kinds]
         rates = np.array([t.rates for t in used])
         self.stabilisation, self.viscous, self.elastic, self.stiffening = rates.max(axis=0)  # 1/µs twice, 1/µs² twice
-        self._viscous0 = max(t.local_bound(t.viscous_weight) for t in used)
-        self._elastic0 = max(t.local_bound(t.elastic_weight) for t in used)
+        self._viscous0 = max(t.viscous for t in used)
+        self._elastic0 = max(t.elastic for t in used)
         # a gap between cells is closed from both sides; the strongest of their bonds stand for all, and for the wall of
         # a cell against itself, which ends at its equilibrium distance and has no gap for a softer contact
         laws = terms.contacts.laws if terms.contacts is not None else ()
@@ -88,20 +89,20 @@ class StepControl:
         self.typical = TYPICAL * self.eps
         if len(scene.kind) == 1:
             self.typical[1] = math.inf  # of a cell with itself
-        self._size_per_mass = max(float(t.size_per_mass.max()) for t in used)
+        self._size_per_mass = max(t.size_per_mass for t in used)
         drag = terms.friction.coefficient if terms.friction and terms.substrate else 0.0
         drag += 2.0 * terms.contacts.coefficient if terms.contacts else 0.0  # against each other
         drag += terms.medium.coefficient / min(t.radius for t in used) if terms.medium else 0.0
         self._drag, tension = float(drag), tense(terms.cortex) if terms.cortex else 0.0
         self._tension = 0.0 if changes(terms.cortex) else tension  # where it changes, `Taut` says what it does
         self._surface = (self._drag * self._size_per_mass,  # damping and frequency² of a surface particle
-                         tension * max(float(t.drawn_per_mass.max()) for t in used))
+                         tension * max(t.drawn_per_mass for t in used))
         # the particle whose own stress is stiffest is then seldom in the fastest mode, and no measure of its growth
         self._anew = scene.dimension == 3 and any(scene.templates[k].F0 is not None for k in scene.kind)
         self._follows = not terms.director_acts  # the modes lack its stresses and torques
         law = terms.director_law if terms.director == "relaxing" else None
         mobility = law.mobility if law is not None else 0.0
-        self.director = 2.0 / (mobility * max(t.diffusion for t in used)) if mobility else math.inf
+        self.director = 2.0 / (mobility * max(at_rest(t).diffusion for t in kinds)) if mobility else math.inf
 
     def gaps(self, gap: float, contact: float) -> np.ndarray:
         """Gaps (2,) [µm]: the least `gap` [µm] to the substrate, and that of flat contacts between cells which are as
