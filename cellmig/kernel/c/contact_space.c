@@ -109,11 +109,14 @@ INLINED int look(const KernelData *s, int kind, const Triangle *T, Listed *liste
 INLINED int look_at(const KernelData *s, int kind, const Triangle *T, long k, Call *call)
 {
     const Pieces *p = kept.of + kind;
+    int32_t *next = &kept.serves[k].look;
     int any = 0;
     for (long n = p->from[k]; n < p->from[k + 1]; n++) {
         Listed *listed = p->listed + n;
-        if (listed->number >= 0 || listed->until > call->now || listed->rests >= call->now) continue;
-        any |= look(s, kind, T, listed, call);
+        if (listed->number >= 0) continue;
+        if (listed->until <= call->now && listed->rests < call->now) any |= look(s, kind, T, listed, call);
+        const int32_t then = listed->until > listed->rests ? listed->until : listed->rests + 1;
+        *next = then < *next ? then : *next;
     }
     return any;
 }
@@ -160,8 +163,10 @@ INLINED void renew(const KernelData *s, int kind, const Triangle *T, long k, int
 static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *waiting)
 {
     for (long k = 0; k < s->n_contact_segments; k++, T++) {
-        int due = kept.until[k] <= call->now;
-        if (!due) {
+        Serves *serves = kept.serves + k;
+        int due = serves->until <= call->now;
+        if (!due && serves->look <= call->now) {
+            serves->look = INT32_MAX;
             due |= look_at(s, OVER_FACE, T, k, call);
             due |= look_at(s, BESIDE_EDGE, T, k, call);
             due |= look_at(s, BESIDE_VERTEX, T, k, call);
@@ -171,12 +176,15 @@ static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *wa
             int any = find_all(s, OVER_FACE, T, k, call, &steps);
             any |= find_all(s, BESIDE_EDGE, T, k, call, &steps);
             any |= find_all(s, BESIDE_VERTEX, T, k, call, &steps);
-            kept.until[k] = any ? call->now + (steps < FEW ? 1 : (int32_t)steps) : INT32_MAX;
+            serves->until = any ? call->now + (steps < FEW ? 1 : (int32_t)steps) : INT32_MAX;
+            serves->look = call->now + 1;
         }
-        Waiting *w = waiting + (call->serve && kept.until[k] > call->now + 1);
+        if (!due && !serves->due) continue;
+        Waiting *w = waiting + (call->serve && serves->until > call->now + 1);
         renew(s, OVER_FACE, T, k, call->now, w);
         renew(s, BESIDE_EDGE, T, k, call->now, w);
         renew(s, BESIDE_VERTEX, T, k, call->now, w);
+        serves->due = 0;
     }
 }
 
@@ -196,6 +204,7 @@ INLINED void act(const KernelData *s, int kind, const Triangle *T, int32_t now)
             m->due = act_over_face(over_face_of(p, m->action), here, face_at(s, m->feature, now), force);
         else if (kind == BESIDE_EDGE) m->due = act_beside_edge(beside_of(p, m->action), here, x, force);
         else m->due = act_beside_vertex(beside_of(p, m->action), here, x[0], force[0]);
+        kept.serves[m->triangle].due |= m->due;
     }
 }
 

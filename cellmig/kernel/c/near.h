@@ -107,6 +107,7 @@ static inline int32_t calls_of(const KernelData *s, const Near *near, long k, lo
 static void list_what_may_act(const KernelData *s, double calls)
 {
     follow_all(s, calls);
+    for (long k = 0; k < s->n_contact_segments; k++) kept.serves[k].look = 0;
     for (int kind = 0; kind < MEETINGS; kind++) {
         const Near near = near_of(s, kind);
         Pieces *p = kept.of + kind;

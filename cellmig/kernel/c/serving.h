@@ -5,12 +5,16 @@
 enum { SERVE = 16, FEW = 4 }; /* most steps; if fewer than a few would do, pieces serve in one alone */
 static const double SIZES = 1; /* how many sizes of a feature count as much as its distance */
 
+/* Of a triangle: the call in which what was found serves no more, that in which a pair without pieces is looked at next,
+ * and whether what acts in a pair does not serve. */
+typedef struct { int32_t until, look, due; } Serves;
+
 /* What is kept in a run of steps: no other run goes on meanwhile. */
 static struct {
     Triangle *triangle;
     double *by; /* how far each node goes, and may go until lists are made anew */
     double *velocity[2]; /* of the nodes, and what they were when calls were last a multiple of SERVE */
-    int32_t *until; /* the call in which what was found of each triangle serves no more */
+    Serves *serves; /* of each triangle */
     long calls, room[5]; /* since the run began */
     Pieces of[MEETINGS], found; /* by kinds of meetings; of the meeting at hand */
 } kept;
@@ -24,8 +28,8 @@ static int pieces_serve(const KernelData *s)
     if (serve && !(s->contact_serves[0] > 0)) return 1;
     kept.calls = 0;
     for (int kind = 0; kind < MEETINGS; kind++) forget(kept.of + kind, near[kind], n);
-    kept.until = enough(kept.until, 0, n, kept.room + 4, sizeof *kept.until);
-    memset(kept.until, 0, (size_t)n * sizeof *kept.until);
+    kept.serves = enough(kept.serves, 0, n, kept.room + 4, sizeof *kept.serves);
+    memset(kept.serves, 0, (size_t)n * sizeof *kept.serves);
     s->contact_serves[0] = 0;
     return serve;
 }
