@@ -176,7 +176,7 @@ static void meet(const KernelData *s, const Triangle *T, Call *call, Waiting *wa
             int any = find_all(s, OVER_FACE, T, k, call, &steps);
             any |= find_all(s, BESIDE_EDGE, T, k, call, &steps);
             any |= find_all(s, BESIDE_VERTEX, T, k, call, &steps);
-            serves->until = any ? call->now + (steps < 2 ? 1 : (int32_t)steps) : INT32_MAX;
+            serves->until = any ? call->now + (steps < FEW ? 1 : (int32_t)steps) : INT32_MAX;
             serves->look = call->now + 1;
         }
         if (!due && !serves->due) continue;

@@ -2,11 +2,11 @@
  * Their places on the triangle stay, and what they are from is where it is in each step, so that forces are right to
  * the first order of what slides: derivatives of the limits of pieces cancel. */
 
-enum { SERVE = 16 }; /* most steps */
+enum { SERVE = 16, FEW = 4 }; /* most steps; if fewer than a few would do, pieces serve in one alone */
 static const double SIZES = 1; /* how many sizes of a feature count as much as its distance */
 
-/* Of a triangle: the call in which what was found serves no more, that in which a pair without pieces is looked at next,
- * and whether what acts in a pair does not serve. */
+/* Of a triangle: the call in which what was found serves no more, that in which a pair without pieces is looked at
+ * next, and whether what acts in a pair does not serve. */
 typedef struct { int32_t until, look, due; } Serves;
 
 /* What is kept in a run of steps: no other run goes on meanwhile. */
