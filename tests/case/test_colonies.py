@@ -280,7 +280,7 @@ def test_columns_may_be_in_any_order_with_tabs_and_any_text_as_id(scene: Callabl
     ('law = "random"\nbox = [["0 um", "0 um"], ["40 um", "40 um"]]', "colony.0.box: is too small: the cells, with "
      "half of the gap around them, would cover 0.844 of it, and 0.7"),
     ('law = "random"\nbox = [["0 um", "0 um"], ["40 um", "9 um"]]', "colony.0.box: is 9 um wide, less than a cell"),
-    ('law = "grid"\nbox = [["0 um", "0 um"], ["-3 um", "4 um"]]', "colony.0: box: expects the lower corner, then"),
+    ('law = "grid"\nbox = [["0 um", "0 um"], ["-3 um", "4 um"]]', "colony.0.box: expects the lower corner, then"),
     ('law = "grid"', "colony.0: give either box, two corners of the region, or corner"),
     ('law = "random"\ncorner = ["0 um"]', "colony.0: mean_gap: goes with corner"),
     ('law = "random"\ncorner = ["0 um"]\nmean_gap = "5 nm"', "colony.0.mean_gap: 0.005 um is less than the least"),
