@@ -50,7 +50,7 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
     shape, kept, dimension = _shape(directory, found[0], first)
     parts = {name: _PARTS[values[:1].size, dimension] for name, values in first.items() if name not in _GIVEN}
     moving, left_out = _thinned(found, kept, parts, dimension)
-    of_time, chosen = found[0].unit, moving.pop("chosen")
+    of_time = found[0].unit
     return {"dimension": dimension, "unit": of_time.label, "left_out": left_out,
             "cells": {str(k): names.get(k, f"cell {k}") for k in np.unique(first["cell"]).tolist()},
             "materials": list((case or {}).get("materials") or {}),
@@ -61,8 +61,7 @@ def movie(directory: Path, names: Mapping[int, str]) -> dict[str, Any] | None:
             "start": [packed(axis.astype(np.float32)) for axis in first["X"][kept, :dimension].T],
             "ids": packed(first["id"][kept].astype(np.int32)), "cell": packed(first["cell"][kept].astype(np.uint16)),
             "material": packed(first["material"][kept].astype(np.uint8)),
-            "behind": backdrop(directory, chosen, dimension), **shape, **moving,
-            **(_surfaces(chosen) if dimension == 3 else {})}
+            "behind": backdrop(directory, moving.pop("chosen"), dimension), **shape, **moving}
 
 
 def _thinned(found: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mapping[str, int]], dimension: int
@@ -93,11 +92,13 @@ def _thinned(found: Sequence[Frame], kept: np.ndarray, parts: Mapping[str, Mappi
 
 def _moving(found: Sequence[Frame], every: int, kept: np.ndarray, parts: Mapping[str, Mapping[str, int]],
             dimension: int) -> tuple[list[Frame], dict[str, Any]]:
-    """One of `every` frames, and the last; their times, positions and fields."""
+    """One of `every` frames, and the last; their times, positions and fields, and triangles where these change."""
     chosen = [*found[:-1:every], found[-1]]
     places, fields = [], {name: [] for name in parts}
+    surfaces: list[dict[str, Any]] = []
     for frame in chosen:
         read = frame.read()
+        surfaces += [_surface(frame, read)["triangles"]] if dimension == 3 else []
         places.append((read["X"] + read["u"])[kept, :dimension])
         for name, columns in parts.items():
             fields[name].append(read[name][kept].reshape(len(kept), -1)[:, list(columns.values())])
@@ -105,6 +106,10 @@ def _moving(found: Sequence[Frame], every: int, kept: np.ndarray, parts: Mapping
     data["x"] = [rounded(axis, PLACE_BITS) for axis in np.moveaxis(np.array(places), 2, 0)]
     for name, values in fields.items():
         data["values"][name] = [evened(one, FIELD_BITS) for one in np.moveaxis(np.array(values, float), 2, 0)]
+    different = {one["bytes"]: one for one in surfaces}  # where surfaces were divided anew: see `division_space`
+    if len(different) > 1:
+        number = {text: k for k, text in enumerate(different)}
+        data |= {"surfaces": list(different.values()), "surface": [number[one["bytes"]] for one in surfaces]}
     return chosen, data
 
 
@@ -176,10 +181,3 @@ def _surface(frame: Frame, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
     kept, places = np.unique(frame.triangles(), return_inverse=True)
     return {"kept": np.searchsorted(fields["id"], kept), "loops": [], "borders": packed(np.zeros((0, 3), np.uint32)),
             "triangles": packed(places.reshape(-1, 3).astype(np.uint32))}
-
-
-def _surfaces(chosen: Sequence[Frame]) -> dict[str, Any]:
-    """Triangles of each of the frames, where surfaces were divided anew between them: see `division_space`."""
-    each = [_surface(frame, frame.read())["triangles"] for frame in chosen]
-    different = [one for k, one in enumerate(each) if one not in each[:k]]
-    return {"surfaces": different, "surface": [different.index(one) for one in each]} if len(different) > 1 else {}

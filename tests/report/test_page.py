@@ -15,6 +15,7 @@ import urllib.error
 import urllib.request
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from mpi4py import MPI
 from cellmig import commands
 from cellmig.output.directory import Claim, OutputError
 from cellmig.output.tables import read_table
-from cellmig.output.xdmf import frames
+from cellmig.output.xdmf import Frame, frames
 from cellmig.plot.plot import plot
 from cellmig.plot.style import save
 from cellmig.report import encode, html, movie
@@ -158,6 +159,24 @@ def test_frames_and_then_fields_are_left_out_until_a_page_is_small_enough(
     assert "effective_stress" in small["values"]
     assert "stress" not in small["values"]
     assert "without stress" in small["left_out"]
+
+
+def test_triangles_that_change_are_those_of_their_frames_and_count_as_room_in_a_page(
+        coarse: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    run, own = coarse("cap"), Frame.triangles
+    times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    found = [replace(frames(run)[0], time=time) for time in times]
+    monkeypatch.setattr(movie, "frames", lambda directory: found)
+    monkeypatch.setattr(Frame, "triangles", lambda frame: np.roll(own(frame), int(frame.time > 0.0), axis=1))
+    whole = movie.movie(run, {})
+    assert len(whole["surfaces"]) == 2 and whole["surface"] == [0, *[1] * (len(times) - 1)]
+    assert whole["triangles"] == whole["surfaces"][0] != whole["surfaces"][1]
+    monkeypatch.setattr(Frame, "triangles", lambda frame: np.roll(own(frame), times.index(frame.time), axis=0))
+    whole = encode.size(movie.movie(run, {})["surfaces"])
+    monkeypatch.setattr(movie, "FEWEST", 2)
+    monkeypatch.setattr(movie, "BUDGET", whole)  # with nothing left for positions and fields
+    small = movie.movie(run, {})
+    assert len(small["surface"]) == len(small["times"]) < len(times)
 
 
 def test_a_page_tells_what_was_skipped_what_it_cost_the_case_and_how_to_cite(run: Path) -> None:
