@@ -92,9 +92,10 @@ class StrainWatch:
         m, before = self.mechanics, self.longest
         if m.terms.renewal is None:
             return ""
-        x = m.segments.owned()[1]
-        sides = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
-        self.longest = max(before, largest(m.comm, sides.max(axis=1) / min(t.spacing for t in m.scene.templates)))
+        ends, x = m.segments.owned()
+        spacing = np.array([t.spacing for t in m.scene.templates])[m.scene.kind]  # of each cell
+        sides = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2).max(axis=1)
+        self.longest = max(before, largest(m.comm, sides / spacing[m.part.owned.cell[ends[:, 0]]]))
         if _doublings(self.longest, LONG) <= _doublings(before, LONG):
             return ""
         side = "a segment" if m.scene.dimension == 2 else "an edge"

@@ -29,6 +29,7 @@ from cellmig.output.xdmf import Frames, frames
 from cellmig.parallel.collect import Whole
 from cellmig.simulation import Simulation
 from cellmig.solve.renewal import crowded, renew
+from cellmig.solve.strain import StrainWatch
 
 LONG = np.diag([0.5, 0.5, 4.0])
 
@@ -213,6 +214,17 @@ def test_another_run_starts_with_the_neighbours_and_surfaces_of_the_last_state(f
         assert again.state_hash() == found
     with pytest.raises(CaseError, match=r"give numerics\.renewal, too"):
         Simulation(flow(), comm, start=last)
+
+
+def test_a_large_cell_beside_a_small_one_is_not_coarse(comm: MPI.Comm) -> None:
+    """Its edges are many spacings of the small one long, but not of its own."""
+    tree = ball(100).resolved()
+    tree["cells"].append(tree["cells"][0] | {"name": "small", "radius": "1 um", "centre": ["8 um", "0 um", "0 um"]})
+    with built(renewing(from_dict(tree)), comm) as sim:
+        watch = StrainWatch(sim.mechanics)
+        assert watch.check(0.0) == "" and 1.0 < watch.longest < 2.0  # measured 1.4
+        set_motion(sim, u=sim.scene.X * [4.0, 0.0, 0.0])
+        assert "spacings long" in watch.check(1.0)
 
 
 # ---------------------------------------------------------------------------------------------------------- contact
