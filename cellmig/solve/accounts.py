@@ -137,9 +137,8 @@ class Impulses:
     def of_surface(self, values: np.ndarray) -> np.ndarray:
         """Sums (n, k) of values (n_segments, d, k) of any unit over the facets of own surface particles."""
         surfaces = self._part.surfaces
-        total = np.zeros((len(surfaces.ids), values.shape[2]))
-        np.add.at(total, surfaces.facets[self._segments], values)
-        return total[self.mine]
+        end, n = surfaces.facets[self._segments].ravel(), len(surfaces.ids)
+        return np.stack([np.bincount(end, values[:, :, k].ravel(), n)[self.mine] for k in range(values.shape[2])], 1)
 
     def saved(self, comm: MPI.Intracomm) -> dict[str, Rows]:
         """Keys (k,) int and impulses (k, d) [pN µs/µm] for a checkpoint, rank by rank; collective."""
