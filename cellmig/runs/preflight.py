@@ -132,7 +132,8 @@ def _rows(case: Case, ranks: int, tell: Callable[[str], None]) -> list[tuple[str
         ("time step", describe_step(c.stable, case.time.step_factor, fixed, case.time_unit)),
         ("steps", f"{_count(c.steps)} to {_end(case)}"),
         ("time", f"{duration(c.seconds)} on one core, {duration(c.seconds / 2)} on two if they share well "
-                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"),
+                 f"({1e9 * c.per_step:.0f} ns per particle and step, timed now), without output"
+                 + "; two to seven times that where cells touch anew and slip" * _slips(case, c)),
         *describe_parts(parts, c.seconds),
         *_faster(case, c, tell),
         ("memory", _memory(case, c, parts)),
@@ -312,6 +313,11 @@ def _end(case: Case) -> str:
 def _count(steps: int) -> str:
     """A number of steps, as text."""
     return f"{steps}" if steps < 1e9 else f"{steps:.2g}"
+
+
+def _slips(case: Case, c: Cost) -> bool:
+    """Whether steps get shorter and cost more than at the start: contact in space, with steps of automatic length."""
+    return case.dimension == 3 and case.time.step == "auto" and "contact" in c.stable
 
 
 def _particles(case: Case, count: int, spacing: float) -> tuple[str, str]:

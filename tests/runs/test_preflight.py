@@ -320,3 +320,9 @@ def test_three_million_particles_are_judged_in_seconds(sets: tuple) -> None:
     said = report(load(CASES["one_cell"], [*sets, "time.end=1 us"]))
     assert " 3000000 in " in said and "timed now" in said
     assert process_time() - begin < 30.0  # measured 1 and 3; over 100 before
+
+
+@pytest.mark.parametrize(("sets", "more"), [((), True), (("time.step=1 ns",), False)])
+def test_the_time_in_space_is_that_of_the_start_and_contact_takes_more(sets: tuple, more: bool) -> None:
+    said = report(load(CASES["ball"], ["particles.per_cell=60", "time.end=1 us", *sets]))
+    assert ("without output; two to seven times that where cells touch" in said) == more
