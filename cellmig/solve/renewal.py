@@ -76,11 +76,14 @@ def renew(m: Mechanics, time: float) -> None:
     the stress of a network; centre of mass, momentum and its moment stay.  A fluid keeps J alone of F.  The energy of
     the elastic stabilisation begins at zero; that and the change of all other energies is `Mechanics.renewal_loss`.
 
-    Raises NumericsError where particles have too few neighbours; `time` [µs] is for its message.
+    Raises NumericsError where particles are inverted or have too few neighbours; `time` [µs] is for its message.
     """
     m.resume()
     cells = np.flatnonzero(_due(m))
     m.rate()  # completes the work of the last step, with the forces of before
+    if global_maximum(m.comm, np.array([-m.state.J_of_rows[: m.n_owned].min(initial=1.0)]))[0] >= 0.0:
+        raise NumericsError.at(m, time, "a particle is inverted", None,
+                               "try a shorter step, smaller loads or finer particles")
     before = _energy(m)
     about, rows = saved(m)
     arrays = on_root(m.comm, rows)

@@ -29,6 +29,7 @@ from cellmig.output.xdmf import Frames, frames
 from cellmig.parallel.collect import Whole
 from cellmig.simulation import Simulation
 from cellmig.solve.renewal import crowded, renew
+from cellmig.solve.step import NumericsError
 from cellmig.solve.strain import StrainWatch
 
 LONG = np.diag([0.5, 0.5, 4.0])
@@ -182,6 +183,15 @@ def test_a_ball_whose_surface_is_divided_has_the_same_bits_on_any_ranks(comm: MP
     found, alone = (followed(renewing(flattened(150)), np.array([1.0, 2.5]), c) for c in (comm, MPI.COMM_SELF))
     assert found[3] > 1
     assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
+
+
+def test_a_particle_that_is_inverted_where_neighbours_are_due_is_told(comm: MPI.Comm) -> None:
+    """Logarithms of negative J were warned of, and then that neighbours are missing was told."""
+    with built(renewing(flattened(100)), comm) as sim:
+        u = np.where(np.arange(sim.scene.size)[:, None] == 50, -2.0 * sim.scene.X - 8.0, 0.5 * sim.scene.X)
+        set_motion(sim, u=u)
+        with pytest.raises(NumericsError, match=r"a particle is inverted; particle"):
+            renew(sim.mechanics, 1.0)
 
 
 @pytest.mark.usefixtures("soon")
