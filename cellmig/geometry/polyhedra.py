@@ -21,7 +21,7 @@ TURN = 0.45  # largest angle from the first to the last line of a strip of a wed
 LITTLE = 3e-3  # share of T below which there is little of it in a strip of a wedge or a triangle of a cone [-]
 # Each where there is more of T, and where there is little:
 CHANGE = 1.2, 3.0  # largest change of a distance from the first to the last line of a strip, over the distance [-]
-SIZE = 0.8, 3.0  # largest side of a triangle of a cone, over its distance from the vertex [-]
+SIZE = 0.8, 1.5  # largest side of a triangle of a cone, over its distance from the vertex [-]
 LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
 EVEN = 0.27  # most that the widths of the four lines of a strip bend, over their sum [-]

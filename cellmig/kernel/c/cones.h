@@ -1,7 +1,7 @@
 /* The points of a triangle T in the cones over a vertex of another surface. */
 
 enum { MOST_HALVINGS = 40, POINTS_OF_CONE = 7 };
-static const double SIZE[2] = {0.8, 3}; /* the second where there is little of T */
+static const double SIZE[2] = {0.8, 1.5}; /* the second where there is little of T */
 static const double CONE_AT[2] = {0.10128650732345634, 0.47014206410511505}; /* Radon (1948) */
 static const double CONE_WEIGHT[3] = {0.12593918054482717, 0.13239415278850616, 0.225};
 
