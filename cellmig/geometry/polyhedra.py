@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..model.adhesion import GAUSS_OF_VERTEX
 from ..model.triangles import RADON
 
 Point = tuple[float, float, float]
@@ -26,8 +27,6 @@ LEVEL = 1e-9  # sine of the angle of an edge below which it has no wedge [-]
 THIN = 1e-12  # least width of a strip, over that of the wedge [-]
 EVEN = 0.27  # most that the widths of the four lines of a strip bend, over their sum [-]
 PARTS = 16  # most halvings of a strip
-GAUSS = [(0.06943184420297371, 0.17392742256872692), (0.33000947820757187, 0.3260725774312731),
-         (0.6699905217924281, 0.3260725774312731), (0.9305681557970263, 0.17392742256872692)]  # places, weights [-]
 HALVINGS = 40  # most of a triangle of a cone
 
 
@@ -193,9 +192,9 @@ class Wedge:
                 size = place & -place or whole
                 while True:
                     start, part = (low + (high - low) * place / whole, (high - low) * size / whole)
-                    first, *_, last = directions = [start + share * part for share, _ in GAUSS]
+                    first, *_, last = directions = [start + share * part for share, _ in GAUSS_OF_VERTEX]
                     lines = [self.line(one, weight * part, sides)
-                             for one, (_, weight) in zip(directions, GAUSS, strict=True)]
+                             for one, (_, weight) in zip(directions, GAUSS_OF_VERTEX, strict=True)]
                     width = [abs(sum(line.widths)) for line in lines]
                     little = sum(width) < 2.0 * LITTLE
                     if size == 1 or (self.even(width) and self.short(first, last, sides, smooth, CHANGE[little])):
@@ -209,7 +208,7 @@ class Wedge:
         """Whether the widths of four lines [-], times their weights, are nearly linear: else most of a strip may be
         between the last line and the end, as of a triangle with one side along a sharp edge.
         """
-        first, one, other, last = (w / weight for w, (_, weight) in zip(width, GAUSS, strict=True))
+        first, one, other, last = (w / weight for w, (_, weight) in zip(width, GAUSS_OF_VERTEX, strict=True))
         return abs(first - one - other + last) <= EVEN * (first + one + other + last)
 
     def short(self, start: float, end: float, sides: list, smooth: float, most: float) -> bool:

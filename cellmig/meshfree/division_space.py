@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ..geometry import even_surface
 from ..geometry.surfaces import ClosedSurface
-from ..geometry.triangles import area_vectors, dot, shares, unit, volume
+from ..geometry.triangles import dot, shares, unit, volume
 from .body import Template
 from .division import WRONG, from_outline
 from .scene import Scene, joined
@@ -95,9 +95,7 @@ def reference(t: Template) -> ClosedSurface:
 def _upward(t: Template) -> np.ndarray:
     """Unit normals of the reference surface of a body where its surface particles are on it (m, 3) [-]."""
     surface = reference(t)
-    on, triangle = surface.closest(t.on_reference)
-    up = even_surface.normals(surface.vertices, surface.triangles)[0][surface.triangles[triangle]]
-    return unit((shares(on, surface.corners[triangle])[..., None] * up).sum(axis=1))
+    return unit(_from_surface(t, even_surface.normals(surface.vertices, surface.triangles)[0]))
 
 
 def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -111,14 +109,15 @@ def carried(scene: Scene, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _from_surface(t: Template, values: np.ndarray) -> np.ndarray:
-    """`values` (m,) of any unit, of the surface particles of a body at the start, where these are now on its reference
-    surface (m,), linear in between.
+    """`values` (m, ...) of any unit, of the surface particles of a body at the start, where these are now on its
+    reference surface (m, ...), linear in between.
     """
     if t.along is None:
         return values
     surface = reference(t)
     on, triangle = surface.closest(t.along)
-    return (shares(on, surface.corners[triangle]) * values[surface.triangles[triangle]]).sum(axis=1)
+    share = shares(on, surface.corners[triangle]).reshape(-1, 3, *[1] * (values.ndim - 1))
+    return (share * values[surface.triangles[triangle]]).sum(axis=1)
 
 
 def grown_uneven(scene: Scene, kind: int) -> float:
@@ -142,10 +141,7 @@ def near_others(scene: Scene, x: np.ndarray, c: int, reach: float, itself: bool)
     if len(there):
         near = np.isfinite(cKDTree(there).query(at, distance_upper_bound=reach)[0])
     if itself:
-        normal = np.zeros_like(at)
-        for corner in t.places.T:
-            np.add.at(normal, corner, area_vectors(at[t.places]))
-        normal = unit(normal)
+        normal = unit(even_surface.normals(at, t.places)[1])
         i, j = cKDTree(at).query_pairs(reach, output_type="ndarray").T
         way = at[j] - at[i]
         facing = ((dot(normal[i], normal[j]) < FACING) & (dot(normal[i], way) > 0.0) & (dot(normal[j], way) < 0.0))
